@@ -14,9 +14,10 @@ from vcfbench.errors import ConfigError
 from vcfbench.plans.dry_run import walk
 from vcfbench.plans.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
 from vcfbench.procedures.known.scale_factor import ScaleFactorBy
-from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged
+from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
 from vcfbench.procedures.power.results import valid_output
 from vcfbench.procedures.power.settings import PowerSettings
+from vcfbench.record.devices import Characteristics
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
@@ -63,6 +64,13 @@ def test_the_weaker_rail_alone_decides(run: Any) -> None:
             assert abs(value.value - truth) < 3.5 * value.u < 400.0
         assert abs(effect.bias.value) < 4.0 * effect.bias.u < 0.05
         assert effect.step_v == pytest.approx(0.2, abs=3e-3)
+
+
+def test_what_both_rails_do_is_kept_of_the_device_by_what_it_was_taken_with(run: Any) -> None:
+    both = run.results.effects[2].scale_factor.kept()
+    assert power_characteristics(PowerSettings(), run.results) == Characteristics(v_vc_slope_ppm_v=both)
+    by_table = power_characteristics(PowerSettings(by=ScaleFactorBy.TABLE), run.results)
+    assert by_table == Characteristics(table_slope_ppm_v=both)
 
 
 def test_each_power_on_is_told(run: Any) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec import to_builtins
 
 import vcfbench
 from vcfbench.bench.description import Limits
@@ -25,11 +26,13 @@ from vcfbench.plans.steps import (
     StopFlow,
 )
 from vcfbench.procedures.known.scale_factor import ScaleFactorBy
-from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still
+from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
 from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
 from vcfbench.procedures.temperature.settings import TemperatureSettings
+from vcfbench.record.devices import Characteristics
 from vcfbench.record.schema import Point
 from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -131,6 +134,16 @@ def test_the_coefficients_are_those_of_the_closed_form(run: Any) -> None:
     assert found.scale_factor_tc.parts[0].source == "readings and flicker"
     true_hz = 3488.9 * (1.0 - 30e-6 * (REFERENCE_C + 0.3 - 20.0))
     assert abs(found.frequency.value - true_hz) < 3.0 * found.frequency.u < 1.0
+
+
+def test_what_is_kept_of_the_device_can_be_written(run: Any) -> None:
+    settings = TemperatureSettings(dut="G-1")
+    kept = temperature_characteristics(settings, run.results)
+    assert typed(to_builtins(kept), Characteristics) == kept
+    assert kept.drive_ppm_k is not None
+    assert abs(kept.drive_ppm_k.value + 30.0) < 3.0 * kept.drive_ppm_k.u
+    assert kept.v_vc_slope_ppm_k == run.results.scale_factor_tc.kept()
+    assert kept.table_slope_ppm_k is None
 
 
 def test_what_has_no_hysteresis_shows_none(run: Any) -> None:

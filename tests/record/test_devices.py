@@ -26,6 +26,7 @@ from vcfbench.record.devices import (
     KvcCurve,
     Measured,
     SelfCalibration,
+    together,
 )
 
 NOON = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
@@ -261,3 +262,17 @@ def test_every_field_is_documented() -> None:
     for kind in (Certificate, SelfCalibration, Characteristics, KvcCurve, Measured, Conditions):
         for name in kind.__struct_fields__:
             assert re.search(rf"^\| .*`{name}`", page, re.MULTILINE), (kind, name)
+
+
+def test_the_last_value_of_each_counts_and_two_slopes_make_that_of_k_vc() -> None:
+    def measured(value: float, u: float = 3.0) -> Measured:
+        return Measured(value=value, u=u)
+
+    warm = Characteristics(temperature_c=measured(20.0), drive_hz=measured(3488.0), v_vc_slope_ppm_k=measured(-73.0))
+    turned = Characteristics(table_slope_ppm_k=measured(-103.0, 4.0), split_hz=measured(24.8))
+    found = together([warm, turned])
+    assert found.k_vc_ppm_k == measured(30.0, 5.0)
+    assert found.k_vc_ppm_v is None
+    assert (found.temperature_c, found.drive_hz) == (measured(20.0), measured(3488.0))
+    later = together([warm, turned, Characteristics(drive_hz=measured(3487.0))])
+    assert (later.temperature_c, later.drive_hz) == (None, measured(3487.0))

@@ -37,6 +37,7 @@ from vcfbench.errors import ConfigError
 __all__ = [
     "PAPER_RATES_DEG_S",
     "V_VC_RANGE_V",
+    "DeviceSettings",
     "DriveWindow",
     "Expected",
     "Gap",
@@ -430,6 +431,28 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         for key, voltage_v in (("positive_rail_v", self.positive_rail_v), ("negative_rail_v", self.negative_rail_v)):
             if not low_v <= abs(voltage_v) <= high_v:
                 yield InvalidValue(key, window, voltage_v)
+
+
+class DeviceSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """What procedures are told that keep or know something of a device."""
+
+    dut: Annotated[
+        Annotated[str, Meta(min_length=1, max_length=200)] | None,
+        Meta(description="serial number of the gyroscope, as --dut: what is known of it, and kept"),
+    ] = None
+    devices: Annotated[
+        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
+    ] = "devices"
+
+    @classmethod
+    def keys_of_device(cls, dut: str) -> dict[str, Any]:
+        """Return the key of the device."""
+        return {"dut": dut}
+
+    @property
+    def named_device(self) -> str | None:
+        """The device under whose serial number it is kept or known."""
+        return self.dut
 
 
 def rate_words(limit_deg_s: float) -> str:

@@ -37,7 +37,7 @@ from vcfbench.plans.steps import (
     SineResponse,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import KeptSettings, kept
+from vcfbench.procedures.kept_characteristics import Keeps, KeptSettings
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
@@ -51,8 +51,7 @@ if TYPE_CHECKING:
     from vcfbench.analysis.rate_band import RateBand, Tone
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Routine
-    from vcfbench.procedures.procedure import Provenance
-    from vcfbench.record.devices import Characteristics, NewEntry
+    from vcfbench.record.devices import Characteristics
 
 __all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings", "at_rest", "results", "sweep"]
 
@@ -359,11 +358,6 @@ def characteristics(found: Bandwidth) -> Characteristics:
     )
 
 
-def entry(settings: BandwidthSettings, found: Bandwidth, made: Provenance) -> NewEntry | None:
-    """Return what is kept of the device that was named."""
-    return kept(settings, made, "bandwidth", characteristics(found))
-
-
 BANDWIDTH = Procedure(
     name="bandwidth",
     title=BUILT_IN["bandwidth"][1],
@@ -375,7 +369,7 @@ BANDWIDTH = Procedure(
     plan=plan,
     results=results,
     report=report,
-    entry=entry,
+    entry=Keeps("bandwidth", lambda _, found: characteristics(found)),
     needs=MappingProxyType({"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage}),
     uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "rate_table": Rotates}),
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from msgspec import Meta, structs
 
-from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.bench.settings import DeviceSettings
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
@@ -23,27 +23,10 @@ if TYPE_CHECKING:
 __all__ = ["KnownFlickerSettings", "flicker_sources", "with_flicker"]
 
 
-class KnownFlickerSettings(ProcedureSettings, frozen=True, kw_only=True):
+class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
     """What procedures are told whose budgets have the flicker of the device."""
 
-    dut: Annotated[
-        Annotated[str, Meta(min_length=1, max_length=200)] | None,
-        Meta(description="serial number of the gyroscope, as --dut: its static record tells the flicker"),
-    ] = None
-    devices: Annotated[
-        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
-    ] = "devices"
     outdated: Annotated[bool, Meta(description="whether what is known may be used that is out of date")] = False
-
-    @classmethod
-    def keys_of_device(cls, dut: str) -> dict[str, Any]:
-        """Return the key of the device."""
-        return {"dut": dut}
-
-    @property
-    def named_device(self) -> str | None:
-        """The device whose flicker is known."""
-        return self.dut
 
     def recalled(self) -> Self:
         """Return these settings with the flicker of the device, where a static record has told it.

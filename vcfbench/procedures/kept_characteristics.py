@@ -3,41 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from msgspec import Meta
+from msgspec import Struct
 
-from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.bench.settings import DeviceSettings
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from typing import Self
 
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.devices import Characteristics, NewEntry
 
-__all__ = ["KeptSettings", "kept", "require_room"]
+__all__ = ["Keeps", "KeptSettings", "require_room"]
 
 
-class KeptSettings(ProcedureSettings, frozen=True, kw_only=True):
+class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
     """What procedures are told that keep what they find of a device."""
-
-    dut: Annotated[
-        Annotated[str, Meta(min_length=1, max_length=200)] | None,
-        Meta(description="serial number of the gyroscope, as --dut: what K_Vc depends on is kept under it"),
-    ] = None
-    devices: Annotated[
-        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
-    ] = "devices"
-
-    @classmethod
-    def keys_of_device(cls, dut: str) -> dict[str, Any]:
-        """Return the key of the device."""
-        return {"dut": dut}
-
-    @property
-    def named_device(self) -> str | None:
-        """The device under whose serial number it is kept."""
-        return self.dut
 
     def recalled(self) -> Self:
         """See that it can be kept under the device's name, where one is given."""
@@ -50,10 +33,6 @@ class _Named(Protocol):
     def dut(self) -> str | None: ...
     @property
     def devices(self) -> str: ...
-    @property
-    def positive_rail_v(self) -> float: ...
-    @property
-    def negative_rail_v(self) -> float: ...
 
 
 def require_room(settings: _Named) -> None:
@@ -64,23 +43,34 @@ def require_room(settings: _Named) -> None:
         DeviceStore(Path(settings.devices)).require_room(settings.dut)
 
 
-def kept(settings: _Named, made: Provenance, procedure: str, seen: Characteristics) -> NewEntry | None:
-    """Return the entry of what was found, None where no device was named."""
-    if settings.dut is None:
-        return None
-    from vcfbench.record.devices import Characterisation, Conditions, NewEntry  # noqa: PLC0415  # as above
+class Keeps(Struct, frozen=True):
+    """Makes the entry of what a procedure found; `found` returns that of settings and results, None for nothing."""
 
-    at_c = seen.temperature_c
-    conditions = Conditions(
-        bench=made.bench,
-        run=made.run,
-        simulated=made.simulated,
-        positive_rail_v=settings.positive_rail_v,
-        negative_rail_v=settings.negative_rail_v,
-        temperature_c=None if at_c is None else at_c.value,
-        instruments=dict(made.instruments),
-    )
-    record = Characterisation(
-        serial=settings.dut, done=made.finished, procedure=procedure, characteristics=seen, conditions=conditions
-    )
-    return NewEntry(record, Path(settings.devices))
+    procedure: str
+    found: Callable[[Any, Any], Characteristics | None]
+
+    def __call__(self, settings: Any, results: Any, made: Provenance) -> NewEntry | None:
+        """Return the entry, None where no device was named or nothing was found."""
+        seen = None if settings.dut is None else self.found(settings, results)
+        if seen is None:
+            return None
+        from vcfbench.record.devices import Characterisation, Conditions, NewEntry  # noqa: PLC0415  # as above
+
+        at_c = seen.temperature_c
+        conditions = Conditions(
+            bench=made.bench,
+            run=made.run,
+            simulated=made.simulated,
+            positive_rail_v=settings.positive_rail_v,
+            negative_rail_v=settings.negative_rail_v,
+            temperature_c=None if at_c is None else at_c.value,
+            instruments=dict(made.instruments),
+        )
+        record = Characterisation(
+            serial=settings.dut,
+            done=made.finished,
+            procedure=self.procedure,
+            characteristics=seen,
+            conditions=conditions,
+        )
+        return NewEntry(record, Path(settings.devices))

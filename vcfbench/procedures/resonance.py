@@ -40,7 +40,7 @@ from vcfbench.plans.steps.scope import scale_v_per_div
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import kept
+from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
@@ -53,8 +53,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Context, Routine
-    from vcfbench.procedures.procedure import Provenance
-    from vcfbench.record.devices import NewEntry
+    from vcfbench.record.devices import Characteristics
 
 __all__ = ["RESONANCE", "CaptureDecay", "ReleaseDrive", "ResonanceSettings", "Resonances", "combined"]
 
@@ -377,15 +376,15 @@ def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances)
     return Report([Table(columns, rows), Text("\n".join(said))])
 
 
-def entry(settings: ResonanceSettings, found: Resonances, made: Provenance) -> NewEntry | None:
-    """Return what is kept of the device that was named: the in-phase mode as well where it was seen to ring down."""
+def resonance_characteristics(_settings: ResonanceSettings, found: Resonances) -> Characteristics:
+    """Return what K_Vc depends on of it: the in-phase mode as well where it was seen to ring down."""
     from msgspec import structs  # noqa: PLC0415  # few name a device
 
     apart = None
     if found.in_phase_hz is not None:
         parts = [UncertaintyPart("drive", found.drive_hz.u), UncertaintyPart("in phase", found.in_phase_hz.u)]
         apart = measurand(found.drive_hz.value - found.in_phase_hz.value, "Hz", parts).kept()
-    seen = structs.replace(
+    return structs.replace(
         characteristics(found.sweep),
         drive_hz=found.drive_hz.kept(),
         split_hz=found.split_ring_down_hz.kept(),
@@ -393,7 +392,6 @@ def entry(settings: ResonanceSettings, found: Resonances, made: Provenance) -> N
         in_phase_split_hz=apart,
         q_in_phase=None if found.in_phase_q is None else found.in_phase_q.kept(),
     )
-    return kept(settings, made, "resonance", seen)
 
 
 RESONANCE = Procedure(
@@ -408,7 +406,7 @@ RESONANCE = Procedure(
     plan=plan,
     results=results,
     report=report,
-    entry=entry,
+    entry=Keeps("resonance", resonance_characteristics),
     needs={
         "power": PowersRails,
         "rate_source": FunctionGenerator,

@@ -24,7 +24,7 @@ from vcfbench.files import MOST_SETTINGS, read_text, shown
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 __all__ = [
     "FORMAT",
@@ -50,6 +50,7 @@ __all__ = [
     "read_entry",
     "require_serial",
     "since_certificate",
+    "together",
 ]
 
 FORMAT = 1
@@ -240,10 +241,18 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     """Change of `split_hz`, Hz/K."""
     q_per_k: Measured | None = None
     """Change of both quality factors, relative, 1/K."""
+    table_slope_ppm_k: Measured | None = None
+    """Change of output over rate with temperature, ppm/K, the table turning."""
+    v_vc_slope_ppm_k: Measured | None = None
+    """Change of output over V_Vc with temperature."""
+    table_slope_ppm_v: Measured | None = None
+    """Change of output over rate with the size of both rails, ppm a volt."""
+    v_vc_slope_ppm_v: Measured | None = None
+    """Change of output over V_Vc with the same."""
     k_vc_ppm_k: Measured | None = None
-    """Change of K_Vc itself, where it was measured on a table at several temperatures."""
+    """Change of K_Vc itself: that of output over V_Vc less that of output over rate."""
     k_vc_ppm_v: Measured | None = None
-    """Change of K_Vc with the level of both rails, ppm a volt, where it was measured."""
+    """The same with the size of both rails."""
     least_temperature_c: float | None = None
     """Lowest temperature at which any coefficient was measured, degC."""
     most_temperature_c: float | None = None
@@ -480,12 +489,9 @@ class DeviceStore:
 
     def characteristics(self, serial: str) -> Characteristics | None:
         """Return what is known of what K_Vc depends on, each by its last characterisation; None where there is none."""
-        found: dict[str, Measured | float] = {}
-        for each in self.entries(serial):
-            if isinstance(each.record, Characterisation):
-                values = structs.asdict(each.record.characteristics)
-                found |= {name: value for name, value in values.items() if value is not None}
-        return Characteristics(**found) if found else None  # type: ignore[arg-type]
+        records = (each.record for each in self.entries(serial))
+        seen = [each.characteristics for each in records if isinstance(each, Characterisation)]
+        return together(seen) if seen else None
 
     def history(self, serial: str) -> tuple[Entry, ...]:
         """Return the self-calibrations of a device, oldest first."""
@@ -534,6 +540,24 @@ class DeviceStore:
             return []
         except OSError as error:
             raise ConfigError(f"{shown(self.root)}: expected a directory of devices: {error.strerror}") from error
+
+
+def together(found: Iterable[Characteristics]) -> Characteristics:
+    """Return each value as it was found last, and what two of them make of K_Vc.
+
+    Where the frequency was found last at a temperature that nobody told, that of all is not known.
+    """
+    last: dict[str, Any] = {}
+    for each in found:
+        values = {name: value for name, value in structs.asdict(each).items() if value is not None}
+        if "drive_hz" in values:
+            last.pop("temperature_c", None)
+        last |= values
+    for unit in ("ppm_k", "ppm_v"):
+        table, v_vc = last.get(f"table_slope_{unit}"), last.get(f"v_vc_slope_{unit}")
+        if table is not None and v_vc is not None:
+            last[f"k_vc_{unit}"] = Measured(value=v_vc.value - table.value, u=math.hypot(v_vc.u, table.u))
+    return Characteristics(**last)
 
 
 def last_certificate(entries: Sequence[Entry]) -> Entry | None:

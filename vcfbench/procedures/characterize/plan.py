@@ -33,8 +33,10 @@ from vcfbench.plans.step import Step
 from vcfbench.plans.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
+from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.specifications import accuracy_at
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -58,6 +60,7 @@ __all__ = [
     "plan",
 ]
 
+_CERTIFIES = "kvc"
 _OFF_S = 10.0
 """Without power before a part that wants to see it come: rails, drive and sense modes are at rest by then."""
 _TWO_SIDED = 1.96
@@ -239,11 +242,17 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         return structs.replace(self, **written)
 
     def recalled(self) -> Self:
-        """See that what the parts name can be looked up."""
+        """Return these settings with what is known of the device that the parts name."""
+        seen = self.station.characteristics
         for name in self.parts:
             if not self.lacking(name):
-                self.of(name).recalled()
-        return self
+                known = self.of(name).recalled().station.characteristics
+                seen = known if name == _CERTIFIES else seen
+        return self.beside(seen)
+
+    def beside(self, characteristics: dict[str, Any]) -> Self:
+        """Return these settings with what K_Vc of the device depends on."""
+        return structs.replace(self, station=structs.replace(self.station, characteristics=characteristics))
 
     def lacking(self, name: str) -> str:
         """Say what the bench lacks for the part `name`; empty where it has all."""
@@ -442,11 +451,27 @@ def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeR
     last = [name for name in by_name if hasattr(PROCEDURES[name].settings, _SCALE_FACTOR)]
     for name in [*(each for each in by_name if each not in last), *last]:
         found[name] = _part_result(PROCEDURES[name], _with_scale_factor(settings.of(name), found), by_name[name])
+    if _CERTIFIES in by_name:
+        seen = _seen(settings, found)
+        own = _with_scale_factor(settings.beside(seen).of(_CERTIFIES), found)
+        found[_CERTIFIES] = _part_result(PROCEDURES[_CERTIFIES], own, by_name[_CERTIFIES])
     parts = tuple(found[name] for name in by_name)
     skipped = tuple(NotMeasured(name, why) for name in settings.parts if (why := settings.lacking(name)))
     failed = tuple(NotMeasured(part.name, part.no_result) for part in parts if part.no_result is not None)
     rows = (row for part in parts for row in sheet_rows(part.name, part.results, part.conditions))
     return CharacterizeResult(tuple(rows), (*skipped, *failed), parts)
+
+
+def _seen(settings: CharacterizeSettings, found: Mapping[str, PartResult]) -> dict[str, Any]:
+    """Return what K_Vc depends on, as the parts found it, else as it was known of the device."""
+    from vcfbench.record.devices import Characteristics, together  # noqa: PLC0415  # few certify
+
+    made = [typed(settings.station.characteristics, Characteristics)]
+    for part in found.values():
+        keep = PROCEDURES[part.name].entry
+        if isinstance(keep, Keeps) and part.results is not None:
+            made.append(keep.found(settings.of(part.name), part.results) or Characteristics())
+    return cast("dict[str, Any]", to_builtins(together(made)))
 
 
 def _part_result(procedure: AnyProcedure, own: ProcedureSettings, part: Measured) -> PartResult:

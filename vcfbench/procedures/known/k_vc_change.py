@@ -196,9 +196,12 @@ _LEFT_PPM_K = 0.05
 
 
 def at_temperature(known: Characteristics, at_c: Measured | None) -> Characteristics:
-    """Return what is known of a device as it is at another temperature, where that and the coefficients are known."""
+    """Return what is known of a device as it is at another temperature, where that and the coefficients are known.
+
+    Where it is not, neither is the frequency, which was found at a temperature of its own.
+    """
     if at_c is None:
-        return known
+        return known if known.temperature_c is None else structs.replace(known, temperature_c=None, drive_hz=None)
     moved: dict[str, Measured] = {"temperature_c": at_c}
     if known.temperature_c is not None:
         rise_k = at_c.value - known.temperature_c.value

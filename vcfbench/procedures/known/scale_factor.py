@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msgspec import Meta, Struct
 
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.bench.settings import DeviceSettings
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.plans.step import Step, StepResult
@@ -54,7 +54,7 @@ def contradictions_of_level(
         yield InvalidValue("level_deg_s", f"at most {max_rate_deg_s:g} deg/s (limits)", level_deg_s)
 
 
-class AtRestSettings(ProcedureSettings, frozen=True, kw_only=True):
+class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
     """What turns the output at rest into a rate."""
 
     scale_factor_v_per_deg_s: Annotated[

@@ -10,12 +10,12 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.bench.settings import DeviceSettings
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.plans.measured import Measured
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from typing import Self
 
-    from vcfbench.bench.settings import PlacedInstrument
+    from vcfbench.bench.settings import PlacedInstrument, ProcedureSettings
     from vcfbench.plans.step import Routine
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.schema import Point
@@ -80,7 +80,7 @@ class VvcKnown(Enum):
     SET = "set"
 
 
-class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
+class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
     """What procedures are told that go by V_Vc."""
 
     v_vc: Annotated[
@@ -96,24 +96,7 @@ class KnownVvcSettings(ProcedureSettings, frozen=True, kw_only=True):
     ] = None
     cycles: Annotated[int, Meta(ge=1, le=100, description="times that every level is taken")] = 2
 
-    dut: Annotated[
-        Annotated[str, Meta(min_length=1, max_length=200)] | None,
-        Meta(description="serial number of the gyroscope, as --dut: what is found is kept under it"),
-    ] = None
-    devices: Annotated[
-        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
-    ] = "devices"
     outdated: Annotated[bool, Meta(description="whether what is known may be used that is out of date")] = False
-
-    @classmethod
-    def keys_of_device(cls, dut: str) -> dict[str, Any]:
-        """Return the key of the device."""
-        return {"dut": dut}
-
-    @property
-    def named_device(self) -> str | None:
-        """The device under whose serial number is kept what is found."""
-        return self.dut
 
     @property
     def store(self) -> DeviceStore:

@@ -27,7 +27,7 @@ from vcfbench.plans.steps import (
     SineRecords,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import kept
+from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.phase.report import phase_report
 from vcfbench.procedures.phase.results import CaptureSense, phase_results, phases_of
 from vcfbench.procedures.phase.settings import LEAST_CYCLES, PhaseSettings
@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.parts import Node
     from vcfbench.plans.step import Routine
     from vcfbench.procedures.phase.results import Phases
-    from vcfbench.procedures.procedure import Provenance
-    from vcfbench.record.devices import NewEntry
+    from vcfbench.record.devices import Characteristics
 
 __all__ = ["PHASE", "plan"]
 
@@ -191,19 +190,18 @@ def _rotations(
     return taken
 
 
-def entry(settings: PhaseSettings, found: Phases, made: Provenance) -> NewEntry | None:
-    """Return what is kept of the device that was named: phases against the drive's velocity."""
+def phase_characteristics(_settings: PhaseSettings, found: Phases) -> Characteristics:
+    """Return what K_Vc depends on of it: phases against the drive's velocity."""
     from msgspec import structs  # noqa: PLC0415  # few name a device
 
     from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # as above
 
     demodulator = found.demodulator_deg.kept()
-    seen = Characteristics(
+    return Characteristics(
         drive_hz=Measured(value=found.drive_hz, u=found.drive_hz * SCOPE_TIME_BASE / math.sqrt(3.0)),
         carrier_phase_deg=found.carrier_from_velocity_deg.kept(),
         demodulator_phase_deg=structs.replace(demodulator, value=math.remainder(demodulator.value - 90.0, 180.0)),
     )
-    return kept(settings, made, "phase", seen)
 
 
 PHASE = Procedure(
@@ -218,7 +216,7 @@ PHASE = Procedure(
     plan=plan,
     results=phase_results,
     report=phase_report,
-    entry=entry,
+    entry=Keeps("phase", phase_characteristics),
     needs={
         "power": PowersRails,
         "rate_source": FunctionGenerator,

@@ -29,6 +29,7 @@ from vcfbench.plans.steps import (
     Settle,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.power.results import RailDraw, RailsDrawn, RailsLogged, power_report, power_results
 from vcfbench.procedures.power.settings import Order, PowerSettings
@@ -49,6 +50,8 @@ from vcfbench.procedures.steady.walk import require_answer
 if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.plans.step import Context, Routine
+    from vcfbench.procedures.power.results import PowerResult
+    from vcfbench.record.devices import Characteristics
 
 __all__ = ["POWER", "MeasureRails", "RailOnAndLog", "SuppliedAndLogged", "plan"]
 
@@ -237,6 +240,19 @@ def _at_rails(settings: PowerSettings) -> Routine[None]:
     yield Settle(settings.settle_s, "gyro settles, generator off")
 
 
+def power_characteristics(settings: PowerSettings, found: PowerResult) -> Characteristics | None:
+    """Return what both rails do to the slope; what they do to K_Vc takes a run by the table and one by V_Vc."""
+    from vcfbench.record.devices import Characteristics  # noqa: PLC0415  # few name a device
+
+    for effect in found.effects:
+        if effect.rails == "both":
+            slope = effect.scale_factor.kept()
+            if settings.by is ScaleFactorBy.TABLE:
+                return Characteristics(table_slope_ppm_v=slope)
+            return Characteristics(v_vc_slope_ppm_v=slope)
+    return None
+
+
 POWER = Procedure(
     name="power",
     title=BUILT_IN["power"][1],
@@ -249,6 +265,7 @@ POWER = Procedure(
     plan=plan,
     results=power_results,
     report=power_report,
+    entry=Keeps("power", power_characteristics),
     needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates},
 )

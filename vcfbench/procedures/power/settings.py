@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
+from vcfbench.procedures.kept_characteristics import require_room
 from vcfbench.procedures.known.scale_factor import AtRestSettings, ScaleFactorBy, contradictions_of_level
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from typing import Self
+
 __all__ = ["Order", "PowerSettings", "Varied"]
 
 Order = Literal["together", "positive", "negative"]
@@ -49,6 +52,11 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
         float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
     ] = 200.0
     cycles: Annotated[int, Meta(ge=1, le=100, description="times that each rail is moved up and down")] = 2
+
+    def recalled(self) -> Self:
+        """See that what is found can be kept under the device's name, where one is given."""
+        require_room(self)
+        return self
 
     @property
     def level_v(self) -> float:

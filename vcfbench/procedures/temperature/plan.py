@@ -43,7 +43,7 @@ from vcfbench.plans.steps import (
 )
 from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import kept
+from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
@@ -64,9 +64,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.plans.step import Routine
-    from vcfbench.procedures.procedure import Provenance
     from vcfbench.procedures.temperature.results import TemperatureResult
-    from vcfbench.record.devices import NewEntry
+    from vcfbench.record.devices import Characteristics
     from vcfbench.record.schema import Point
 
 __all__ = ["TEMPERATURE", "AtTemperature", "plan"]
@@ -220,22 +219,23 @@ def _measured_there(settings: TemperatureSettings) -> Routine[None]:
         yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
 
 
-def entry(settings: TemperatureSettings, found: TemperatureResult, made: Provenance) -> NewEntry | None:
-    """Return what is kept of the device that was named; nothing where no frequency was measured."""
-    if found.frequency is None or found.frequency_tc is None:
-        return None
+def temperature_characteristics(settings: TemperatureSettings, found: TemperatureResult) -> Characteristics:
+    """Return what K_Vc depends on of it; that of K_Vc itself takes a run by the table and one by V_Vc."""
     from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
 
-    seen = Characteristics(
-        temperature_c=Measured(value=found.reference_c, u=settings.u_temperature_k),
-        drive_hz=found.frequency.kept(),
-        drive_ppm_k=found.frequency_tc.kept(),
+    by_table, seen_c = settings.by is ScaleFactorBy.TABLE, [each.temperature_c for each in found.points]
+    frequency = found.frequency
+    return Characteristics(
+        temperature_c=None if frequency is None else Measured(value=found.reference_c, u=settings.u_temperature_k),
+        drive_hz=None if frequency is None else frequency.kept(),
+        drive_ppm_k=None if found.frequency_tc is None else found.frequency_tc.kept(),
         split_hz=None if found.split is None else found.split.kept(),
         split_hz_k=None if found.split_tc is None else found.split_tc.kept(),
-        least_temperature_c=min(settings.temperatures_c),
-        most_temperature_c=max(settings.temperatures_c),
+        table_slope_ppm_k=found.scale_factor_tc.kept() if by_table else None,
+        v_vc_slope_ppm_k=None if by_table else found.scale_factor_tc.kept(),
+        least_temperature_c=None if frequency is None else min(seen_c),
+        most_temperature_c=None if frequency is None else max(seen_c),
     )
-    return kept(settings, made, "temperature", seen)
 
 
 TEMPERATURE = Procedure(
@@ -250,7 +250,7 @@ TEMPERATURE = Procedure(
     plan=plan,
     results=temperature_results,
     report=temperature_report,
-    entry=entry,
+    entry=Keeps("temperature", temperature_characteristics),
     needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates, "chamber": ForcesTemperature},
 )

@@ -389,7 +389,9 @@ def _found(
 
     def made(number: int, unit: str, factor: float) -> Measurand:
         parts = [_part(cause, making[number], factor, mean=number == 0) for cause in known]
-        common = UncertaintyPart("temperature, the same at all", abs(factor * moved[number]) * settings.u_temperature_k)
+        common = UncertaintyPart(
+            "temperature, the same at all", float(abs(factor * moved[number])) * settings.u_temperature_k
+        )
         held = [part for part in (*parts, common) if part.u > 0.0]
         return measurand(float(factor * found[number]), unit, held)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta, structs
 
@@ -60,26 +60,9 @@ class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
     u_each_temperature_k: Annotated[
         float, Meta(ge=0.0, le=20.0, description="and of each by itself: regulation, resolution")
     ] = 0.0
-    dut: Annotated[
-        Annotated[str, Meta(min_length=1, max_length=200)] | None,
-        Meta(description="serial number of the gyroscope, as --dut: what K_Vc depends on is kept under it"),
-    ] = None
-    devices: Annotated[
-        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
-    ] = "devices"
     bias_instability_deg_h: Annotated[
         float, Meta(ge=0.0, le=1e6, description="B of this gyroscope, of its zero record: how its bias wanders")
     ] = 5.6
-
-    @classmethod
-    def keys_of_device(cls, dut: str) -> dict[str, Any]:
-        """Return the key of the device."""
-        return {"dut": dut}
-
-    @property
-    def named_device(self) -> str | None:
-        """The device under whose serial number the coefficients are kept."""
-        return self.dut
 
     def recalled(self) -> Self:
         """See that they can be kept under the device's name, where one is given."""

@@ -28,6 +28,7 @@ from vcfbench.plans.steps import (
     Window,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.kept_characteristics import require_room
 from vcfbench.procedures.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
@@ -94,31 +95,11 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
         int, Meta(ge=10, le=50_000, description="readings without gaps that the meter's memory holds")
     ] = 500
 
-    dut: Annotated[
-        Annotated[str, Meta(min_length=1, max_length=200)] | None,
-        Meta(description="serial number of the gyroscope, as --dut: its flicker is kept under it"),
-    ] = None
-    devices: Annotated[
-        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
-    ] = "devices"
     validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the flicker that is kept, days")] = 365.0
-
-    @classmethod
-    def keys_of_device(cls, dut: str) -> dict[str, Any]:
-        """Return the key of the device."""
-        return {"dut": dut}
-
-    @property
-    def named_device(self) -> str | None:
-        """The device under whose serial number the flicker is kept."""
-        return self.dut
 
     def recalled(self) -> Self:
         """See that the flicker can be kept under the device's name, where one is given."""
-        if self.dut is not None:
-            from vcfbench.record.devices import DeviceStore  # noqa: PLC0415  # few name a device
-
-            DeviceStore(Path(self.devices)).require_room(self.dut)
+        require_room(self)
         return self
 
     @property
