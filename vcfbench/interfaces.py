@@ -35,6 +35,7 @@ __all__ = [
     "PowerSupply",
     "PowersRails",
     "RateTable",
+    "ReadsAcVoltage",
     "ReadsVoltage",
     "Regulation",
     "Rotates",
@@ -228,6 +229,18 @@ class ReadsVoltage(Protocol):
 
     def read_voltage_v(self) -> float:
         """Trigger one reading and return it, V; raises MeasurementError on overload."""
+        ...
+
+
+@runtime_checkable
+class ReadsAcVoltage(ReadsVoltage, Protocol):
+    """Reads an alternating voltage too."""
+
+    def read_ac_voltages_v(self, count: int, range_v: float | None = None) -> tuple[tuple[float, ...], float]:
+        """Take `count` readings, rms, on a range, or on that which fits; return them and the range, V.
+
+        Direct voltage has to be configured again afterwards.
+        """
         ...
 
 

@@ -143,6 +143,10 @@ ROOM_C: Final = (18.0, 28.0)
 """Where data sheets of voltmeters hold."""
 
 
+AC_VOLTS: Final = MappingProxyType({"34401A": Accuracy(6e-4, 3e-4)})
+"""Of alternating voltage, 10 Hz to 20 kHz, a year, 1 V range and above, by model: 34401A, User's Guide p. 218."""
+
+
 class LevelSpecification(Struct, frozen=True):
     """What a generator promises of a direct voltage into an open circuit: a part of the setting, and volts.
 

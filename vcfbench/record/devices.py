@@ -221,6 +221,8 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     """Amplitude of the drive signal, V."""
     carrier_amplitude_v: Measured | None = None
     """Amplitude of the carrier, V."""
+    carrier_over_drive: Measured | None = None
+    """Carrier's amplitude over the drive's as the multimeter's AC volts have it."""
     modulator_second_per_v: Measured | None = None
     """Second order of the modulator, which acts as V + second V^2 + third V^3; 1/V."""
     modulator_third_per_v2: Measured | None = None

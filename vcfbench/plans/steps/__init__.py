@@ -9,7 +9,15 @@ from vcfbench.plans.steps.chamber import (
     set_air_by_hand,
 )
 from vcfbench.plans.steps.gapless import AcquireGapless
-from vcfbench.plans.steps.meter import Acquire, ConfigureMeter, VerifyZero, Window, ZeroWindow
+from vcfbench.plans.steps.meter import (
+    AcMeasured,
+    Acquire,
+    ConfigureMeter,
+    MeasureAc,
+    VerifyZero,
+    Window,
+    ZeroWindow,
+)
 from vcfbench.plans.steps.operator import AskOperator, OperatorAnswer, move_leads
 from vcfbench.plans.steps.sampling import ModulatedRecord, SampleModulated, SampleSine, SineResponse
 from vcfbench.plans.steps.scope import (
@@ -60,6 +68,7 @@ from vcfbench.plans.steps.v_vc import (
 from vcfbench.plans.steps.wait import Done, NotChecked, Note, Settle
 
 __all__ = [
+    "AcMeasured",
     "Acquire",
     "AcquireGapless",
     "AcquireWithVvc",
@@ -90,6 +99,7 @@ __all__ = [
     "EnableVvc",
     "FindAmplitudes",
     "FindDrive",
+    "MeasureAc",
     "MeasureDrive",
     "MeasureVvc",
     "ModulatedRecord",

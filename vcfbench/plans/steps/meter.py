@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from msgspec import Struct
 
+from vcfbench.errors import ConfigError
+from vcfbench.interfaces import ReadsAcVoltage
 from vcfbench.plans.scatter import NoiseSeen
 from vcfbench.plans.step import Effect, Reading, Step, StepResult, problem
 from vcfbench.plans.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
@@ -93,6 +96,59 @@ class ConfigureMeter(Step, Struct, frozen=True):
         """Predict that they are selected."""
         del gyro
         return Done()
+
+
+class AcMeasured(StepResult, Struct, frozen=True):
+    """Readings of an alternating voltage, rms, and the range that they were taken on, V."""
+
+    voltages_v: tuple[float, ...]
+    range_v: float
+
+    def describe(self) -> str:
+        """Name their mean."""
+        return f"{math.fsum(self.voltages_v) / len(self.voltages_v):.5f} V rms, {self.range_v:g} V range"
+
+
+class MeasureAc(Step, Struct, frozen=True):
+    """Read the alternating voltage of `node`, where the leads of the multimeter are, `count` times.
+
+    `range_v` is that of the meter, None: what fits. `expected_v` is what a dry run answers with, V rms. The multimeter
+    has to be configured again afterwards.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "an alternating voltage"
+
+    node: str
+    count: int
+    expected_v: float
+    range_v: float | None = None
+
+    def describe(self) -> str:
+        """Name node and range."""
+        on = "" if self.range_v is None else f" on the {self.range_v:g} V range"
+        return f"multimeter: AC volts of the {self.node}{on}, {self.count} readings"
+
+    @property
+    def physical_s(self) -> float:
+        """About what the readings take, s."""
+        return 1.1 * self.count + 1.0
+
+    def perform(self, context: Context) -> AcMeasured:
+        """Read it.
+
+        Raises:
+            ConfigError: the meter reads none.
+        """
+        meter = context.bench.multimeter
+        if not isinstance(meter, ReadsAcVoltage):
+            raise ConfigError("the multimeter reads no alternating voltage, as health by it asks for")
+        return AcMeasured(*meter.read_ac_voltages_v(self.count, self.range_v))
+
+    def predict(self, gyro: LinearGyro) -> AcMeasured:
+        """Predict what is expected."""
+        del gyro
+        return AcMeasured((self.expected_v,) * self.count, self.range_v or 1.0)
 
 
 class Acquire(Step, Struct, frozen=True):

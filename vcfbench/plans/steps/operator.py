@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.plans.step import Context
 
-_NAMES = {"output": "output", "v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative": "negative rail"}
+_NAMES = {"v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative": "negative rail"}
 
 
 class OperatorAnswer(StepResult, Struct, frozen=True):

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AMPLITUDES",
+    "CARRIER_PHASE",
     "NOT_MEASURED",
     "STILL_UNSEEN",
+    "TEMPERATURES",
     "Cause",
     "HealthCheck",
     "checked",
@@ -30,14 +32,15 @@ __all__ = [
     "not_measured",
 ]
 
-WORTH_PPM = 100.0
-"""What is known of a cause to less than this corrects K_Vc; a correction that is worth less makes it no better."""
+AMPLITUDES_WORTH_PPM = 1000.0
+"""A ratio of amplitudes that is known to less than this corrects K_Vc; else it is worse than nothing."""
 SEEN = 3.0
 """A change by so many of its standard uncertainties is one."""
 UNEXPLAINED_DEG = 0.15
 """Of the sense signal's phase: so much more than carrier, splits and Q explain is something that nobody knows."""
 AMPLITUDES = "carrier over drive, amplitudes"
 NOT_MEASURED = "not measured"
+CARRIER_PHASE = "phase of the carrier"
 STILL_UNSEEN = (
     "the force of the feedback combs a volt (gap, overlap, charges), and how unequal they are",
     "the modulator's gain of small signals",
@@ -60,12 +63,13 @@ _NAMES: Final = {
     "temperature_c": "temperature",
     "rails_v": "rails",
 }
-
+TEMPERATURES: Final = (_NAMES["drive_hz"], _NAMES["temperature_c"])
+"""The causes that temperature is seen by."""
 _MAY_HAVE: Final[tuple[tuple[str, Mapping[str, float], str], ...]] = (
     ("Q", {"q_anti_phase": -0.5, "q_in_phase": -0.5}, "to 50 %"),
     ("mode split", {"split_hz": 0.5}, "by 0.5 Hz"),
     ("in-phase mode", {"in_phase_split_hz": 5.0}, "by 5 Hz"),
-    ("phase of the carrier", {"carrier_phase_deg": 1.0}, "by 1 deg"),
+    (CARRIER_PHASE, {"carrier_phase_deg": 1.0}, "by 1 deg"),
     ("phase of the demodulator", {"demodulator_phase_deg": 1.0}, "by 1 deg"),
     ("V_Vc that comes through", {"v_vc_feedthrough": 5e-4}, "by 500 ppm"),
 )
@@ -99,6 +103,8 @@ class HealthCheck(Struct, frozen=True, kw_only=True):
     together_ppm: float
     refused: tuple[str, ...]
     warning: str | None
+    measured: tuple[str, ...]
+    """What of all that may have changed was measured now."""
 
     @property
     def change(self) -> KvcChange:
@@ -111,10 +117,8 @@ def checked(then: Characteristics, now: Health, by_hand: Characteristics) -> Hea
     seen = structs.replace(
         now.beside(by_hand), in_phase_share=None
     )  # force and pick-off of either mode stay as they were
-    amplitudes = k_vc_change(
-        then, Characteristics(drive_amplitude_v=seen.drive_amplitude_v, carrier_amplitude_v=seen.carrier_amplitude_v)
-    )
-    worth = amplitudes.u_ppm <= WORTH_PPM
+    then, seen, amplitudes = min(_with_amplitudes(then, seen), key=lambda each: each[2].u_ppm)
+    worth = amplitudes.u_ppm <= AMPLITUDES_WORTH_PPM
     whole = k_vc_change(
         then, seen if worth else structs.replace(seen, drive_amplitude_v=None, carrier_amplitude_v=None)
     )
@@ -127,7 +131,28 @@ def checked(then: Characteristics, now: Health, by_hand: Characteristics) -> Hea
         together_ppm=whole.together_ppm,
         refused=tuple(_why(cause) for cause in causes if cause.done == "refused"),
         warning=_charged(then, seen),
+        measured=tuple(name for name, moved, _ in _MAY_HAVE if all(getattr(now, each) for each in moved)),
     )
+
+
+def _with_amplitudes(
+    then: Characteristics, now: Characteristics
+) -> list[tuple[Characteristics, Characteristics, KvcChange]]:
+    """Return then and now, and what the amplitudes alone did, by oscilloscope and by multimeter; one at least."""
+    both = [(then, now)]
+    if then.carrier_over_drive is not None and now.carrier_over_drive is not None:
+        one = Kept(value=1.0, u=0.0)
+        by_meter = [
+            structs.replace(each, drive_amplitude_v=one, carrier_amplitude_v=each.carrier_over_drive)
+            for each in (then, now)
+        ]
+        both.append((by_meter[0], by_meter[1]))
+    found = [(first, second, k_vc_change(first, _amplitudes_alone(second))) for first, second in both]
+    return [each for each in found if each[2].parts] or found[:1]
+
+
+def _amplitudes_alone(now: Characteristics) -> Characteristics:
+    return Characteristics(drive_amplitude_v=now.drive_amplitude_v, carrier_amplitude_v=now.carrier_amplitude_v)
 
 
 def _charged(then: Characteristics, now: Characteristics) -> str | None:
@@ -162,9 +187,9 @@ def _ratio(of: Characteristics) -> float:
 
 def _of_phase(then: Kept | None, now: Health) -> Iterator[Cause]:
     """Yield what of the sense signal's phase nothing explains: K_Vc would change by the tangent of what it is."""
-    if then is None:
-        return
     phase = now.sense_phase_deg
+    if then is None or phase is None:
+        return
     moved_deg, u_deg = phase.value - then.value, math.hypot(phase.u, then.u)
     beyond = abs(moved_deg) > max(SEEN * u_deg, UNEXPLAINED_DEG)
     done: Done = "refused" if beyond else "explained"

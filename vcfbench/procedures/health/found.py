@@ -11,6 +11,7 @@ from msgspec import Struct, structs
 
 from vcfbench.errors import MeasurementError
 from vcfbench.plans.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
+from vcfbench.procedures.health.by_meter import carrier_over_drive
 from vcfbench.procedures.health.modes import Modes, middle_of, modes_of
 from vcfbench.procedures.health.plan import CaptureFar, level_v
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
@@ -43,28 +44,30 @@ _ROUNDS = 5
 
 
 class Health(Struct, frozen=True, kw_only=True):
-    """What was measured of what K_Vc depends on, by the names that :class:`.Characteristics` has for it.
+    """What was measured of what K_Vc depends on, by the names that :class:`.Characteristics` has for it; else None.
 
     `sense_phase_deg` is by how much the phase of what V_Vc does to the sense signal is ahead of what carrier, splits
     and quality factors make of it: 0 where nothing else is at work.
     """
 
-    drive_hz: Measurand
-    split_hz: Measurand
-    q_anti_phase: Measurand
-    in_phase_split_hz: Measurand
-    q_in_phase: Measurand
-    in_phase_share: Measurand
-    carrier_phase_deg: Measurand
-    demodulator_phase_deg: Measurand
-    v_vc_feedthrough: Measurand
-    drive_amplitude_v: Measurand
-    carrier_amplitude_v: Measurand
-    sense_phase_deg: Measurand
+    drive_hz: Measurand | None = None
+    split_hz: Measurand | None = None
+    q_anti_phase: Measurand | None = None
+    in_phase_split_hz: Measurand | None = None
+    q_in_phase: Measurand | None = None
+    in_phase_share: Measurand | None = None
+    carrier_phase_deg: Measurand | None = None
+    demodulator_phase_deg: Measurand | None = None
+    v_vc_feedthrough: Measurand | None = None
+    drive_amplitude_v: Measurand | None = None
+    carrier_amplitude_v: Measurand | None = None
+    sense_phase_deg: Measurand | None = None
+    carrier_over_drive: Measurand | None = None
 
     def beside(self, known: Characteristics) -> Characteristics:
         """Return it as it is kept of a device, beside what else is `known`."""
-        return structs.replace(known, **{name: each.kept() for name, each in structs.asdict(self).items()})
+        found = structs.asdict(self).items()
+        return structs.replace(known, **{name: each.kept() for name, each in found if each is not None})
 
 
 class _AtRest(Struct, frozen=True):
@@ -77,14 +80,18 @@ class _AtRest(Struct, frozen=True):
 
 
 def health_of(settings: KnownVvcSettings, measured: Measured) -> Health | None:
-    """Return what K_Vc depends on, as the steps of :mod:`.plan` saw it; None where they were not done.
+    """Return what K_Vc depends on, as the steps of :mod:`.plan` saw it; None where none were done.
 
     Raises:
         MeasurementError: only one mode rang down, or V_Vc does not move the sense signal.
     """
     decays = [found for _, found in measured.found(SenseDecay)]
-    if not decays:
-        return None
+    found = _by_oscilloscope(settings, measured, decays) if decays else Health()
+    found = structs.replace(found, carrier_over_drive=carrier_over_drive(settings, measured))
+    return None if found == Health() else found
+
+
+def _by_oscilloscope(settings: KnownVvcSettings, measured: Measured, decays: Sequence[SenseDecay]) -> Health:
     placed = settings.station.instruments["oscilloscope"]
     scope = placed.owner
     pairs = [modes_of(each) for each in decays]

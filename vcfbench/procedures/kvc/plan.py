@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.plans.steps import Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.health.by_meter import compared_amplitudes
 from vcfbench.procedures.health.plan import examined
 from vcfbench.procedures.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.kvc.results import DRIVEN, SEARCH, TABLE, certificate, k_vc_report, k_vc_results
@@ -52,6 +53,8 @@ def _matched(settings: KVcSettings) -> Routine[Outcome]:
         ),
     )
     yield from examined(settings, looked_for=settings.health)
+    if settings.ac_volts:
+        yield from compared_amplitudes(settings)
     if settings.v_vc_role == "multimeter":
         yield Note("V_Vc by the one multimeter, at every level that was used")
         yield from v_vc_on()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta, structs, to_builtins
 
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.procedures.health.way import HEALTH
+from vcfbench.procedures.health.way import AC_WANTED, HEALTH
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.null_comparison.plan import invalid_match_rates
 
@@ -34,6 +34,7 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
         float, Meta(gt=0.0, le=1e6, description="U95 of K_Vc at which the device should come back to a table, ppm")
     ] = 500.0
     health: Annotated[bool, Meta(description=HEALTH, extra={"option": True})] = True
+    ac_volts: Annotated[bool, Meta(description=AC_WANTED)] = False
     axis_tilt_deg: Annotated[float, Meta(ge=0.0, le=90.0, description="of the table's axis, limit")] = 0.5
 
     def recalled(self) -> Self:

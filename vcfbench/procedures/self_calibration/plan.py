@@ -13,7 +13,9 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.health.by_meter import compared_amplitudes, same_oscilloscope
 from vcfbench.procedures.health.plan import examined
+from vcfbench.procedures.health.way import way_of
 from vcfbench.procedures.known.device import level_for
 from vcfbench.procedures.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.procedure import Procedure
@@ -55,6 +57,8 @@ def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
             yield DisableVvc()
     yield from _at_rest(settings)
     yield from examined(settings, looked_for=settings.health, why_not=_nothing_to_compare(settings))
+    if _amplitudes_wanted(settings):
+        yield from compared_amplitudes(settings)
     if settings.v_vc_role == "multimeter":
         yield Note("V_Vc by the one multimeter, at every level that was used")
         yield from v_vc_on()
@@ -65,6 +69,14 @@ def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
 def _nothing_to_compare(settings: SelfCalibrationSettings) -> str:
     then = settings.known.characteristics
     return "" if then is not None and then.sense_phase_deg is not None else f"{settings.known.source} does not have it"
+
+
+def _amplitudes_wanted(settings: SelfCalibrationSettings) -> bool:
+    """Tell whether AC volts serve: the certificate has them, and no oscilloscope tells the amplitudes better."""
+    then = settings.known.characteristics
+    if not (settings.health and settings.ac_volts) or then is None or then.carrier_over_drive is None:
+        return False
+    return way_of(settings)[0] is None or not same_oscilloscope(settings, then)
 
 
 def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:

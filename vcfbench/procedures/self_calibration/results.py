@@ -21,8 +21,10 @@ from vcfbench.procedures.budget.at_rest import as_rate
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.check import (
     AMPLITUDES,
+    CARRIER_PHASE,
     NOT_MEASURED,
     STILL_UNSEEN,
+    TEMPERATURES,
     HealthCheck,
     checked,
     health_parts,
@@ -30,7 +32,7 @@ from vcfbench.procedures.health.check import (
 )
 from vcfbench.procedures.health.found import Health, health_of
 from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
-from vcfbench.procedures.known.k_vc_since import K_VC_DRIFT, K_VC_HEALTH, k_vc_since
+from vcfbench.procedures.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
 from vcfbench.procedures.known.v_vc import (
     METER_GAIN,
     READINGS,
@@ -231,11 +233,13 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         roughly = float(seen.estimates(np.array(known.k_vc.coefficients), seen.v_vc_v, seen.output_v)[0])
         bias = bias_at_rest(settings, points, at_rest, seen.noise, roughly)
         return NotStated(bias=bias, health=check, k_vc_from=known.source)
-    since = k_vc_since(settings, None if check is None else check.change)
+    since = _since(settings, check)
     coefficients = np.array(known.k_vc.coefficients) * since.factor
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
-    parts = _parts(settings, seen, coefficients, [*since.parts, *([] if check else _not_measured(settings))])
+    parts = _parts(
+        settings, seen, coefficients, [*since.parts, *_by_phases(settings, check), *_not_measured(settings, check)]
+    )
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": _missing(settings, check), "ppm": ()}
     scale_factor, line, nonlinearity = (
         measurand(float(value), unit, [_signed(part, of, place) for part, of in parts], missing[unit])
@@ -258,7 +262,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         noise=seen.noise,
         k_vc_from=known.source,
         v_vc_by=v_vc_error(settings).name,
-        unseen=known.unseen if check is None else STILL_UNSEEN,
+        unseen=STILL_UNSEEN if check is not None and CARRIER_PHASE in check.measured else known.unseen,
         since=since.said,
         holds_not=(*known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
         drift=drift_of(scale_factor, known, settings.acceptance),
@@ -279,9 +283,32 @@ def _missing(settings: SelfCalibrationSettings, check: HealthCheck | None) -> tu
     return (*settings.missing_without_table, AMPLITUDES)
 
 
-def _not_measured(settings: SelfCalibrationSettings) -> list[UncertaintyPart]:
+def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcSince:
+    """Return what became of K_Vc; where nothing tells the temperature, what it may have done as well."""
+    without = k_vc_since(settings)
+    if check is None:
+        return without
+    since = k_vc_since(settings, check.change)
+    if any(each.cause in TEMPERATURES for each in check.causes):
+        return since
+    warmed = [part for part in without.parts if part.source == K_VC_TEMPERATURE]
+    return dataclasses.replace(since, parts=(*since.parts, *warmed))
+
+
+def _by_phases(settings: SelfCalibrationSettings, check: HealthCheck | None) -> list[UncertaintyPart]:
+    """Return what the phases of the bench file leave; once they are measured K_Vc is that of the phases of now."""
+    phases = PhaseErrors.of(settings.station.sources)
+    measured = check is not None and CARRIER_PHASE in check.measured
+    of_phases = phases.u_scale_factor if measured else phases.u_self_calibrated
+    return [UncertaintyPart(name, u) for name, u in of_phases.items()]
+
+
+def _not_measured(settings: SelfCalibrationSettings, check: HealthCheck | None) -> list[UncertaintyPart]:
     """Return what may have become of K_Vc unmeasured; limits of the phases that the bench file has count elsewhere."""
     stated, known = settings.station.sources, settings.known
+    measured = () if check is None else check.measured
+    if CARRIER_PHASE in measured:
+        return []
     if stated.k_vc_not_measured_ppm is not None:
         u = 1e-6 * stated.k_vc_not_measured_ppm / math.sqrt(3.0)
         return (
@@ -291,7 +318,8 @@ def _not_measured(settings: SelfCalibrationSettings) -> list[UncertaintyPart]:
         "phase of the carrier": stated.carrier_phase_deg,
         "phase of the demodulator": stated.demodulator_phase_deg,
     }
-    return not_measured(known.characteristics, but=[name for name, limit in limits.items() if limit is not None])
+    but = [*measured, *(name for name, limit in limits.items() if limit is not None)]
+    return not_measured(known.characteristics, but=but)
 
 
 def _stated_by_hand(settings: SelfCalibrationSettings) -> Characteristics:
@@ -401,10 +429,6 @@ def _parts(
     alike = np.array([abs(values[0]), abs(values[1]), 0.0])
     found += [((name, alike * u, None), None) for name, u in temperature_errors(settings, seen.windows).items()]
     found += [((part.source, alike * part.u, part.dof), part.of) for part in since]
-    phases = PhaseErrors.of(settings.station.sources)
-    measured = any(part.source == K_VC_HEALTH for part in since)  # then K_Vc is that of the phases of now
-    of_phases = phases.u_scale_factor if measured else phases.u_self_calibrated
-    found += [((name, alike * u, None), None) for name, u in of_phases.items()]
     same_meter = False
     for share in shares_of(settings.known.k_vc):
         name, of, dof, covariance = share

@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.procedures.health.way import HEALTH
+from vcfbench.procedures.health.way import AC_WANTED, HEALTH
 from vcfbench.procedures.known.device import KnownDeviceSettings
 
 if TYPE_CHECKING:
@@ -23,6 +23,9 @@ class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         tuple[Rate, ...], Meta(min_length=2, max_length=100, description="rates that V_Vc stands for, with both signs")
     ] = (10.0, 20.0, 50.0, 100.0, 200.0)
     health: Annotated[bool, Meta(description=HEALTH, extra={"option": True})] = True
+    ac_volts: Annotated[
+        bool, Meta(description=f"{AC_WANTED}, if the certificate has them so and its oscilloscope is not here")
+    ] = True
 
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:
