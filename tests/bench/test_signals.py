@@ -8,8 +8,9 @@ import threading
 import pytest
 
 from vcfbench.bench.signals import ControlClock, StopSignals
-from vcfbench.clock import WallClock
+from vcfbench.clock import VirtualClock, WallClock
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
+from vcfbench.sim.attendance import AttendedClock
 
 
 def test_it_wakes_who_waits_and_says_who_wanted_it() -> None:
@@ -115,3 +116,22 @@ def test_a_stop_that_was_dealt_with_before_is_none_of_an_error() -> None:
     later = BenchError("the wire broke")
     later.__context__ = Aborted("stopped by SIGINT")
     assert Aborted.behind(later) is None
+
+
+def test_a_stop_does_not_come_amid_what_a_simulated_device_does() -> None:
+    """It left a world that was half worked out, and a bench that could not be proved safe."""
+    done = []
+
+    class Busy:
+        def wake_at(self) -> float | None:
+            if not done:
+                signal.raise_signal(signal.SIGTERM)
+            done.append(True)
+            return None
+
+    clock = AttendedClock(VirtualClock(), [Busy()])
+    with StopSignals() as signals:
+        clock.asleep = signals.asleep
+        with pytest.raises(Aborted, match="SIGTERM"):
+            ControlClock(clock, signals).sleep_until(1.0)
+    assert done

@@ -203,6 +203,8 @@ def open_bench(
         stack.callback(watch.end)
         watch.begin()
         stand = stack.enter_context(station(description, seed, speed, build, roles=[each.name for each in roles]))
+        if description.simulation is not None:
+            stand.clock.asleep = stops.asleep  # type: ignore[attr-defined]  # a simulated bench is on an attended clock
         holding = Holding(description.name, stand, stops, watch, stack.pop_all())
     ahead_s = 0.0 if now_s is None else now_s - stand.clock.now()
     try:

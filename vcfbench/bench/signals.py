@@ -62,6 +62,7 @@ class StopSignals:
         self._breakable = False
         self._held = False
         self._previous: dict[signal.Signals, object] = {}
+        self.asleep = _Asleep(self)
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
@@ -100,12 +101,28 @@ class StopSignals:
 
     def wait(self, clock: Clock, instant_s: float) -> None:
         """Wait on `clock`; the wait as a whole is a safe point."""
+        if self._acts_while_waiting(clock):
+            self._wait_asleep(clock, instant_s)
+            return
         before, self._at_safe_point = self._at_safe_point, True  # it may be part of a longer one
         try:
             self.safe_point()
             clock.sleep_until(instant_s)
         finally:
             self._at_safe_point = before
+
+    def _acts_while_waiting(self, clock: Clock) -> bool:
+        """Tell whether simulated devices act in a wait on `clock`, which nothing may break off."""
+        return getattr(clock, "asleep", None) is self.asleep
+
+    def _wait_asleep(self, clock: Clock, instant_s: float) -> None:
+        before, self.asleep.waiting = self.asleep.waiting, True
+        try:
+            self.safe_point()
+            clock.sleep_until(instant_s)
+            self.safe_point()
+        finally:
+            self.asleep.waiting = before
 
     def attend(self, act: Callable[[], _T]) -> _T:
         """Wait for what a person does; the wait as a whole is a safe point."""
@@ -145,6 +162,13 @@ class StopSignals:
         """Say that the making safe is over, or was never needed: signals change nothing any more."""
         self._unwinding = self._closing = True
 
+    def break_off_from_now(self, *, possible: bool) -> bool:
+        """Let signals break off what is done from now on, or not; return whether they could before."""
+        before, self._at_safe_point = self._at_safe_point, possible
+        if possible:
+            self.safe_point()
+        return before
+
     def _handle(self, number: int, _frame: FrameType | None) -> None:
         if self._breakable and number == signal.SIGINT and not self._unwinding:
             self._breakable = False  # once: a second one is meant for the bench
@@ -161,6 +185,27 @@ class StopSignals:
 
     def _aborted(self) -> Aborted:
         return Aborted(f"stopped by {self._name}")
+
+
+class _Asleep:
+    """The parts of a wait in which time passes and no simulated device acts: there the wait can be broken off.
+
+    A signal in the middle of what a device works out would leave a world that is half worked out.
+    """
+
+    __slots__ = ("_before", "_signals", "waiting")
+
+    def __init__(self, signals: StopSignals) -> None:
+        self._signals = signals
+        self._before = self.waiting = False
+
+    def __enter__(self) -> None:
+        if self.waiting:
+            self._before = self._signals.break_off_from_now(possible=True)
+
+    def __exit__(self, *_: object) -> None:
+        if self.waiting:
+            self._signals.break_off_from_now(possible=self._before)
 
 
 class ControlClock:

@@ -7,6 +7,7 @@ still happen at its own instant, or the World would see it late; so the devices 
 from __future__ import annotations
 
 import threading
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Protocol
 
 from vcfbench.clock import ScaledClock
@@ -36,12 +37,14 @@ class AttendedClock:
         devices: the devices to look in on; more by :meth:`attend`, because a device is made with its clock.
     """
 
-    __slots__ = ("_clock", "_devices", "held", "now")
+    __slots__ = ("_clock", "_devices", "asleep", "held", "now")
 
     def __init__(self, clock: Clock, devices: Iterable[Attended] = ()) -> None:
         self._clock = clock
         self._devices = tuple(devices)
         self.now = clock.now
+        self.asleep: AbstractContextManager[object] = nullcontext()
+        """Entered while time passes and no device acts: a wait may be broken off there, and nowhere else in it."""
         self.held: AbstractContextManager[object] = clock if isinstance(clock, ScaledClock) else threading.RLock()
         """Entered around every call of a device: one at a time, and a clock that runs by itself stands still."""
 
@@ -52,8 +55,10 @@ class AttendedClock:
     def sleep_until(self, instant_s: float) -> None:
         """Wait until `instant_s`, stopping wherever a device has something to do."""
         while (due := self._next_due(instant_s)) < instant_s:
-            self._clock.sleep_until(due)
-        self._clock.sleep_until(instant_s)
+            with self.asleep:
+                self._clock.sleep_until(due)
+        with self.asleep:
+            self._clock.sleep_until(instant_s)
 
     def sleep_to_next(self, latest_s: float) -> None:
         """Wait until a device next does something by itself, at most until `latest_s`."""
