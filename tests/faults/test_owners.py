@@ -53,7 +53,7 @@ def test_a_second_run_is_refused_by_whatever_name(tmp_path: Path) -> None:
     with serving(tmp_path, text, speed=SPEED["acl"]) as served, fork_host() as host:
         station = Station(served, host, tmp_path, "acl")
         bench = served.bench_file(served.resources("tcp"))
-        run = station.brought_to("table at rate", "turntable")
+        run = station.brought_to("rails on", "turntable")
         renamed = bench.replace(f'name = "{name}"', f'name = "{name}-too"')
         tries = {
             "the same name": second_run(tmp_path / "a", bench),
@@ -61,9 +61,9 @@ def test_a_second_run_is_refused_by_whatever_name(tmp_path: Path) -> None:
             "another state directory": second_run(tmp_path / "c", bench, state=tmp_path / "state"),
             "both": second_run(tmp_path / "d", renamed, state=tmp_path / "other state"),
         }
-        turning = station.come("table at rate")
+        live = station.come("rails on")
         run.signal(15)
         assert run.wait() == 4, run.stderr
-    assert turning
+    assert live
     assert {what: code for what, (code, _) in tries.items()} == dict.fromkeys(tries, 3)
     assert all("in use" in words for _, words in tries.values()), tries
