@@ -166,7 +166,7 @@ def test_a_refused_dry_run_as_json_is_one_object_too(station: Station) -> None:
 
 def test_an_aborted_run_keeps_its_points_and_says_so(station: Station) -> None:
     def overload(bench: FakeBench) -> None:
-        bench.multimeter.overload_at = 34
+        bench.multimeter.overload_at = 44
 
     station.spoil = overload
     result = call("run", "turntable", "--json", "--quiet")
@@ -174,7 +174,7 @@ def test_an_aborted_run_keeps_its_points_and_says_so(station: Station) -> None:
     assert answer["status"] == "aborted"
     assert len(answer["points"]) == 3
     assert answer["results"] == {}
-    assert "multimeter at FAKE::22: overload on the 10 V range, step 30" in answer["error"]
+    assert "multimeter at FAKE::22: overload on the 10 V range, step 32" in answer["error"]
     assert isinstance(result.exception, BenchError)
     assert result.exception.exit_code == 3
     assert "aborted" in call("runs", "list").stdout
@@ -252,7 +252,7 @@ def test_a_mistake_of_ours_leaves_a_record_that_is_ended(station: Station, tmp_p
 
 def test_not_safe_comes_before_everything(station: Station) -> None:
     def overload(bench: FakeBench) -> None:
-        bench.multimeter.overload_at = 34
+        bench.multimeter.overload_at = 44
 
     station.spoil, station.ends_with = overload, NotSafe("NOT SAFE: rate_table at COM1: turns")
     result = call("run", "turntable", "--json", "--quiet")
@@ -265,7 +265,7 @@ def test_a_plan_left_in_the_middle_by_a_bug_has_no_results(station: Station) -> 
     """An error that is none of the bench's: what was measured until then is no calibration, even when it would fit."""
 
     def breaks(bench: FakeBench) -> None:
-        read, left = bench.multimeter.read_voltage_v, iter(range(85))
+        read, left = bench.multimeter.read_voltage_v, iter(range(95))
 
         def read_or_break() -> float:
             if next(left, None) is None:

@@ -90,7 +90,7 @@ def test_a_recorded_run_is_told_whole_and_at_once(client: Client, made: tuple[Pa
     assert len(last["points"]) == 17
     assert last["end"]["status"] == "complete"
     assert last["end"]["parts"] == json.loads(json.dumps(parts_of(made[1].report())))
-    assert last["drawn"]["count"] == 180
+    assert last["drawn"]["count"] == 190
 
 
 def test_a_recorded_run_has_its_whole_report(client: Client, made: tuple[Path, Run]) -> None:
@@ -126,7 +126,7 @@ def test_a_run_that_goes_on_is_listed_as_running(tmp_path: Path) -> None:
 def test_readings_are_thinned_out_and_cut(client: Client, made: tuple[Path, Run]) -> None:
     answer = client.get(f"/run/{made[1].name}/readings", params={"from": 10, "to": 100, "most": 20}).json()
     assert len(answer["t_s"]) <= 20
-    assert answer["count"] == 180
+    assert answer["count"] == 190
     assert client.get(f"/run/{made[1].name}/readings", params={"from": "x"}).status_code == 400
 
 

@@ -62,7 +62,7 @@ def test_both_tell_the_same(watched: Watching) -> None:
     assert [each["what"] for each in live.steps] == [each["what"] for each in read.steps]
     assert live.log == read.log
     assert live.state == read.state
-    assert live.readings == read.readings == 180
+    assert live.readings == read.readings == 190
     assert live.drawn(None, None, 1000)["v"] == read.drawn(None, None, 1000)["v"]
     assert live.about["limits"] == read.about["limits"]
     assert ["max rate", "300 deg/s"] in live.about["limits"]
@@ -120,7 +120,7 @@ def test_the_line_through_the_points_is_that_of_the_results(watched: Watching) -
 def test_readings_of_a_stretch(watched: Watching) -> None:
     shown = watched.view.drawn(30.0, 60.0, 1000)
     assert shown["all"]
-    assert shown["count"] == 180
+    assert shown["count"] == 190
     assert shown["shown"] == len(shown["t_s"])
     assert 30.0 <= min(shown["t_s"]) <= max(shown["t_s"]) <= 60.0
 

@@ -277,4 +277,5 @@ def _known_from(settings: ProcedureSettings, levels_by: str, flicker: Flicker | 
         yield f"meter on V_Vc: {_after(known.v_vc_meter_age_days)} ({known.v_vc_meter_age_from})"
     if flicker is not None:
         yield f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})"
-    yield from (words for key, words in known.assumed.items() if key != "bias_instability_deg_h")
+    apart = {"bias_instability_deg_h", "k_vc_drift_ppm_per_year"}  # said above; of what rests on an older K_Vc
+    yield from (words for key, words in known.assumed.items() if key not in apart)

@@ -42,7 +42,7 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
         settings = super().recalled()
         seen = None if self.dut is None else self.store.characteristics(self.dut)
         plain = {} if seen is None else to_builtins(seen)
-        return structs.replace(settings, station=structs.replace(self.station, characteristics=plain))
+        return structs.replace(settings, station=structs.replace(settings.station, characteristics=plain))
 
     @property
     def fastest_deg_s(self) -> float:
