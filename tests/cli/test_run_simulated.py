@@ -147,7 +147,7 @@ def test_what_breaks_in_full_swing_is_named_and_what_was_measured_is_kept(
     assert result.exit_code == 3
     assert result.stderr.startswith(f"vcfbench: {words}")
     assert ", step 32 (average 10 readings" in result.stderr
-    assert (answer["status"], len(answer["points"]), answer["results"]) == ("aborted", 4, {})
+    assert (answer["status"], len(answer["points"]), answer["results"]) == ("aborted", 3, {})
     end = footer(tmp_path, answer["run"])
     assert len(end["safe"]) == 5
     assert all(report["safe"] for report in end["safe"])
