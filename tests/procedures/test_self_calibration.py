@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 from datetime import date, timedelta
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,8 +27,6 @@ from vcfbench.procedures.known.device import level_for
 from vcfbench.record.devices import Certificate, Characteristics, DeviceStore, Measured, SelfCalibration
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from vcfbench.bench.description import BenchDescription
 
 
@@ -37,7 +36,8 @@ def looked_after(bench: BenchDescription) -> BenchDescription:
 
 
 LAB = looked_after(test_k_vc.LAB)
-FIELD = looked_after(vcfbench.load_bench("examples/field-bench.toml"))
+FIELD_FILE = Path("examples/field-bench.toml")
+FIELD = looked_after(vcfbench.load_bench(FIELD_FILE))
 QUICK: dict[str, Any] = {"health": False, "cycles": 1, "samples": 5}
 RATES = [20.0, 100.0, 200.0]
 WARM = {"warm_up_s": 3600.0}
@@ -327,6 +327,21 @@ def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, A
     for rate_deg_s in (-200.0, -1.0, 35.0, 200.0):
         assert curve.rate_deg_s(level_for(curve, rate_deg_s, "rates")) == pytest.approx(rate_deg_s, abs=0.01)
     assert level_for(curve, 0.0, "rates") == 0.0
+
+
+def test_the_command_of_a_drift_that_failed_ends_with_1_each_time(tmp_path: Path) -> None:
+    settings = calibrated(tmp_path, LAB)
+    gain = 0.99 * physical_parameters(FIELD).output_stage.gain
+    old = tmp_path / "old.toml"
+    text = FIELD_FILE.read_text(encoding="utf-8")
+    old.write_text(f"{text}\n[simulation.override.output_stage]\ngain = {gain}\n", encoding="utf-8")
+    where = ["--runs", str(tmp_path / "runs"), "--devices", settings["devices"], "--dut", "G-1", "--quiet"]
+    sets = ["--set", "cycles=1", "--set", "samples=5", "--set", "virtual_rates_deg_s=[20,100,200]"]
+    command = ["run", "self-calibration", "--bench", str(old), *where, *sets]
+    for seed in ("3", "4"):
+        done = CliRunner().invoke(app, [*command, "--seed", seed])
+        assert done.exit_code == 1, done.output
+        assert "FAIL" in done.stdout
 
 
 def test_the_command_answers_in_text_and_json(tmp_path: Path) -> None:

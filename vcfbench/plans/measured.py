@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["Measured", "Readings", "WindowReadings"]
+__all__ = ["Foreseen", "Measured", "Readings", "WindowReadings"]
 
 _Found = TypeVar("_Found", bound=StepResult)
 _Mark = TypeVar("_Mark", bound=Step)
@@ -83,7 +83,7 @@ class Measured(Sequence[Point]):
 
     def with_points(self, points: Iterable[Point]) -> Measured:
         """Return the same with other points."""
-        return Measured(points, self._lines)
+        return type(self)(points, self._lines)
 
     def __len__(self) -> int:
         return len(self._points)
@@ -139,7 +139,7 @@ class Measured(Sequence[Point]):
             points += "point" in line
         ends: list[tuple[int | None, int]] = [*((begin, first) for _, begin, first in marks[1:]), (None, len(self))]
         return tuple(
-            (step, Measured(self._points[first:last], partial(_between, self._lines, begin, end)))
+            (step, type(self)(self._points[first:last], partial(_between, self._lines, begin, end)))
             for (step, begin, first), (end, last) in zip(marks, ends, strict=False)  # without marks there is an end
         )
 
@@ -154,6 +154,10 @@ class Measured(Sequence[Point]):
             if isinstance(step, Step) and isinstance(result, StepResult):
                 found.append((step, result))
         return Readings(tuple(windows)), tuple(found)
+
+
+class Foreseen(Measured):
+    """The points that a dry run foresees, with the noise that they may have."""
 
 
 def _between(lines: _Lines, begin: int, end: int | None) -> Iterator[Mapping[str, Any]]:

@@ -26,11 +26,6 @@ class TemperatureReading(StepResult, Struct, frozen=True):
     device_c: float | None
     t_s: float
 
-    @property
-    def unpredicted(self) -> str:
-        """Say what of it no dry run knows."""
-        return "what temperature does to the output is not known beforehand"
-
     def describe(self) -> str:
         """Name what was read."""
         device = "" if self.device_c is None else f", device {self.device_c:.1f} degC"

@@ -69,6 +69,14 @@ class Health(Struct, frozen=True, kw_only=True):
         found = structs.asdict(self).items()
         return structs.replace(known, **{name: each.kept() for name, each in found if each is not None})
 
+    @classmethod
+    def unchanged(cls, then: Characteristics) -> Health | None:
+        """Return what is found where nothing has changed since `then`, as surely; None where not all was known."""
+        kept = {name: getattr(then, name) for name in cls.__struct_fields__}
+        if None in kept.values():
+            return None
+        return cls(**{name: _again(each) for name, each in kept.items()})
+
 
 class _AtRest(Struct, frozen=True):
     """What a steady V_Vc does to the sense signal: amplitude, V a volt, and phase against the drive's velocity."""
@@ -77,6 +85,11 @@ class _AtRest(Struct, frozen=True):
     phase_deg: float
     u_phase_deg: float
     dof: float
+
+
+def _again(kept: Kept) -> Measurand:
+    parts = [UncertaintyPart(each.source, each.u, each.dof, each.of) for each in kept.shares]
+    return measurand(kept.value, "", parts or [UncertaintyPart("certificate", kept.u, kept.dof)])
 
 
 def health_of(settings: KnownVvcSettings, measured: Measured) -> Health | None:

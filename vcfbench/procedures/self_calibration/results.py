@@ -17,6 +17,7 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
+from vcfbench.plans.measured import Foreseen
 from vcfbench.procedures.budget.at_rest import as_rate
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.check import (
@@ -235,7 +236,8 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         return NotStated(bias=bias, health=check, k_vc_from=known.source)
     since = _since(settings, check)
     coefficients = np.array(known.k_vc.coefficients) * since.factor
-    seen = _with_shape(settings, seen, coefficients)
+    if not isinstance(points, Foreseen):
+        seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     parts = _parts(
         settings, seen, coefficients, [*since.parts, *_by_phases(settings, check), *_not_measured(settings, check)]
@@ -272,6 +274,8 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
 def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Health | None, HealthCheck | None]:
     """Return what was measured of what K_Vc depends on, and what has become of it since the certificate."""
     health, then = health_of(settings, points), settings.known.characteristics
+    if isinstance(points, Foreseen) and health is not None and then is not None:
+        health = Health.unchanged(then)
     return health, None if health is None or then is None else checked(then, health, _stated_by_hand(settings))
 
 
