@@ -533,14 +533,23 @@ def self_calibrated(life: Life, name: str) -> Line:
             ).results
         except BenchError as error:
             return line | {"refused": f"{type(error).__name__}: {error}"[:300]}
-    return line | stated(found, true, before)
+    zero_v = _zero_v(station.specimens["rate_source"]) - _zero_v(lab.specimens["rate_source"])
+    return line | stated(found, true, before, true.k_vc * zero_v)
 
 
-def stated(found: Any, true: Gyroscope, before: Gyroscope) -> Line:
-    """Return z of every value that a self-calibration states, and what it says of the causes."""
+def _zero_v(generator: Line) -> float:
+    """Return what a generator gives where 0 V are set, V."""
+    return float(generator["ranges"][0]["offset_error_v"])
+
+
+def stated(found: Any, true: Gyroscope, before: Gyroscope, zero_deg_s: float) -> Line:
+    """Return z of every value that a self-calibration states.
+
+    Levels are rates from the zero of their generator, which is `zero_deg_s` from that of the laboratory's.
+    """
     if not hasattr(found, "scale_factor"):
         return {"refused": found.refusal()}
-    rates = [0.0, *(level.rate_deg_s for level in found.levels)]
+    rates = [zero_deg_s, *(zero_deg_s + level.rate_deg_s for level in found.levels)]
     line: Line = {
         "refused": None,
         "missing": list(found.scale_factor.missing),
