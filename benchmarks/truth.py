@@ -1,6 +1,7 @@
 """Whether stated uncertainties tell the truth: calibrations on simulated benches whose instruments are drawn.
 
 Each seed draws every instrument from its accuracy, the generator and the table's rate too, and runs both calibrations.
+The ends of the generator's ranges are drawn as well, and the bench file does not know them.
 The truth is a closed form of the gyroscope's parameters, which the simulation does not use (vcfbench/studies/truth.py):
 demodulated modes at the temperature of a warm gyroscope, modulator, output amplifier, a meter that does not load it.
 For every value with an uncertainty the study prints z = (value - truth) / u over the seeds, and how often U95 holds the
@@ -10,6 +11,7 @@ truth.
     python benchmarks/truth.py 0 200 --v-vc measured              V_Vc by a second meter (the bench `lab`)
     python benchmarks/truth.py 0 200 --order abba --zero bracket  other orders, with zeros between
     python benchmarks/truth.py 0 200 --kvc curve                  K_Vc from both signs: plus-minus, curve
+    python benchmarks/truth.py 0 200 --ranges known               the generator's ranges are known
     python benchmarks/truth.py 0 200 --phase 0.5                  carrier and demodulator up to 0.5 deg off, and told so
     python benchmarks/truth.py --summary first.jsonl second.jsonl
 
@@ -64,7 +66,7 @@ bias_deg_s_demodulator_deg = -0.3134
 """
 
 
-def bench_of(seed: int, v_vc: str = "set", phase_deg: float = 0.0) -> str:
+def bench_of(seed: int, v_vc: str = "set", phase_deg: float = 0.0, ranges: str = "drawn") -> str:
     """Return an embedded bench with all instruments drawn; its table's rate error and ripple are drawn here.
 
     Ripple of one phase would put the same 0.8 ppm into the non-linearity of every seed, 0.14 u of it. Phases of carrier
@@ -72,6 +74,8 @@ def bench_of(seed: int, v_vc: str = "set", phase_deg: float = 0.0) -> str:
     """
     file = Path(str(vcfbench.__path__[0])) / "bench" / f"{BENCHES[v_vc]}.toml"
     text, _ = file.read_text(encoding="utf-8").split("# The generator's errors are chosen", 1)
+    if ranges == "drawn":  # and not known
+        text = "".join(line for line in text.splitlines(keepends=True) if not line.startswith("generator_ranges_v"))
     draws = np.random.default_rng([seed, 9])
     error = float(draws.uniform(-TABLE_RATE_ERROR, TABLE_RATE_ERROR))
     phases = draws.uniform(-math.pi, math.pi, 2).tolist()
@@ -99,27 +103,32 @@ demodulator_phase_rad = {true.sense_path.demodulator_phase_rad + math.radians(of
 
 
 def calibrations(
-    seed: int, v_vc: str = "set", k_vc_by: str = "one-point", phase_deg: float = 0.0, **settings: Any
+    seed: int,
+    v_vc: str = "set",
+    k_vc_by: str = "one-point",
+    phase_deg: float = 0.0,
+    ranges: str = "drawn",
+    **settings: Any,
 ) -> Line:
     """Return the seed, and by the name of each value of both calibrations its z and whether U95 holds the truth."""
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as directory:
         file = Path(directory) / "bench.toml"
-        file.write_text(bench_of(seed, v_vc, phase_deg), encoding="utf-8")
+        file.write_text(bench_of(seed, v_vc, phase_deg, ranges), encoding="utf-8")
         arguments: dict[str, Any] = {"bench": file, "seed": seed, "runs": directory}
         arguments["settings"] = {"warm_up_s": WARM_UP_S, **settings}
         table = vcfbench.run("turntable", **arguments)
         arguments["settings"]["k_vc_by"] = k_vc_by
         four = vcfbench.run("virtual-coriolis", **arguments)
-    for run in (table, four):
-        if run.results is None:
-            raise SystemExit(f"seed {seed}: {run.procedure} gave no results: {run.error}")
-    description = vcfbench.load_bench(BENCHES[v_vc])
-    return {
-        "seed": seed,
-        **_scored("turntable: ", table.results.uncertainty, truth_of(table, description)),
-        **_scored("virtual-coriolis: ", four.results.uncertainty, truth_of(four, description)),
-        "e_n": four.results.uncertainty.e_n,
-    }
+        for run in (table, four):
+            if run.results is None:
+                raise SystemExit(f"seed {seed}: {run.procedure} gave no results: {run.error}")
+        description = vcfbench.load_bench(BENCHES[v_vc])
+        return {
+            "seed": seed,
+            **_scored("turntable: ", table.results.uncertainty, truth_of(table, description)),
+            **_scored("virtual-coriolis: ", four.results.uncertainty, truth_of(four, description)),
+            "e_n": four.results.uncertainty.e_n,
+        }
 
 
 def _scored(prefix: str, statement: Statement, truth: Mapping[str, float]) -> Line:
@@ -190,6 +199,7 @@ def main() -> int:
     parser.add_argument("start", type=int, nargs="?", default=0)
     parser.add_argument("count", type=int, nargs="?", default=60)
     parser.add_argument("--v-vc", choices=sorted(BENCHES), default="set", help="how V_Vc is known")
+    parser.add_argument("--ranges", choices=["drawn", "known"], default="drawn", help="the generator's")
     parser.add_argument("--order", default="paper")
     parser.add_argument("--zero", default="none")
     parser.add_argument("--kvc", choices=K_VC_BY, default="one-point")
@@ -204,7 +214,7 @@ def main() -> int:
         lines = lines_of(asked.summary)
     else:
         how = {"v_vc": asked.v_vc, "order": asked.order, "zeros": asked.zero, "k_vc_by": asked.kvc}
-        how["phase_deg"] = asked.phase
+        how |= {"phase_deg": asked.phase, "ranges": asked.ranges}
         lines = continued(asked.lines, range(asked.start, asked.start + asked.count), how, asked.processes)
     print("\n".join(summary(sorted(lines, key=lambda line: line["seed"]))))
     return 0

@@ -26,6 +26,7 @@ __all__ = [
     "DriftWindow",
     "EnWindow",
     "FrequencyWindow",
+    "GeneratorRanges",
     "Horizon",
     "Interval",
     "Kelvins",
@@ -187,6 +188,8 @@ LevelError = Annotated[float, Meta(ge=0.0, le=0.1)]
 """Relative: no generator is worse than a tenth of its level."""
 LevelOffset = Annotated[float, Meta(ge=0.0, le=1.0)]
 """V: beyond a volt it is no offset any more."""
+GeneratorRanges = Annotated[tuple[Annotated[float, Meta(ge=1e-3, le=100.0)], ...], Meta(min_length=1, max_length=20)]
+"""V: no attenuator goes further down, no generator further up."""
 BiasInstability = Annotated[float, Meta(ge=0.0, le=1e5)]
 """deg/h: from none to that of the worst gyroscopes."""
 Horizon = Annotated[float, Meta(ge=1.0, le=8_760.0)]

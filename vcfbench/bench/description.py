@@ -19,6 +19,7 @@ from vcfbench.bench.bounds import (
     BiasCoefficient,
     BiasInstability,
     BiasPerDegree,
+    GeneratorRanges,
     Horizon,
     Kelvins,
     Latitude,
@@ -225,7 +226,9 @@ class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     coefficient B of a zero record, and `horizon_h` the time over which a bias is a statement.
 
     `generator_error` and `generator_offset_v` are the largest errors of a level of V_Vc, relative and in volts of the
-    open generator, where it is known better than by its data sheet.
+    open generator, where it is known better than by its data sheet. `generator_ranges_v` are the largest levels of its
+    ranges, V, where they are known: on each gain and offset are the same at all levels. A data sheet does not
+    tell them; without them each value is taken to have the ranges that make it least certain.
 
     `temperature_k` is how far the gyroscope's temperature may be from that for which values are stated, `warm_up_k` how
     far it is from it at power-on, `warm_up_time_s` the time constant; `scale_factor_ppm_k` and `bias_deg_h_k` what a
@@ -248,6 +251,7 @@ class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     table_rate_error: TableRateError | None = None
     generator_error: LevelError | None = None
     generator_offset_v: LevelOffset | None = None
+    generator_ranges_v: GeneratorRanges | None = None
     bias_instability_deg_h: BiasInstability | None = None
     horizon_h: Horizon = 24.0
     temperature_k: Kelvins | None = None

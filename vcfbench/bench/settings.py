@@ -4,6 +4,7 @@
 key has its range in its type, and what it means in the `description` beside it. `station` is what the place gives.
 """
 
+import math
 from collections.abc import Iterator
 from enum import Enum
 from typing import Annotated, Any, Literal, Self
@@ -177,7 +178,8 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     `meter_gain` (relative) and `meter_offset_v` are the limits of the multimeter's errors, of which `meter_sigmas`
     standard deviations lie within (None: any error within is as likely). `generator_gain`, `generator_offset_v` are
-    those of V_Vc on each of its ranges, the same at all levels of a range, with a converter of `generator_bits`.
+    those of V_Vc on each of its ranges, the same at all levels of a range, with a converter of `generator_bits`; its
+    ranges end at `generator_ranges_v`, none where nobody knows them, the last at `generator_reach_v`.
     `v_vc_gain`, `v_vc_offset_v` and `v_vc_sigmas` are those of the second meter, which measures V_Vc. The ages are
     times since calibration, `..._from` says where they are from. `bias_instability_dof` are the degrees of freedom of
     its square; None: as many as one likes.
@@ -192,6 +194,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     generator_gain: float | None = None
     generator_offset_v: float | None = None
     generator_ranges_v: tuple[float, ...] = ()
+    generator_reach_v: float = math.inf
     generator_bits: int = 0
     v_vc_gain: float | None = None
     v_vc_offset_v: float | None = None

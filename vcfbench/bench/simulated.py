@@ -160,8 +160,11 @@ def true_output(
 def instrument_errors(description: BenchDescription, seed: int) -> dict[str, Any]:
     """Return the imperfections of every simulated instrument, as the bench file asks for them."""
     asked = _simulation(description).errors
+    known = description.uncertainty.generator_ranges_v
     return {
-        role: _errors(twin.errors_class, getattr(asked, role), _stream(seed, role))
+        role: _errors(
+            twin.errors_class, getattr(asked, role), _stream(seed, role), known if role == "rate_source" else None
+        )
         for role, twin in twins(description).items()
     }
 
@@ -344,12 +347,18 @@ def _header(asked: str) -> str:
     return "u32le2" if asked == "auto" else asked
 
 
-def _errors(kind: Any, asked: str | dict[str, Any], random: Generator) -> Any:
-    if isinstance(asked, dict):
-        single = {name: value for name, value in asked.items() if name != "drawn"}
-        share = asked.get("drawn", 0.0)
-        return overridden(part_way(kind.none(), kind.drawn(random), share) if share else kind.none(), single)
-    return kind.drawn(random) if asked == "drawn" else kind.none()
+def _errors(
+    kind: Any, asked: str | dict[str, Any], random: Generator, ranges_v: tuple[float, ...] | None = None
+) -> Any:
+    """Return the imperfections that were asked for; those drawn have the ranges that the bench file knows, if any."""
+    single = {name: value for name, value in asked.items() if name != "drawn"} if isinstance(asked, dict) else {}
+    share = asked.get("drawn", 0.0) if isinstance(asked, dict) else float(asked == "drawn")
+    if not share:
+        return overridden(kind.none(), single)
+    specimens = kind.none(), kind.drawn(random)
+    if ranges_v is not None:
+        specimens = specimens[0].with_ranges(sorted(ranges_v)), specimens[1].with_ranges(sorted(ranges_v))
+    return overridden(specimens[1] if share == 1.0 else part_way(*specimens, share), single)
 
 
 def _sequence(seed: int, name: str) -> SeedSequence:

@@ -357,6 +357,7 @@ def _generator_sources(description: BenchDescription) -> dict[str, Any]:
     return {
         "generator_gain": sheet.setting if known.generator_error is None else known.generator_error,
         "generator_offset_v": sheet.offset_v if known.generator_offset_v is None else known.generator_offset_v,
-        "generator_ranges_v": sheet.ranges_v,
+        "generator_ranges_v": tuple(sorted(known.generator_ranges_v or ())),
+        "generator_reach_v": sheet.ranges_v[-1],
         "generator_bits": sheet.bits,
     }

@@ -5,24 +5,37 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
 from msgspec import Struct
 
 from vcfbench.bench.settings import V_VC_RANGE_V
+from vcfbench.procedures.budget.line import limited
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from numpy.typing import NDArray
+
+    from vcfbench.analysis.budget import Source
     from vcfbench.bench.settings import Sources
+    from vcfbench.procedures.budget.line import Floats
     from vcfbench.record.schema import Point
 
 __all__ = ["KnownLevels", "known_levels"]
 
+_ONE_LEVEL = 0.02
+"""Levels that differ by no more of themselves are taken to be on one range, wherever the ranges are."""
+
 
 class KnownLevels(Struct, frozen=True):
-    """What V_Vc is known by, and how well: gain and offset are the same at all levels of one of its ranges."""
+    """What V_Vc is known by, and how well: gain and offset are the same at all levels of one of its ranges.
+
+    Where nobody knows the ranges (`ranges_v` is empty), they are taken to be those that make each value least certain.
+    """
 
     by: str
     ranges_v: tuple[float, ...]
+    """Largest level of each range, V."""
     gain: float | None
     offset_v: float | None
     sigmas: float | None
@@ -37,6 +50,42 @@ class KnownLevels(Struct, frozen=True):
         """Return the place of the range that a level is on."""
         return next((n for n, upper in enumerate(self.ranges_v) if abs(level_v) <= upper), len(self.ranges_v) - 1)
 
+    def shared(self, volts: Floats, weights: Floats) -> list[tuple[str, NDArray[np.bool_]]]:
+        """Return the ranges of levels by name, and which levels are on them; `weights` those of what they share."""
+        if self.ranges_v:
+            own = np.array([self.range_of(each) for each in volts])
+            return [(f"{self.ranges_v[n]:g} V range", own == n) for n in np.unique(own).tolist()]
+        return [
+            (f"{np.abs(volts[here]).min():.3g} to {np.abs(volts[here]).max():.3g} V", here)
+            for here in _worst_ranges(_sizes(volts), weights)
+        ]
+
+    def errors(self, moved: Mapping[str, tuple[Floats, Floats]]) -> tuple[list[Source], dict[str, dict[str, float]]]:
+        """Return the sources of errors that levels share, and what one unit of each adds to each value.
+
+        Args:
+            moved: of each value the levels, V, and what a volt of error of each of them adds to it.
+        """
+        sources: dict[str, Source] = {}
+        effects: dict[str, dict[str, float]] = {value: {} for value in moved}
+        for value, (volts, through) in moved.items():
+            of = "" if self.ranges_v else f": {value}"  # the worst of one value is not that of another
+            for kind, limit, unit, weights in (
+                ("gain", self.gain, "1", through * volts),
+                ("offset", self.offset_v, "V", through),
+            ):
+                for where, here in self.shared(volts, weights):
+                    name = f"{self.by} {kind}, {where}{of}"
+                    sources[name] = limited(name, limit, unit, self.sigmas)
+                    effects[value][name] = float(weights[here].sum())
+        return list(sources.values()), effects
+
+    def each_level(self, volts: Floats) -> Iterator[NDArray[np.bool_]]:
+        """Yield which of the levels are the same, whatever the sign."""
+        sizes = _sizes(volts)
+        for size in np.unique(sizes):
+            yield sizes == size
+
     def u_mean_v(self, level_v: float, per_reading: float) -> float:
         """Return the standard uncertainty of what a level has of its own, V, the mean of 1 / `per_reading` readings."""
         return self.u_besides_v(level_v) if self.reading_v is None else self.reading_v * math.sqrt(per_reading)
@@ -46,10 +95,10 @@ def known_levels(points: Sequence[Point], known: Sources) -> KnownLevels:
     """Return what V_Vc is known by: the meter that measured it, else the generator that it was set on."""
     scatter_v = [point.v_vc_std_v for point in points if point.v_vc_std_v is not None]
     if not scatter_v:
-        ranges = known.generator_ranges_v or (math.inf,)
+        ranges, reach_v = known.generator_ranges_v, known.generator_reach_v
 
         def resolved(level_v: float) -> float:
-            upper_v = next((each for each in ranges if abs(level_v) <= each), ranges[-1])
+            upper_v = next((each for each in ranges if abs(level_v) <= each), reach_v)
             return _step_v(upper_v, known.generator_bits) / math.sqrt(12.0)
 
         gain, offset_v = known.generator_gain, known.generator_offset_v
@@ -70,3 +119,33 @@ def known_levels(points: Sequence[Point], known: Sources) -> KnownLevels:
 
 def _step_v(upper_v: float, bits: int) -> float:
     return 2.0 * upper_v / 2**bits if bits and math.isfinite(upper_v) else 0.0
+
+
+def _sizes(volts: Floats) -> Floats:
+    """Return the levels without their sign; those within 2 % of one another have the same."""
+    sizes = np.abs(volts)
+    order = np.argsort(sizes)
+    first = 0.0
+    for place in order:
+        first = first if sizes[place] <= (1.0 + _ONE_LEVEL) * first else float(sizes[place])
+        sizes[place] = first
+    return sizes
+
+
+def _worst_ranges(sizes: Floats, weights: Floats) -> Iterator[NDArray[np.bool_]]:
+    """Yield which levels are on each range, the ranges so that the sum of the levels' errors is least certain.
+
+    An error that a range shares adds the square of the sum of its weights: best[n] is the largest sum of squares that
+    ranges up to the n-th size can make, found from the smaller ones.
+    """
+    steps, place = np.unique(sizes, return_inverse=True)
+    total = np.concatenate([[0.0], np.cumsum(np.bincount(place.ravel(), weights=weights))])
+    best, begins = np.zeros(steps.size + 1), np.zeros(steps.size + 1, dtype=int)
+    for end in range(1, steps.size + 1):
+        made = best[:end] + (total[end] - total[:end]) ** 2
+        begins[end] = made.argmax()
+        best[end] = made[begins[end]]
+    end = steps.size
+    while end:
+        yield (place.ravel() >= begins[end]) & (place.ravel() < end)
+        end = int(begins[end])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,14 +61,18 @@ class CurvedLine(Struct, frozen=True):
 
         The first levels have a standard uncertainty of their own, `u_before`, V.
         """
-        own = np.array([known.range_of(each) for each in volts])
         effects: dict[str, Floats] = {}
-        for place in np.unique(own).tolist():
-            here, name = own == place, f"{known.ranges_v[place]:g} V range"
+        u_v = np.array([*u_before, *(known.u_besides_v(each) for each in volts[len(u_before) :])])
+        own = {f"{known.by} {known.besides}": through * u_v}
+        if not known.ranges_v:  # each level may be on a range of its own
+            for kind, u, weights in (("gain", known.gain, through * volts), ("offset", known.offset_v, through)):
+                columns = [weights[:, here].sum(axis=1) for here in known.each_level(volts)]
+                own[f"{known.by} {kind}, each level"] = (u or 0.0) / math.sqrt(3.0) * np.column_stack(columns)
+            return structs.replace(self, own=own)
+        for name, here in known.shared(volts, volts):
             effects[f"{known.by} gain, {name}"] = (through * volts)[:, here].sum(axis=1)
             effects[f"{known.by} offset, {name}"] = through[:, here].sum(axis=1)
-        u_v = np.array([*u_before, *(known.u_besides_v(each) for each in volts[len(u_before) :])])
-        return structs.replace(self, effects=effects, own={f"{known.by} {known.besides}": through * u_v})
+        return structs.replace(self, effects=effects, own=own)
 
 
 class ValueModel(Struct, frozen=True):

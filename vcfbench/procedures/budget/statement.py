@@ -124,7 +124,7 @@ def statement(
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
-    not_in_u, known_from = _not_in_u(settings, levels_by), _known_from(settings, levels_by, flicker)
+    not_in_u, known_from = _not_in_u(settings), _known_from(settings, levels_by, flicker)
     return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from), not missing, missing)
 
 
@@ -255,12 +255,10 @@ _OUTSIDE = (
 )
 
 
-def _not_in_u(settings: ProcedureSettings, levels_by: str) -> Iterable[str]:
+def _not_in_u(settings: ProcedureSettings) -> Iterable[str]:
     """Say what the uncertainties do not hold."""
     yield from (f"MISSING {gap.words}" for gap in settings.station.sources.gaps())
     yield from _OUTSIDE
-    if levels_by == "generator":
-        yield "breaks of the generator's errors within a range: its levels are taken to share gain and offset there"
     if earth_left_deg_s(settings) is None:
         yield "Earth's rate: it is in the bias"
 
@@ -275,6 +273,8 @@ def _known_from(settings: ProcedureSettings, levels_by: str, flicker: Flicker | 
     yield f"multimeter: {_after(known.meter_age_days)} ({known.meter_age_from})"
     if levels_by == "V_Vc meter":
         yield f"meter on V_Vc: {_after(known.v_vc_meter_age_days)} ({known.v_vc_meter_age_from})"
+    if levels_by == "generator" and known.generator_gain is not None and not known.generator_ranges_v:
+        yield "ranges of the generator: not known, those that make each value least certain are assumed"
     if flicker is not None:
         yield f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})"
     apart = {"bias_instability_deg_h", "k_vc_drift_ppm_per_year"}  # said above; of what rests on an older K_Vc

@@ -95,7 +95,8 @@ def bias_at_rest(
 def _flicker_of(settings: KnownVvcSettings, noise: BlockNoise, scale_factor: float) -> Flicker:
     """Return the flicker that counts in a run whose own blocks know it badly; the density is B^2 / (pi f)."""
     per_v2 = math.pi * (3600.0 / scale_factor) ** 2
-    stated = flicker_stated(settings.station.sources)
+    known = settings.station.sources
+    stated = None if "bias_instability_deg_h" in known.assumed else flicker_stated(known)  # a guess tells nothing
     return flicker_counted(stated, per_v2 * noise.flicker_v2, per_v2 * noise.u_flicker_v2, "blocks of this run")
 
 

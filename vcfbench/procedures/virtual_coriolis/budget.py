@@ -131,40 +131,28 @@ class _Levels(Struct, frozen=True):
 
     sources: tuple[Source, ...]
     by: str
-    besides: str
-    match_range: str
-    absolute_v: float
-    """What an offset is divided by in the match, V; infinite where each output is taken from its own zero."""
-    gain_slope: Mapping[str, float]
-    offset_slope: Mapping[str, float]
-    gain_bias: Mapping[str, float]
-    offset_bias: Mapping[str, float]
+    effects: Mapping[str, Mapping[str, float]]
+    """Of each value: what each source adds to it, per unit of the source."""
 
     @classmethod
     def of(cls, line: Line, k_vc: float, matching: Matching, known: KnownLevels) -> _Levels:
-        level_v = line.rate_deg_s / k_vc
-        own, match = [known.range_of(volts) for volts in level_v], known.range_of(matching.v_vc_equal_v)
+        level_v, absolute = line.rate_deg_s / k_vc, matching.match.value == "absolute"
         sloping, shifting = line.slope_weights * line.derivative, line.bias_weights * line.derivative
-        names = {n: f"{known.ranges_v[n]:g} V range" for n in sorted({*own, match})}
-
-        def sums(values: Floats) -> dict[str, float]:
-            return {
-                name: float(sum(v for v, o in zip(values, own, strict=True) if o == n)) for n, name in names.items()
+        # each output is taken from its own zero, which the generator's 0 V makes
+        match_v = np.array([matching.v_vc_equal_v, 0.0])
+        of_match = np.array([1.0, 0.0 if absolute else -1.0]) / matching.v_vc_equal_v
+        sources, effects = known.errors(
+            {
+                "match": (match_v, of_match),
+                "virtual slope": (level_v, k_vc * sloping),
+                "virtual bias": (level_v, k_vc * shifting),
             }
-
-        by, besides = known.by, f"{known.by} {known.besides}"
+        )
+        besides = f"{known.by} {known.besides}"
         u_v = np.array([known.u_besides_v(volts) for volts in level_v])
-        spread = k_vc * np.array([np.linalg.norm(sloping * u_v), np.linalg.norm(shifting * u_v)])
-        sources = [
-            source
-            for name in names.values()
-            for source in (
-                limited(f"{by} gain, {name}", known.gain, "1", known.sigmas),
-                limited(f"{by} offset, {name}", known.offset_v, "V", known.sigmas),
-            )
-        ]
-        zero = 0.0 if matching.match.value == "absolute" else 1.0 / matching.zero_virtual.n
+        zero = 0.0 if absolute else 1.0 / matching.zero_virtual.n
         u_match = known.u_mean_v(matching.v_vc_equal_v, 1.0 / matching.best.n + zero) / abs(matching.level_v)
+        spread = k_vc * np.array([np.linalg.norm(sloping * u_v), np.linalg.norm(shifting * u_v)])
         sources += [
             Source(f"{besides}: virtual slope", 0.0, float(spread[0]), "V/(deg/s)"),
             Source(f"{besides}: virtual bias", 0.0, float(spread[1]), "V"),
@@ -172,33 +160,21 @@ class _Levels(Struct, frozen=True):
             if known.besides == "resolution"
             else Source(f"{besides}: match", 0.0, u_match, "1"),
         ]
-        absolute_v = matching.v_vc_equal_v if matching.match.value == "absolute" else math.inf
-        by_gain, by_offset = line.rate_deg_s, k_vc
-        return cls(
-            tuple(sources),
-            by,
-            besides,
-            names[match],
-            absolute_v,
-            sums(sloping * by_gain),
-            sums(sloping * by_offset),
-            sums(shifting * by_gain),
-            sums(shifting * by_offset),
-        )
+        for value, found in effects.items():
+            found[f"{besides}: {value}"] = 1.0
+        return cls(tuple(sources), known.by, effects)
 
     def matched(self, q: Mapping[str, Any]) -> Any:
         """Return the level at the match over what it is known as."""
-        gain, offset = q[f"{self.by} gain, {self.match_range}"], q[f"{self.by} offset, {self.match_range}"]
-        return 1.0 + gain + offset / self.absolute_v + q[f"{self.besides}: match"]
+        return 1.0 + self._through("match", q)
 
     def slope(self, q: Mapping[str, Any]) -> Any:
         """Return what the levels' errors add to the slope over known levels, V/(deg/s)."""
-        return self._through(self.gain_slope, self.offset_slope, q) + q[f"{self.besides}: virtual slope"]
+        return self._through("virtual slope", q)
 
     def bias(self, q: Mapping[str, Any]) -> Any:
         """Return what they add to the intercept, V."""
-        return self._through(self.gain_bias, self.offset_bias, q) + q[f"{self.besides}: virtual bias"]
+        return self._through("virtual bias", q)
 
-    def _through(self, gains: Mapping[str, float], offsets: Mapping[str, float], q: Mapping[str, Any]) -> Any:
-        by_gain = sum(size * q[f"{self.by} gain, {name}"] for name, size in gains.items())
-        return by_gain + sum(size * q[f"{self.by} offset, {name}"] for name, size in offsets.items())
+    def _through(self, value: str, q: Mapping[str, Any]) -> Any:
+        return sum(size * q[name] for name, size in self.effects[value].items())

@@ -16,7 +16,6 @@ from vcfbench.procedures.budget.line import (
     Line,
     earth_sources,
     instrument_sources,
-    limited,
     line_sums,
     noises_of,
 )
@@ -118,18 +117,8 @@ class _NullLevels:
         u_pair = np.array([levels.u_mean_v(volts, per_reading) for volts in matching.taken_v])
         u_level = np.array([levels.u_besides_v(volts) for volts in level_v])
         every_v = np.concatenate([matching.taken_v, level_v])  # what is left is interpolated, and has no such error
-        own = np.array([levels.range_of(volts) for volts in every_v])
-        sources, effects = [], {value: dict[str, float]() for value in by_pair}
-        for place in np.unique(own).tolist():
-            here, name = own == place, f"{levels.ranges_v[place]:g} V range"
-            gain, offset = f"{levels.by} gain, {name}", f"{levels.by} offset, {name}"
-            sources += [
-                limited(gain, levels.gain, "1", levels.sigmas),
-                limited(offset, levels.offset_v, "V", levels.sigmas),
-            ]
-            for value, found in effects.items():
-                both = np.concatenate([by_pair[value], by_level[value]])
-                found |= {gain: float((both * every_v)[here].sum()), offset: float(both[here].sum())}
+        moved = {value: (every_v, np.concatenate([by_pair[value], by_level[value]])) for value in by_pair}
+        sources, effects = levels.errors(moved)
         for value, unit in (("k_vc", "(deg/s)/V"), ("slope", "V/(deg/s)"), ("bias", "V")):
             spread = math.hypot(np.linalg.norm(by_pair[value] * u_pair), np.linalg.norm(by_level[value] * u_level))
             name = f"{levels.by} {levels.besides}: {value}"

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.sim.scpi import ScpiError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
 
@@ -26,6 +27,7 @@ __all__ = [
     "OutputRange",
     "Settings",
     "conflict",
+    "drawn_ranges",
 ]
 
 Settings = dict[str, Any]
@@ -188,12 +190,28 @@ class GeneratorErrors(Struct, frozen=True):
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> GeneratorErrors:
-        """Return a specimen drawn uniformly within the data sheet: 2 % and 2 mV into 50 ohm, hence 4 mV open."""
-        ranges = tuple(
-            OutputRange(upper, float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.004, 0.004)))
-            for upper in _RANGES_V
-        )
-        return cls(ranges, float(rng.uniform(-0.01, 0.01)), float(rng.uniform(-2e-5, 2e-5)), 14, 4)
+        """Return a specimen drawn uniformly within the data sheet: 2 % and 2 mV into 50 ohm, hence 4 mV open.
+
+        The data sheet does not tell where its ranges end: their ends are drawn too.
+        """
+        errors = [(float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.004, 0.004))) for _ in _RANGES_V]
+        amplitude, frequency = float(rng.uniform(-0.01, 0.01)), float(rng.uniform(-2e-5, 2e-5))
+        return cls(drawn_ranges(rng, errors), amplitude, frequency, 14, 4)
+
+    def with_ranges(self, ends_v: Sequence[float]) -> Self:
+        """Return a specimen whose ranges end there, with the errors of its own; any beyond them with the last's."""
+        last = len(self.ranges) - 1
+        ranges = tuple(replace(self.ranges[min(n, last)], upper_v=end_v) for n, end_v in enumerate(ends_v))
+        return replace(self, ranges=ranges)
 
 
 _RANGES_V = (0.32, 1.0, 3.2, 10.0)
+_LEAST_END_V = 0.02
+"""Least end of a range that is drawn: a third of the V_Vc at which a calibration compares."""
+
+
+def drawn_ranges(rng: np.random.Generator, errors: Sequence[tuple[float, float]]) -> tuple[OutputRange, ...]:
+    """Return ranges with these gain and offset errors whose ends are drawn, as likely in each decade up to 10 V."""
+    decades = math.log10(_LEAST_END_V), math.log10(MAX_PEAK_V)
+    ends = sorted(10.0 ** float(rng.uniform(*decades)) for _ in errors[1:])
+    return tuple(OutputRange(upper, *each) for upper, each in zip((*ends, MAX_PEAK_V), errors, strict=True))

@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from vcfbench.sim.instruments.agilent33220a.instrument import GeneratorErrors, SimulatedAgilent33220A
-from vcfbench.sim.instruments.agilent33220a.settings import RESET, OutputRange
+from vcfbench.sim.instruments.agilent33220a.settings import RESET, drawn_ranges
 from vcfbench.sim.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
 from vcfbench.sim.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, TrueformSeries, kind
 from vcfbench.sim.instruments.trueform.levels import LimitedLevels
@@ -39,14 +39,13 @@ class TrueformErrors(GeneratorErrors, frozen=True):
     def drawn(cls, rng: np.random.Generator) -> TrueformErrors:
         """Return a specimen drawn uniformly within the data sheet (unverified, as the sheet says itself)."""
         sheet = KEYSIGHT_33500B
-        ranges = tuple(
-            OutputRange(
-                upper, float(rng.uniform(-sheet.setting, sheet.setting)), float(rng.uniform(-1.0, 1.0)) * sheet.offset_v
-            )
-            for upper in sheet.ranges_v
-        )
+        errors = [
+            (float(rng.uniform(-sheet.setting, sheet.setting)), float(rng.uniform(-1.0, 1.0)) * sheet.offset_v)
+            for _ in sheet.ranges_v
+        ]
         amplitude = float(rng.uniform(-0.01, 0.01))
-        return cls(ranges, amplitude, float(rng.uniform(-_FREQUENCY_ERROR, _FREQUENCY_ERROR)), sheet.bits, 4)
+        frequency = float(rng.uniform(-_FREQUENCY_ERROR, _FREQUENCY_ERROR))
+        return cls(drawn_ranges(rng, errors), amplitude, frequency, sheet.bits, 4)
 
 
 class SimulatedTrueform(SimulatedAgilent33220A):

@@ -1,0 +1,41 @@
+"""Where a generator's ranges end: known, or those that make a value least certain."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vcfbench.bench.settings import Sources
+from vcfbench.procedures.budget.known_levels import KnownLevels, known_levels
+
+
+def spread(known: KnownLevels, volts: np.ndarray, weights: np.ndarray) -> float:
+    """Return the standard deviation of a sum of levels' errors."""
+    sources, effects = known.errors({"sum": (volts, weights)})
+    return float(np.linalg.norm([effects["sum"][each.name] * each.u for each in sources]))
+
+
+def of(*ends_v: float) -> KnownLevels:
+    sources = Sources(generator_gain=0.02, generator_offset_v=4e-3, generator_ranges_v=ends_v, generator_bits=14)
+    return known_levels((), sources)
+
+
+def test_no_ranges_make_a_sum_less_certain_than_unknown_ones() -> None:
+    random, unknown = np.random.default_rng(5), of()
+    for _ in range(100):
+        volts, weights = random.uniform(-2.0, 2.0, 7), random.normal(size=7)
+        ends = np.sort(random.uniform(0.0, 2.0, random.integers(0, 5))).tolist()
+        assert spread(of(*ends, 10.0), volts, weights) <= spread(unknown, volts, weights) * (1.0 + 1e-12)
+
+
+def test_zero_and_a_level_share_an_offset_only_where_they_are_known_to_lie_on_one_range() -> None:
+    pair, difference = np.array([0.067, 0.0]), np.array([1.0, -1.0])
+    own = np.hypot(0.02 * 0.067, np.sqrt(2.0) * 4e-3) / np.sqrt(3.0)
+    assert spread(of(), pair, difference) == pytest.approx(own)
+    assert spread(of(0.05, 10.0), pair, difference) == pytest.approx(own)
+    assert spread(of(0.1, 10.0), pair, difference) == pytest.approx(0.02 * 0.067 / np.sqrt(3.0))
+
+
+def test_levels_of_both_signs_are_one_level() -> None:
+    known = of()
+    assert spread(known, np.array([1.0, -1.01]), np.array([1.0, -1.0])) == pytest.approx(0.02 * 2.01 / np.sqrt(3.0))
