@@ -7,13 +7,16 @@ import re
 import tomllib
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from typer.testing import CliRunner
 
 import vcfbench
 from tests.cells import few
 from vcfbench.bench.file import checked_bench, embedded_text
+from vcfbench.cli.main import app
 from vcfbench.plans.measured import Measured
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
@@ -29,13 +32,28 @@ COVERAGE = 1e-6
 OF_INSTRUMENTS = ("power", "rate_source", "multimeter", "v_vc_meter", "oscilloscope", "rate_table")
 
 
+@cache
+def by_wizard() -> str:
+    """Return the file that the wizard makes of what it proposes."""
+    with TemporaryDirectory() as directory:
+        file = Path(directory) / "station.toml"
+        done = CliRunner().invoke(app, ["bench", "new", str(file), "--yes", "--library", "paper@vcfbench"])
+        assert done.exit_code == 0, done.stderr
+        return file.read_text("utf-8")
+
+
 def shipped() -> dict[str, str]:
     """Return the text of each bench file that the program, its examples or its documentation have."""
     how_to = (ROOT / "docs/howto/acceptance.md").read_text("utf-8")
     written = re.search(r"```toml title=\"station.toml\"\n(.*?)```", how_to, re.DOTALL)
     assert written is not None
     files = {each.stem: each.read_text("utf-8") for each in sorted((ROOT / "examples").glob("*.toml"))}
-    return {**files, "how-to": written[1], **{name: embedded_text(name) for name in ("paper", "lab", "ideal")}}
+    return {
+        **files,
+        "how-to": written[1],
+        "wizard": by_wizard(),
+        **{name: embedded_text(name) for name in ("paper", "lab", "ideal")},
+    }
 
 
 def less(values: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -63,7 +81,7 @@ def stated(values: dict[str, Any], run: vcfbench.Run) -> Any:
     return procedure.results(settings_of(procedure, description), Measured(run.points)).uncertainty
 
 
-NAMES = ("how-to", "ideal", "lab", "paper", "field-bench", "ideal-bench", "paper-bench")
+NAMES = ("how-to", "ideal", "lab", "paper", "field-bench", "ideal-bench", "paper-bench", "wizard")
 
 
 def test_all_that_are_shipped_are_here() -> None:

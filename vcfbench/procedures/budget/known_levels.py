@@ -80,12 +80,6 @@ class KnownLevels(Struct, frozen=True):
                     effects[value][name] = float(weights[here].sum())
         return list(sources.values()), effects
 
-    def each_level(self, volts: Floats) -> Iterator[NDArray[np.bool_]]:
-        """Yield which of the levels are the same, whatever the sign."""
-        sizes = _sizes(volts)
-        for size in np.unique(sizes):
-            yield sizes == size
-
     def u_mean_v(self, level_v: float, per_reading: float) -> float:
         """Return the standard uncertainty of what a level has of its own, V, the mean of 1 / `per_reading` readings."""
         return self.u_besides_v(level_v) if self.reading_v is None else self.reading_v * math.sqrt(per_reading)

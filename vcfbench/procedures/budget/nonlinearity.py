@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CurvedLine", "ValueModel", "with_nonlinearity"]
 
+_RANGES_UNKNOWN = "nobody knows where the generator's ranges end, whose steps stand out of a line too"
+
 
 class CurvedLine(Struct, frozen=True):
     """The non-linearity of one line: its residuals, and what outputs and V_Vc put into each of them."""
@@ -64,11 +66,16 @@ class CurvedLine(Struct, frozen=True):
         effects: dict[str, Floats] = {}
         u_v = np.array([*u_before, *(known.u_besides_v(each) for each in volts[len(u_before) :])])
         own = {f"{known.by} {known.besides}": through * u_v}
-        if not known.ranges_v:  # each level may be on a range of its own
-            for kind, u, weights in (("gain", known.gain, through * volts), ("offset", known.offset_v, through)):
-                columns = [weights[:, here].sum(axis=1) for here in known.each_level(volts)]
-                own[f"{known.by} {kind}, each level"] = (u or 0.0) / math.sqrt(3.0) * np.column_stack(columns)
-            return structs.replace(self, own=own)
+        if not known.ranges_v:
+            largest = int(np.abs(self.residuals.ppm).argmax())
+            for kind, limit, weights in (
+                ("gain", known.gain, through * volts),
+                ("offset", known.offset_v, through),
+            ):
+                ranges = known.shared(volts, weights[largest])
+                columns = [weights[:, here].sum(axis=1) for _, here in ranges]
+                own[f"{known.by} {kind}"] = (limit or 0.0) / math.sqrt(3.0) * np.column_stack(columns)
+            return structs.replace(self, own=own, only_bound=_RANGES_UNKNOWN)
         for name, here in known.shared(volts, volts):
             effects[f"{known.by} gain, {name}"] = (through * volts)[:, here].sum(axis=1)
             effects[f"{known.by} offset, {name}"] = through[:, here].sum(axis=1)

@@ -100,8 +100,8 @@ class Limits(Struct, frozen=True):
         """Return them by what the bench file knows, the worst of the class where it does not."""
         known, expected = settings.station.sources, settings.expected
         per_deg_h = abs(settings.expected_gyro().scale_factor) / 3600.0
-        told = None if "bias_instability_deg_h" in known.assumed else known.bias_instability_deg_h
-        flicker = _FLICKER_DEG_H if told is None else told
+        stated = None if "bias_instability_deg_h" in known.assumed else known.bias_instability_deg_h
+        flicker = _FLICKER_DEG_H if stated is None else stated
         bias = _BIAS_DEG_H_K if known.bias_deg_h_k is None else known.bias_deg_h_k
         share = 1e-6 * (_SCALE_FACTOR_PPM_K if known.scale_factor_ppm_k is None else known.scale_factor_ppm_k)
         begun_k = (_WARM_UP_K if known.warm_up_k is None else known.warm_up_k) * math.exp(

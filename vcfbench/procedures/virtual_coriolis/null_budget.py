@@ -151,5 +151,5 @@ def _with_matches(line: CurvedLine, level_v: Floats, matching: NullMatching, kno
     return replace(
         through,
         weights=line.weights + moved @ matching.noise_weights,
-        only_bound=_RANGES_ARE_LEFT if set_by_curve else "",
+        only_bound=_RANGES_ARE_LEFT if set_by_curve else through.only_bound,
     )
