@@ -69,13 +69,10 @@ class Health(Struct, frozen=True, kw_only=True):
         found = structs.asdict(self).items()
         return structs.replace(known, **{name: each.kept() for name, each in found if each is not None})
 
-    @classmethod
-    def unchanged(cls, then: Characteristics) -> Health | None:
-        """Return what is found where nothing has changed since `then`, as surely; None where not all was known."""
-        kept = {name: getattr(then, name) for name in cls.__struct_fields__}
-        if None in kept.values():
-            return None
-        return cls(**{name: _again(each) for name, each in kept.items()})
+    def unchanged(self, then: Characteristics) -> Health:
+        """Return what is found of the same where nothing has changed since `then`, as surely."""
+        kept = {name: getattr(then, name) for name, each in structs.asdict(self).items() if each is not None}
+        return structs.replace(self, **{name: _again(each) for name, each in kept.items() if each is not None})
 
 
 class _AtRest(Struct, frozen=True):

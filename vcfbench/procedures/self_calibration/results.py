@@ -275,7 +275,7 @@ def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Health
     """Return what was measured of what K_Vc depends on, and what has become of it since the certificate."""
     health, then = health_of(settings, points), settings.known.characteristics
     if isinstance(points, Foreseen) and health is not None and then is not None:
-        health = Health.unchanged(then)
+        health = health.unchanged(then)
     return health, None if health is None or then is None else checked(then, health, _stated_by_hand(settings))
 
 
