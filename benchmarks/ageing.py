@@ -38,7 +38,7 @@ import numpy as np
 from gyroscope_by_hand import Gyroscope, integrated_v
 
 import vcfbench
-from vcfbench.errors import BenchError
+from vcfbench.errors import Aborted, BenchError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -532,6 +532,8 @@ def self_calibrated(life: Life, name: str) -> Line:
             found = vcfbench.run(
                 "self-calibration", file, seed=seed * 100 + 2 + number, settings=settings, runs=own
             ).results
+        except Aborted:  # somebody stopped the study: no line of it
+            raise
         except BenchError as error:
             return line | {"refused": f"{type(error).__name__}: {error}"[:300]}
     zero_v = _zero_v(station.specimens["rate_source"]) - _zero_v(lab.specimens["rate_source"])
