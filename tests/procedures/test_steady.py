@@ -47,6 +47,13 @@ def test_a_gyroscope_that_is_not_straight_is_believed() -> None:
     require_no_jump(walked(np.zeros(len(RATES))))
 
 
+def test_two_levels_there_and_back_are_a_line() -> None:
+    rates = (200.0, -200.0, -200.0, 200.0)
+    require_no_jump(walked(np.zeros(4), rates))
+    with pytest.raises(MeasurementError, match="apart, at most"):
+        walked(np.array([0.0, 0.0, 3e-3, 0.0]), rates)
+
+
 @pytest.mark.parametrize(
     ("place", "covers"), [(1, 1), (1, 3), (5, 1), (8, 2), (12, 3), (17, 1), (15, 3), (10, 9)], ids=str
 )

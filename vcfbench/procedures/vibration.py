@@ -51,6 +51,7 @@ from vcfbench.procedures.routines import (
     window_of,
 )
 from vcfbench.procedures.steady.walk import require_answer
+from vcfbench.procedures.steady.watched import watched
 from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -170,7 +171,7 @@ def _held(settings: VibrationSettings) -> Routine[Outcome]:
 
 
 def _both(settings: VibrationSettings) -> Routine[Outcome]:
-    yield from _static(settings)
+    yield from watched(settings, _static(settings))
     yield Note("The virtual vibration")
     yield from _meters(settings, NPLC)
     try:

@@ -46,6 +46,7 @@ from vcfbench.procedures.routines import (
     v_vc_on,
 )
 from vcfbench.procedures.steady.walk import require_answer
+from vcfbench.procedures.steady.watched import watched
 
 if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
@@ -190,13 +191,17 @@ def _tested(settings: PowerSettings) -> Routine[Outcome]:
     yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield Note("Steady currents")
     yield MeasureRails(rails, settings.samples, settings.sample_interval_s)
+    yield from watched(settings, _moved(settings))
+    return Outcome(f"power-on in {len(settings.orders)} orders, {len(settings.rails_varied)} rails moved")
+
+
+def _moved(settings: PowerSettings) -> Routine[None]:
     for which in settings.rails_varied:
         for cycle in range(settings.cycles):
             yield Note(f"Rails moved: {which}, {settings.rail_step_v:g} V either way, cycle {cycle + 1}")
             for sign in CHOPPED:
                 yield from _at_rails(settings.moved(which, sign * settings.rail_step_v))
     yield from _set_rails(settings)
-    return Outcome(f"power-on in {len(settings.orders)} orders, {len(settings.rails_varied)} rails moved")
 
 
 def _powered_on(settings: PowerSettings, order: Order) -> Routine[None]:

@@ -65,13 +65,13 @@ class Jump(Struct, frozen=True):
 
 
 def require_no_jump(walk: Walk) -> None:
-    """See that the output of all windows, those with the generator on and those with it off, moves by settings alone.
+    """See that the output moves by settings alone: of all windows on the same rails, generator on, or off.
 
     Raises:
         MeasurementError: it stepped, read too much for a while, walked away, or does not answer to what is set.
     """
-    for driven in (False, True):
-        windows = [each for each in walk.windows if each.driven is driven]
+    for driven, rails_v in dict.fromkeys((each.driven, each.rails_v) for each in walk.windows):
+        windows = [each for each in walk.windows if (each.driven, each.rails_v) == (driven, rails_v)]
         if len({each.setting for each in windows}) < 2:
             continue
         _require_answer(walk, windows)
@@ -132,9 +132,14 @@ def _abscissa(windows: Sequence[Seen]) -> Floats:
     return np.asarray(x / max(float(np.abs(x).max()), 1e-12))
 
 
+def _free_orders(windows: Sequence[Seen]) -> int:
+    """Return the highest order of the curve that is free: through two settings a line."""
+    return max(1, min(_ORDERS, len({each.setting for each in windows}) - 2))
+
+
 def _free_terms(walk: Walk, windows: Sequence[Seen], x: Floats) -> Floats:
     """Return the terms that the output may have of any size, a column each."""
-    orders = max(0, min(_ORDERS, len({each.setting for each in windows}) - 2))
+    orders = _free_orders(windows)
     terms = [x**order for order in range(orders + 1)]
     settings = walk.settings
     at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
@@ -160,7 +165,7 @@ def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) ->
     span_v = float(np.ptp(output))
     slope_v = abs(float(coefficients[1])) if free.shape[1] > 1 else 0.5 * span_v
     total = np.diag(_own_variances(walk, windows, slope_v * np.abs(x)))
-    orders = max(0, min(_ORDERS, len({each.setting for each in windows}) - 2))
+    orders = _free_orders(windows)
     sizes = [min(abs(float(each)), _MOST_BENT * span_v) for each in coefficients[: orders + 1]]
     for order in range(orders + 1, _HIGHEST + 1):
         below = sizes[order - 2] if order >= 2 and order - 2 > 1 else _MOST_BENT * span_v

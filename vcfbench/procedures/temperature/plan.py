@@ -57,6 +57,7 @@ from vcfbench.procedures.routines import (
     window_of,
 )
 from vcfbench.procedures.steady.walk import require_answer
+from vcfbench.procedures.steady.watched import watched
 from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
 
@@ -197,6 +198,19 @@ def _table_deg_s(settings: TemperatureSettings, sign: float) -> float | None:
 
 
 def _measured_there(settings: TemperatureSettings) -> Routine[None]:
+    yield from watched(settings, _chopped(settings))
+    if settings.station.oscilloscope is not None:
+        drive = settings.drive
+        expected = SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
+        yield CaptureSines((settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected)
+    if settings.split:
+        yield from sweep(settings.sweep)
+        yield DisableVvc()
+        yield ConfigureGenerator(0.0)
+        yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+
+
+def _chopped(settings: TemperatureSettings) -> Routine[None]:
     for _ in range(settings.cycles):
         previous, v_vc_v = 0.0, 0.0
         points: list[Point] = []
@@ -208,15 +222,6 @@ def _measured_there(settings: TemperatureSettings) -> Routine[None]:
             points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s)))
             previous = float(sign)
         require_answer(settings, points)
-    if settings.station.oscilloscope is not None:
-        drive = settings.drive
-        expected = SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
-        yield CaptureSines((settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected)
-    if settings.split:
-        yield from sweep(settings.sweep)
-        yield DisableVvc()
-        yield ConfigureGenerator(0.0)
-        yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
 
 
 def temperature_characteristics(settings: TemperatureSettings, found: TemperatureResult) -> Characteristics:
