@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
-__all__ = ["Clock", "Deadline", "PacedClock", "ScaledClock", "VirtualClock", "WallClock", "sleep", "utc_now", "within"]
-
 
 class Clock(Protocol):
     """Bench time in seconds since the clock was made."""

@@ -7,8 +7,6 @@ from typing import Any
 
 from vcfbench.errors import ConfigError
 
-__all__ = ["need"]
-
 
 def need(module: str, extra: str, what: str) -> Any:
     """Return the imported `module` of the extra `extra`, which is needed for `what`: ``an export to Parquet``.

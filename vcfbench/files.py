@@ -22,22 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
 
-__all__ = [
-    "DEEPEST",
-    "MOST_SETTINGS",
-    "MOST_TABLE",
-    "dotted",
-    "is_utf8",
-    "opened",
-    "parse_toml",
-    "read_file",
-    "read_text",
-    "shown",
-    "try_lock",
-    "unfit_numbers",
-    "unlock",
-]
-
 MOST_SETTINGS = 1 << 20
 """Bytes of a bench file, a profile or a fault script: the longest that come along have 10 kB."""
 MOST_TABLE = 1 << 28

@@ -21,35 +21,6 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Deadline
 
-__all__ = [
-    "AveragesWaveforms",
-    "BeginsReadings",
-    "CapturesWaveforms",
-    "ForcesTemperature",
-    "FunctionGenerator",
-    "Identity",
-    "Instrument",
-    "MeasuresWaveforms",
-    "Multimeter",
-    "Oscilloscope",
-    "PowerSupply",
-    "PowersRails",
-    "RateTable",
-    "ReadsAcVoltage",
-    "ReadsVoltage",
-    "Regulation",
-    "Rotates",
-    "SafeReport",
-    "SamplesVoltage",
-    "SetsSine",
-    "SetsVoltage",
-    "SwitchesOutput",
-    "TemperatureChamber",
-    "UnprovedCommand",
-    "Waveform",
-    "lacking",
-]
-
 
 class Identity(Struct, frozen=True):
     """Who answers: the four fields of ``*IDN?`` (empty where a dialect has none)."""

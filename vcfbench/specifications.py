@@ -14,26 +14,6 @@ from msgspec import Struct, field
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = [
-    "AGILENT_33220A",
-    "HP_34401A",
-    "KEITHLEY_2000",
-    "KEITHLEY_DMM6500",
-    "KEYSIGHT_33500B",
-    "KEYSIGHT_34461A",
-    "KEYSIGHT_34465A",
-    "KEYSIGHT_E3631A",
-    "KEYSIGHT_E36312A",
-    "ROOM_C",
-    "WORST_OF_CLASS",
-    "Accuracy",
-    "Assumed",
-    "LevelSpecification",
-    "SupplySpecification",
-    "VoltmeterSpecification",
-    "accuracy_at",
-]
-
 
 class Accuracy(Struct, frozen=True):
     """The largest error that is promised: a part of the reading and a part of the range."""

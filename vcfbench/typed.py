@@ -14,8 +14,6 @@ import msgspec
 if TYPE_CHECKING:
     from msgspec.json import Decoder
 
-__all__ = ["decoder_of", "typed"]
-
 _T = TypeVar("_T")
 _ONE_AT_A_TIME: Final = RLock()
 """Entered again by who converts while a struct is made."""

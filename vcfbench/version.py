@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["installed_version"]
-
 
 def installed_version() -> str:
     """Return the version, ``0+unknown`` of a source tree that was only put on the path."""

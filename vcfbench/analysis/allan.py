@@ -21,24 +21,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "BIAS_INSTABILITY_FACTOR",
-    "AllanPoint",
-    "Estimator",
-    "Noise",
-    "ReadOff",
-    "allan_deviation",
-    "averaging_factors",
-    "confidence_interval",
-    "deviation",
-    "equivalent_dof",
-    "ieee952_uncertainty",
-    "modified_deviation",
-    "overlapping_deviation",
-    "plain_deviation",
-    "read_off",
-]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 BIAS_INSTABILITY_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)

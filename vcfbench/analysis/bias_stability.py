@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.analysis.allan import AllanPoint
     from vcfbench.analysis.sampling import Sampling
 
-__all__ = ["BiasStability", "bias_stability"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 

@@ -24,25 +24,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = [
-    "Budget",
-    "Contribution",
-    "Correlations",
-    "Distribution",
-    "Model",
-    "Result",
-    "Source",
-    "check_sources",
-    "correlated_groups",
-    "cos",
-    "coverage_factor",
-    "evaluate",
-    "exp",
-    "log",
-    "sin",
-    "sqrt",
-]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _ONLY_DERIVATIVES = 1.0

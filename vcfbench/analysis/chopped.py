@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["CHOPPED", "DIFFERENCES", "Block", "BlockNoise", "block_noise", "polynomial_through_zero"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 CHOPPED = (0, 1, -1, -1, 1, 0)

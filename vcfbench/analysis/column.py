@@ -9,8 +9,6 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from vcfbench.analysis.symmetry import Pair
 
-__all__ = ["CalibrationColumn", "CubicFit", "Nonlinearity", "Quantity", "TypeA"]
-
 
 class Quantity(Struct, frozen=True):
     """A measured value with its combined standard uncertainty `u`, both in `unit`."""

@@ -11,8 +11,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from vcfbench.analysis.budget import Result
 
-__all__ = ["Conformity", "conformity", "e_n", "e_n_of_difference"]
-
 
 class Conformity(Enum):
     """What may be said about a limit, given the uncertainty."""

@@ -9,8 +9,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["cusum", "recursive_residuals"]
-
 
 def recursive_residuals(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far each result after the first, (n,), is from what those before it predict, in units of its own u.

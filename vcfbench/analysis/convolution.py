@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.budget import Result, Source
 
-__all__ = ["convolved_coverage_factor"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _CELLS = 3**8

@@ -16,8 +16,6 @@ from typing import NoReturn
 
 from vcfbench.errors import ConfigError
 
-__all__ = ["POINT_COLUMNS", "RATE_COLUMN", "Series", "decode", "parse_table"]
-
 RATE_COLUMN = "rate_deg_s"
 POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
 """Header of a record's ``points.csv``."""

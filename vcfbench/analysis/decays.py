@@ -18,8 +18,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Decay", "fit_decays", "fit_release"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 Complexes: TypeAlias = "NDArray[np.complex128]"
 

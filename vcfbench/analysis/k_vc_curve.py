@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Curvature", "KVcCurve", "coefficient_weights", "covariance_of", "covariance_parts", "fit_k_vc_curve"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _ROUNDS = 50

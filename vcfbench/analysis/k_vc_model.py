@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["QUANTITIES", "Gyroscope", "change_ppm", "sensitivities"]
-
 _TURN = 2.0 * math.pi
 
 

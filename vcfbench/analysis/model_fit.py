@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["ModelFit", "fit_model", "propagated"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FLICKER_FLOOR", "Demodulated", "demodulated", "flicker_share", "static_response"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 ORDERS = (1, 2, 3)

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.budget import Correlations, Model, Result, Source
 
-__all__ = ["Agreement", "Propagated", "agreement", "propagate"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 

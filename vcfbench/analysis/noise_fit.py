@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from vcfbench.analysis.allan import AllanPoint
     from vcfbench.analysis.sampling import Sampling
 
-__all__ = ["Coefficients", "NoiseFit", "NoiseTerm", "Term", "fit_noise", "fit_shown_noise"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _ROUNDS = 4

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.regression import LineFit
 
-__all__ = ["DEFINITIONS", "PAPER_DECIMALS", "READING_FLOOR_DEG_S", "best_straight_line", "nonlinearity_ppm"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 READING_FLOOR_DEG_S = 10.0

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["CorrelatedSquares", "PhaseNoise", "correlated_squares"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _SINGLY = 16384

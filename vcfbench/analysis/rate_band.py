@@ -22,19 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "BandPoint",
-    "Known",
-    "RateBand",
-    "Tone",
-    "fit_rate_band",
-    "fit_tone",
-    "response_phase_deg",
-    "split_guess_hz",
-    "split_response",
-    "true_spacing_s",
-]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _BINS = range(2, 9)

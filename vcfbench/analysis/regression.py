@@ -17,8 +17,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["LineFit", "Polynomial", "durbin_watson", "fit_line", "fit_polynomial", "sign_runs", "slope"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _LARGEST = 1e100

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Rotation", "fit_rotation", "reference_phase"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _ROUNDS = 30

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.regression import LineFit
 
-__all__ = ["line_so_far"]
-
 _LEAST_RATES = 3
 """Through two rates every line goes: its residuals say nothing."""
 

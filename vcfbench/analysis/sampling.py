@@ -20,8 +20,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Sampling", "block_means", "deviation_factor"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _SUMMED = 1024

@@ -17,8 +17,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["PhaseDifference", "Sine", "fit_sine", "fit_sine_at", "phase_difference", "spectral_peak_hz"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _ROUNDS = 30

@@ -16,8 +16,6 @@ from vcfbench.analysis.regression import checked_points
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-__all__ = ["Pair", "sign_pairs"]
-
 
 class Pair(Struct, frozen=True):
     """What the points at +`rate_deg_s` and -`rate_deg_s` say together."""

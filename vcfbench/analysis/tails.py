@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from statistics import NormalDist
 
-__all__ = ["f_is_improbable", "f_tail", "t_of_largest", "t_quantile", "t_tail"]
-
 _TINY = 1e-300
 _ENOUGH = 1e-14
 _CLEARLY = 1e-6

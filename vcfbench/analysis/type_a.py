@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from vcfbench.analysis.noise_fit import NoiseFit
     from vcfbench.analysis.sampling import Sampling
 
-__all__ = ["TypeAUncertainty", "u_of_combination", "u_of_mean", "u_of_mean_within"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 

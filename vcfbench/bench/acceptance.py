@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import Limit
     from vcfbench.record.schema import Point
 
-__all__ = ["Acceptance", "HasAcceptanceU95", "HasAcceptanceValues", "Verdict", "judged"]
-
 
 class Verdict(Struct, frozen=True):
     """One limit and its result; `value` is None where the result could not be computed, which does not pass.

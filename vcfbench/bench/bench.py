@@ -41,8 +41,6 @@ if TYPE_CHECKING:
         TemperatureChamber,
     )
 
-__all__ = ["Bench", "open_bench"]
-
 
 class Bench(Struct, frozen=True, eq=False):
     """The instruments of an open bench by role, each within the bench's limits.

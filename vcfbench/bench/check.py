@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from vcfbench.interfaces import Identity, Instrument, RateTable, SafeReport
     from vcfbench.record.metadata import Equipment
 
-__all__ = ["BenchCheck", "CheckedInstrument", "check_bench"]
-
 
 @dataclass(frozen=True, slots=True)
 class CheckedInstrument:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.parts import LimitKey, Node
 
-__all__ = ["invalid_values"]
-
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
 _MOST_DRAWN = 10.0

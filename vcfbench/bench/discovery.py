@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
-__all__ = ["DiscoveredInstrument", "Discovery", "SerialPort", "discover", "places", "recognise", "stanza", "taken_over"]
-
 _REAL = "@py"
 _SOCKET = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d+)::SOCKET", re.IGNORECASE)
 _GRACE_S = 2.0

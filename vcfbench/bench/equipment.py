@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.interfaces import Identity
 
-__all__ = ["calibration_words", "equipment_on", "overdue_words"]
-
 
 def equipment_on(
     day: date, description: BenchDescription, roles: Collection[str], identities: Mapping[str, Identity]

@@ -17,8 +17,6 @@ from vcfbench.models import resolve
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["EMBEDDED", "checked_bench", "described", "embedded_text", "load_bench", "parse_bench", "template"]
-
 EMBEDDED = ("paper", "lab", "ideal")
 """Names of the benches that come with the package, usable in place of a file."""
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.watchdog import Watchdog
     from vcfbench.interfaces import SafeReport
 
-__all__ = ["Holding", "SignalWatch"]
-
 _LEFT_TO_PYTHON: Final = ("SIGTERM", "SIGHUP", "SIGBREAK")
 """What ends a Python program at once, without a word to anybody."""
 

@@ -11,8 +11,6 @@ from vcfbench.bench.bounds import LEAST
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["InvalidValue", "lost_digits", "turned_windows"]
-
 
 class InvalidValue(Struct, frozen=True):
     """A value that cannot be, or that contradicts another: its key path, what was expected there and what came."""

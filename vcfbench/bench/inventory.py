@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
 
-__all__ = ["InventoryRow", "inventory"]
-
 
 @dataclass(frozen=True, slots=True)
 class InventoryRow:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.strict import Keys, Naming
 
-__all__ = ["Layer", "chosen_settings", "keys_of", "merged", "named", "setting_keys", "shared_layer", "shared_settings"]
-
 S = TypeVar("S", bound=ProcedureSettings)
 
 

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
         UnprovedCommand,
     )
 
-__all__ = ["LimitChecks", "LimitedChamber", "LimitedGenerator", "LimitedRateTable", "LimitedSupply", "driver_of"]
-
 
 class LimitChecks(Struct, frozen=True):
     """The limits of a bench as questions: each raises LimitError for a value that leaves one, or is not a number.

@@ -28,8 +28,6 @@ from vcfbench.files import try_lock, unlock
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["InUse", "LockUnusable", "instrument_locks", "lock_directory", "lock_path"]
-
 _VARIABLE: Final = "VCFBENCH_LOCKS"
 _SHARED: Final = ("/run/lock", "/var/lock", "/tmp")  # noqa: S108  # made for this; what others lay there is refused
 _FLAGS: Final = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)

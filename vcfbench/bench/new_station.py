@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
 
-__all__ = ["DEFAULT_LIMITS", "Draft", "filled_template"]
-
 DEFAULT_LIMITS: Final[Mapping[str, float]] = {
     "max_rate_deg_s": 300.0,
     "max_acceleration_deg_s2": 200.0,

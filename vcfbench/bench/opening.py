@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.station import UnopenedBench
     from vcfbench.interfaces import Identity, Instrument
 
-__all__ = ["open_role"]
-
 
 def open_role(
     role: str, description: BenchDescription, stand: UnopenedBench, **more: Any

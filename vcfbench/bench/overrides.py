@@ -15,8 +15,6 @@ from vcfbench.typed import typed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["invalid_overrides", "overridden", "part_way"]
-
 T = TypeVar("T")
 
 _LEAST, _MOST = 1e-30, 1e30

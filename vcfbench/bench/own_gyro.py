@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["data_sheet", "own_gyro_bench"]
-
 _LATITUDE_DEG = 37.9
 _USUAL_SPLIT_HZ = 24.8
 _AT_THE_PEAK_V = 5.0

@@ -27,19 +27,6 @@ from vcfbench.bench.bounds import (
 )
 from vcfbench.errors import LimitError
 
-__all__ = [
-    "AcceptanceLimits",
-    "BenchFileTable",
-    "Expected",
-    "LimitKey",
-    "Limits",
-    "Node",
-    "OscilloscopeWiring",
-    "RailWiring",
-    "SupplyOutput",
-    "Window",
-]
-
 Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative"]
 SupplyOutput = Literal["P6V", "P25V", "N25V"]
 Window = tuple[float, float]

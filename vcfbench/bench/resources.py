@@ -20,8 +20,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["require_apart", "resource_key"]
-
 
 def require_apart(resources: Mapping[str, str]) -> None:
     """Check that no two roles have one instrument, under whatever names; `resources` are names by role.

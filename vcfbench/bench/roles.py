@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.interfaces import FunctionGenerator, Instrument, PowerSupply, RateTable, TemperatureChamber
 
-__all__ = ["ROLES", "STILL_DEG_S", "Role", "absent", "filled_roles", "needed_roles", "require_still", "safe_action"]
-
 STILL_DEG_S = 0.05
 """A read-back below this is a table at rest: above the flutter of any read-back, below any rate worth the name."""
 

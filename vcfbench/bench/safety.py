@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Instrument, UnprovedCommand
 
-__all__ = ["LeaveNow", "SafeAction", "SafetyStack", "Stage", "not_safe"]
-
 _TELLING_S = 0.45
 """Wall time in which all are told."""
 _TURN_S = 0.1

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.line import TableLine
     from vcfbench.drivers.session import Session
 
-__all__ = ["MadeSafe", "Safed", "safe_bench"]
-
 _LOOK_S: Final = 0.25
 """How long a look at what is on may keep the words that switch it off."""
 _HURRY_S: Final = 0.5

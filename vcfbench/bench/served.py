@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.models import Wire
     from vcfbench.sim.serve import Control, RemoteClock, ServedBench, ServedClock
 
-__all__ = ["Lockstep", "LockstepClock", "build_served", "lockstep_bench", "on_wires", "served_places"]
-
 _CONTROL = "control port"
 
 

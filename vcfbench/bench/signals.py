@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
 
-__all__ = ["ControlClock", "Interrupted", "StopSignals"]
-
 _T = TypeVar("_T")
 
 _WATCHED = (

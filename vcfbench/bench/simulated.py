@@ -34,19 +34,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.sources import Drive, Played
     from vcfbench.sim.world import World
 
-__all__ = [
-    "SimulatedBench",
-    "chosen_seed",
-    "instrument_errors",
-    "named_parameters",
-    "physical_parameters",
-    "profile_twin",
-    "table_language",
-    "true_output",
-    "twins",
-]
-
-
 _STREAMS = {
     "world": 0,
     "power": 1,

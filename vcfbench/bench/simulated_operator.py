@@ -9,8 +9,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.bench import Bench
 
-__all__ = ["simulated_operator"]
-
 
 class _Request(Protocol):
     """What is asked for, as :class:`vcfbench.plans.step.Request` says it."""

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.simulated import SimulatedBench
     from vcfbench.clock import Clock
 
-__all__ = ["Builder", "UnopenedBench", "checked_pace", "require_instruments_apart", "station", "table_port"]
-
 FASTEST = "max"
 SLOWEST = 0.001
 

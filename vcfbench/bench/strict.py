@@ -20,8 +20,6 @@ from vcfbench.typed import typed
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["Keys", "Naming", "converted", "expectation", "refusal", "unknown_key", "words"]
-
 Keys = tuple[str | int, ...]
 Naming = Callable[[Keys], str]
 """Says where a key stands, for errors: ``station.toml: procedure.samples``."""

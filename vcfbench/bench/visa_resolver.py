@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.device import Device
 
-__all__ = ["resolve"]
-
-
 _OPTIONS = ("speed", "seed", "name")
 
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
 
-__all__ = ["BEAT_S", "Watchdog"]
-
 BEAT_S: Final = 0.25
 """From one sign of life to the next, wall time."""
 _STARTING_S: Final = 10.0

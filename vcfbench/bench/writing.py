@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
 
-__all__ = ["bench_text", "table_text", "value_text"]
-
 
 def bench_text(description: BenchDescription) -> str:
     """Return the bench file of `description`: every key, defaults included; of ``[procedure]`` what was given."""

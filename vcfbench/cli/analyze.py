@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
 
-__all__ = ["analyze"]
-
 _UNBOUNDED = 1000
 """Columns of a pipe or a file: nothing is folded there."""
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Report
 
-__all__ = ["answer", "given", "print_json", "print_report", "print_verdicts"]
-
 _NARROWEST: Final = 40
 """A terminal that says it is narrower, or nothing of its size, gets lines of so many characters."""
 

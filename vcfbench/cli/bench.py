@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.check import BenchCheck, CheckedInstrument
     from vcfbench.bench.description import BenchDescription
 
-__all__ = ["app"]
-
 _CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificate", "overdue")
 
 app = typer.Typer(no_args_is_help=True, help="Make, show and check a bench.")

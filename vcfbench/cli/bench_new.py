@@ -13,9 +13,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from vcfbench.bench.new_station import Draft
 
-__all__ = ["new"]
-
-
 File_ = Annotated[
     Path, typer.Argument(metavar="FILE", help="Where the bench file goes. A file there is not overwritten.")
 ]

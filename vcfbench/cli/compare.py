@@ -10,8 +10,6 @@ import typer
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.completion import run_names
 
-__all__ = ["compare"]
-
 
 def compare(
     runs: Annotated[

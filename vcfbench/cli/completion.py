@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["device_names", "role_names", "run_names"]
-
 
 def role_names(ctx: Any, incomplete: str) -> list[tuple[str, str]]:
     """Return the roles of the bench that the command line names so far, with what fills them."""

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from vcfbench.runs.expected import Expectation
     from vcfbench.runs.run import Run
 
-__all__ = ["RunOptions", "conduct", "resume"]
-
 _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
 """Terminals on which nothing can be drawn in place, by the name that they give themselves."""
 

@@ -14,8 +14,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from vcfbench.record.devices import Certificate, Device, DeviceStore, Entry
 
-__all__ = ["device"]
-
 _COLUMNS = (
     *("entry", "kind", "done", "scale_factor_v_per_deg_s", "u_scale_factor", "bias_v", "u_bias_v"),
     *("nonlinearity_ppm", "drift_ppm", "u_drift_ppm", "e_n", "cusum", "verdict"),

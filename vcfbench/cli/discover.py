@@ -12,8 +12,6 @@ from vcfbench.errors import BenchError
 if TYPE_CHECKING:
     from vcfbench.bench.discovery import DiscoveredInstrument, Discovery
 
-__all__ = ["discover"]
-
 
 def discover(
     library: Annotated[str, typer.Option("--library", help="PyVISA library; @vcfbench is simulated.")] = "@py",

@@ -25,17 +25,6 @@ if TYPE_CHECKING:
     from types import FrameType, TracebackType
     from typing import Self, TextIO
 
-__all__ = [
-    "SignalsWithoutBench",
-    "Stopped",
-    "discard_stdout",
-    "ending_of",
-    "open_streams",
-    "say",
-    "terminal_gone",
-    "usage_of",
-]
-
 _WATCHED: Final = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 _SAYING_S: Final = 2.0
 """How long a terminal or pipe may take for the last words, before they go elsewhere."""

@@ -15,8 +15,6 @@ from vcfbench.errors import BenchError, ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Interview", "day", "number", "pair", "say", "written_anew", "yes_or_no"]
-
 _T = TypeVar("_T")
 
 

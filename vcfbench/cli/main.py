@@ -24,9 +24,6 @@ from vcfbench.errors import BenchError, NotSafe
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["app", "main"]
-
-
 COMMANDS = {
     "resume": "Go on with a run that failed, or was stopped or killed.",
     "report": "Write the report of a run as one file.",

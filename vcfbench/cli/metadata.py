@@ -9,8 +9,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-__all__ = ["METADATA_OPTIONS", "metadata_options", "tags_of"]
-
 METADATA_OPTIONS = ("dut", "operator", "note", "tag", "ambient_temperature_c", "humidity_percent")
 """Names of the options of ``vcfbench run`` that only the record is told."""
 

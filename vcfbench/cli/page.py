@@ -10,8 +10,6 @@ import typer
 
 from vcfbench.cli.ending import Stopped
 
-__all__ = ["page"]
-
 _PORT = 8330
 
 

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
     from vcfbench.plans.step import Operator, Request
 
-__all__ = ["at_the_terminal"]
-
 
 def at_the_terminal(signals: StopSignals, *, yes: bool) -> Operator | None:
     """Return who does what hands must do on a real bench; None where nobody can be asked.

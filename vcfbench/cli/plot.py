@@ -9,8 +9,6 @@ import typer
 
 from vcfbench.cli.completion import run_names
 
-__all__ = ["plot"]
-
 
 def plot(
     run: Annotated[

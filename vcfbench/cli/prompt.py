@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-__all__ = ["history"]
-
 
 @contextmanager
 def history(name: str, candidates: Callable[[], Sequence[str]] = list) -> Iterator[None]:

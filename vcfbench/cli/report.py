@@ -10,8 +10,6 @@ import typer
 from vcfbench.cli.completion import run_names
 from vcfbench.errors import ConfigError
 
-__all__ = ["report"]
-
 
 def report(
     run: Annotated[

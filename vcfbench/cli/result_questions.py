@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.new_station import Draft
     from vcfbench.cli.interview import Interview
 
-__all__ = ["put_number", "put_text", "results"]
-
 _NONE = "none"
 
 

@@ -20,8 +20,6 @@ from vcfbench.cli.run import (  # typer reads them in the signature
 )
 from vcfbench.cli.tracing import Trace_, tracing
 
-__all__ = ["resume"]
-
 
 def resume(
     run: Annotated[

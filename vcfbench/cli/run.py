@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.keys import SettableKey
     from vcfbench.procedures.procedure import AnyProcedure
 
-__all__ = ["app"]
-
 
 class Procedures(TyperGroup):
     """The group of procedures; an unknown one is answered with the list of those that there are."""

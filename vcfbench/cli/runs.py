@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.runs.run import Run
     from vcfbench.runs.summary import RunSummary
 
-__all__ = ["app"]
-
 app = typer.Typer(no_args_is_help=True, help="List and show records.")
 
 Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")]

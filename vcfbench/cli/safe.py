@@ -15,8 +15,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from vcfbench.bench.safing import MadeSafe
 
-__all__ = ["safe"]
-
 
 def safe(
     bench: Annotated[

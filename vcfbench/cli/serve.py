@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.sim.serve import BenchServer, Offer, Rs232, ServerSettings
 
-__all__ = ["ctl", "register", "serve"]
-
 _CONTROL_PORT = 20220
 _CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
 

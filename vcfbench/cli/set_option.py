@@ -11,8 +11,6 @@ from vcfbench.files import dotted, is_utf8, parse_toml
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping
 
-__all__ = ["asked_by_command"]
-
 
 def asked_by_command(
     given: Iterable[str],

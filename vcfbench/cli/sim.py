@@ -14,8 +14,6 @@ from vcfbench.cli.sim_new import new
 if TYPE_CHECKING:
     from vcfbench.bench.inventory import InventoryRow
 
-__all__ = ["app"]
-
 app = typer.Typer(
     no_args_is_help=True, help="Show the simulated bench, give it your own gyroscope, serve and control it."
 )

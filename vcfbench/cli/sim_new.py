@@ -14,8 +14,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["new"]
-
 
 class Imperfections(StrEnum):
     """How good gyroscope, PCB and instruments are."""

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.new_station import Draft
     from vcfbench.cli.interview import Interview
 
-__all__ = ["DiscoveryOptions", "interviewed"]
-
 _NONE = "none"
 _USUAL = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
 """Roles that are asked for when nothing was found for them."""

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.studies.conduct import Plan, Progress, StudyOptions
     from vcfbench.studies.result import StudyResult
 
-__all__ = ["study"]
-
 
 def study(
     file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="The study: procedure, bench, seeds, what varies.")],

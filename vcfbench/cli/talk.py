@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.console import Console
 
-__all__ = ["talk"]
-
 _HELP = """\
 Each line is sent as typed. What would leave the limits of the bench file is refused before it is sent.
 .wait SECONDS   let bench time pass

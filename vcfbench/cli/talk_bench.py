@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
     from vcfbench.runs.by_hand import ByHand
 
-__all__ = ["talk_to_bench"]
-
 _OWN = ("help", "quit")
 
 

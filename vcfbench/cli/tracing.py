@@ -11,8 +11,6 @@ import typer
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-__all__ = ["Trace_", "tracing"]
-
 Trace_ = Annotated[
     Path | None,
     typer.Option("--trace", metavar="FILE", help="Write every byte to and from the instruments to FILE."),

@@ -22,8 +22,6 @@ from vcfbench.clock import WallClock, sleep
 if TYPE_CHECKING:
     from vcfbench.bench.safing import MadeSafe
 
-__all__ = ["main"]
-
 _TURN_S: Final = 0.1
 _SILENT_TURNS: Final = 20
 """Turns without a sign of life after which the program hangs: what stops the whole computer stops turns too."""

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.session import Session
     from vcfbench.interfaces import SafeReport
 
-__all__ = ["Agilent33220A"]
-
 MAX_V = 10.0
 """Into an open circuit |offset| + amplitude / 2 may be 10 V (guide p. 60)."""
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
     from vcfbench.interfaces import SafeReport
 
-__all__ = ["TemptronicATS545"]
-
 _FLOW = 1 << 5
 """AUXC?: air flows."""
 _HEAD_UP = 1 << 2

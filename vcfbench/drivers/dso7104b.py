@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.session import Session
     from vcfbench.interfaces import SafeReport
 
-__all__ = ["Dso7104B", "Preamble"]
-
 CHANNELS: Final = (1, 2, 3, 4)
 
 _HOLE, _CLIPPED_LOW = 0, 1

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Deadline
 
-__all__ = ["E36312A"]
-
 
 class E36312A(E3631A):
     """Every output has a switch of its own; those that nobody configured are left off."""

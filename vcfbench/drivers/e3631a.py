@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.session import Session
     from vcfbench.interfaces import SafeReport
 
-__all__ = ["E3631A", "OUTPUTS", "Output"]
-
 
 class Output(Struct, frozen=True):
     """One of the three outputs: its number and what can be programmed, V and A (guide p. 91)."""

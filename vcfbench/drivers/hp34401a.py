@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.session import Session
     from vcfbench.interfaces import SafeReport
 
-__all__ = ["Hp34401A"]
-
 _LONGEST_DELAY_S = 3600.0
 """Trigger delay between readings (guide p. 80)."""
 _TRANSFER_S = 0.02

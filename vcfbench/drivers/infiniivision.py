@@ -10,8 +10,6 @@ from typing import ClassVar, Self
 
 from vcfbench.drivers.dso7104b import Dso7104B
 
-__all__ = ["InfiniiVisionX"]
-
 
 class InfiniiVisionX(Dso7104B):
     """An oscilloscope of the X series, made by :meth:`of_model`; of a mixed-signal one its analog channels."""

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Deadline
 
-__all__ = ["Keithley2000", "KeithleyDMM6500"]
-
 _LONGEST_DELAY_S = 999_999.999
 _OVERHEAD_S = 0.05
 """Settling, conversion and transfer of a reading (chosen)."""

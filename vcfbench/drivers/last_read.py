@@ -9,8 +9,6 @@ from vcfbench.interfaces import UnprovedCommand
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
 
-__all__ = ["LastRead"]
-
 
 class LastRead:
     """The last read-back of one instrument."""

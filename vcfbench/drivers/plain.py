@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.session import Session
     from vcfbench.interfaces import Instrument
 
-__all__ = ["Plain", "PlainLine", "PlainSession", "PlainTable", "plain"]
-
 _COMMAND_S = 0.5
 """What a table that answers commands at all takes to begin with it, s."""
 

@@ -15,24 +15,6 @@ from vcfbench.errors import FramingError, MeasurementError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = [
-    "ANY_NUMBER",
-    "OVERLOAD",
-    "NumberForm",
-    "block_length",
-    "boolean",
-    "error_entry",
-    "identity_fields",
-    "integer",
-    "is_whole",
-    "nr3",
-    "number",
-    "numbers",
-    "quoted",
-    "reading",
-    "text",
-]
-
 OVERLOAD = 9.9e37
 """From this magnitude on a number means "no value" (SCPI-99 vol. 1, 7.2.1.4: 9.9E37 infinity, 9.91E37 not a number)."""
 

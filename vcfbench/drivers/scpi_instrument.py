@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.session import Session
     from vcfbench.drivers.visa_wire import SerialParameters
 
-__all__ = ["ScpiInstrument", "VisaSettings", "decimal", "require_within", "safely"]
-
 _RETURN_S = 3.0
 """Wall time for which a connection that is gone is tried again and again: it may come back."""
 _BETWEEN_S = 0.2

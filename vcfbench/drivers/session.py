@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.visa_wire import SerialParameters
     from vcfbench.drivers.wire import Interface, Wire
 
-__all__ = ["SerialLine", "Session", "open_session"]
-
 _T = TypeVar("_T")
 
 _LONGEST_LINE = 4_194_304

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock, Deadline
     from vcfbench.drivers.wire import Interface, Wire
 
-__all__ = ["HEADER", "TraceLine", "TracedWire", "escaped", "tapping", "traced", "unescaped"]
-
 HEADER = "# vcfbench trace 1"
 _PLAIN = re.compile(rb"[ -\[\]-~]+")
 _NAMED = {b"\n": "\\n", b"\r": "\\r", b"\t": "\\t", b"\\": "\\\\"}

@@ -15,8 +15,6 @@ from vcfbench.drivers.agilent33220a import OPEN_OHM, Agilent33220A
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
 
-__all__ = ["Trueform"]
-
 
 class Trueform(Agilent33220A):
     """A generator of the series, of which the first channel drives V_Vc; a second one is never spoken to."""

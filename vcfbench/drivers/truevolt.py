@@ -14,8 +14,6 @@ from vcfbench.drivers.hp34401a import Hp34401A
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Keysight34461A", "Keysight34465A"]
-
 
 class Keysight34461A(Hp34401A):
     """The 34461A: every function has an autozero of its own (guide, Agilent's edition, p. 223)."""

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
     from vcfbench.drivers.wire import Interface, Wire
 
-__all__ = ["SerialParameters", "SocketWire", "VisaWire", "open_wire"]
-
 _CHUNK = 65_536
 _BIG_CHUNK = 1 << 20
 """What VISA is asked for after a full chunk: a waveform is under way. Such a buffer costs more than a short answer."""

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Literal, Protocol
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
 
-__all__ = ["Interface", "Wire"]
-
 Interface = Literal["gpib", "usb", "instr", "socket", "asrl", "serial"]
 
 

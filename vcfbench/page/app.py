@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from vcfbench.page.station import StationDirectories
     from vcfbench.page.view import View
 
-__all__ = ["LIVE", "PageContent", "application"]
-
 LIVE: Final = "live"
 """The name of the run of this process."""
 

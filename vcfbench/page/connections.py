@@ -7,8 +7,6 @@ from typing import Any, Final
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-__all__ = ["BoundedConnection"]
-
 _MOST: Final = 64
 """Connections at a time: 32 browsers that follow a run, and what they load besides."""
 _ASKING_S: Final = 5.0

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.executor import Event
     from vcfbench.runs.asked import Beginning
 
-__all__ = ["JournalFollower", "RunFollower"]
-
 _AT_ONCE = 1 << 22
 """Bytes of a journal that are read at once: a long one must not hold up who looks at another."""
 

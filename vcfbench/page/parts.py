@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     from vcfbench.report.document import Part, Report
     from vcfbench.runs.run import Run
 
-__all__ = ["end_of", "parts_of"]
-
 
 def parts_of(report: Report) -> list[dict[str, Any]]:
     """Return the parts one after the other; numbers of tables as they are printed, those of figures as they are."""

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.runs.asked import Beginning
     from vcfbench.runs.run import Run
 
-__all__ = ["LOOPBACK", "LivePage", "serve_station"]
-
 LOOPBACK: Final = "127.0.0.1"
 _WHAT: Final = "the page in a browser"
 _PARTING_S: Final = 1.5

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.record.devices import Entry
 
-__all__ = ["StationDirectories"]
-
 _MOST_RUNS: Final = 500
 _KEY_VALUES: Final = 3
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Step, StepResult
     from vcfbench.record.schema import Point
 
-__all__ = ["BrowserPosition", "View"]
-
 
 @dataclass(slots=True)
 class BrowserPosition:

@@ -18,8 +18,6 @@ from vcfbench.typed import typed
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["Recorded", "result_of", "step_of"]
-
 _T = TypeVar("_T")
 
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import DriveWindow, ProcedureSettings
     from vcfbench.plans.step import Routine
 
-__all__ = ["check_drive", "one_two_five"]
-
 _DRIVE_STEADY = 0.03
 """Two looks at the drive's amplitude that differ by less, relative, are the same: somewhat above what 8 bit resolve."""
 _DRIVE_INTERVAL_S = 0.5

@@ -26,19 +26,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import OpenBench, Operator, Plan, Reading, Routine, Step, StepResult
     from vcfbench.record.schema import Point
 
-__all__ = [
-    "Event",
-    "Execution",
-    "Executor",
-    "Observer",
-    "ReadingTaken",
-    "StepFailed",
-    "StepFinished",
-    "StepJournal",
-    "StepStarted",
-]
-
-
 _AGAIN = "starting up again"
 
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["Foreseen", "Measured", "Readings", "WindowReadings"]
-
 _Found = TypeVar("_Found", bound=StepResult)
 _Mark = TypeVar("_Mark", bound=Step)
 _Lines = Callable[[], Iterable[Mapping[str, Any]]]

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Outcome, Plan, Routine
     from vcfbench.record.journal import JournalRecord
 
-__all__ = ["TakenOver", "is_left", "rest_of", "start_up_again", "taken_over"]
-
 _LOOKS_AT_DRIVE = (ConfigureScope, FindDrive, MeasureDrive)
 _COMES_TO_REST = {Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, DisableVvc, DisableSupply}
 """A plan that asks for no other steps any more does nothing but what making safe has done."""

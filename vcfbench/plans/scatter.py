@@ -21,8 +21,6 @@ from vcfbench.analysis.tails import f_is_improbable, t_tail
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["FALSE_ALARM", "NoiseSeen", "Scatter"]
-
 FALSE_ALARM = 1e-9
 """How probable it may be that one test refuses a window whose noise is Gaussian and stationary.
 

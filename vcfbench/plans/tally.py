@@ -10,8 +10,6 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Tally"]
-
 
 class Tally(Struct):
     """Sums over chunks of readings: those within a chunk exact, chunks joined without a difference of large numbers.

@@ -53,8 +53,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
     from vcfbench.record.devices import Characteristics
 
-__all__ = ["BANDWIDTH", "Bandwidth", "BandwidthSettings", "at_rest", "results", "sweep"]
-
 _TIME_BASE = 20e-6
 """33220A: frequency within 20 ppm a year (data sheet, unverified), rectangular."""
 _DRIVE_RECORDS = 8

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.procedure import AnyProcedure
 
-__all__ = ["BUILT_IN", "PROCEDURES", "Catalogue", "is_file", "procedure"]
-
 _GROUP = "vcfbench.procedures"
 
 BUILT_IN = {

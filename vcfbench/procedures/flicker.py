@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import Sources
     from vcfbench.record.devices import DeviceStore
 
-__all__ = ["KnownFlickerSettings", "flicker_sources", "with_flicker"]
-
 
 class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
     """What procedures are told whose budgets have the flicker of the device."""

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.devices import Characteristics, NewEntry
 
-__all__ = ["Keeps", "KeptSettings", "require_room"]
-
 
 class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
     """What procedures are told that keep what they find of a device."""

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import ProcedureSettings
 
-__all__ = ["SettableKey", "settable_keys"]
-
 
 class SettableKey(Struct, frozen=True):
     """One key: `path` as ``--set`` takes it, `default` in TOML (empty when it has none), and what is said of it.

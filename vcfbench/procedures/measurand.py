@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Cell
 
-__all__ = ["Measurand", "UncertaintyPart", "measurand"]
-
 _PREVAILS = 0.05
 """Part of the variance from which on a rectangle shows in U95; below, the sum is as normal as can be told."""
 _ROUNDING = 1e-9

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.procedure import AnyProcedure
 
-__all__ = ["file_of", "mistake_in", "mistake_of", "procedure_in"]
-
 _OURS = str(Path(__file__).parents[1])
 
 

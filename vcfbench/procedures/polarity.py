@@ -54,8 +54,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = ["POLARITY", "PolarityResult", "PolaritySettings", "Sign", "polarity"]
-
 AT_REST, TURNED, DRIVEN = 1, 2, 3
 """The steps, as in its points: at rest, on the table, with V_Vc."""
 

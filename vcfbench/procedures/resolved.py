@@ -15,8 +15,6 @@ from vcfbench.procedures.layers import layers_of, plain_settings
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
 
-__all__ = ["as_resolved", "resolved_text"]
-
 
 def resolved_text(description: BenchDescription) -> str:
     """Return the bench file of `description` with every key of ``[procedure]``, defaults included."""

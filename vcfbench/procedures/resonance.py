@@ -55,8 +55,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Context, Routine
     from vcfbench.record.devices import Characteristics
 
-__all__ = ["RESONANCE", "CaptureDecay", "ReleaseDrive", "ResonanceSettings", "Resonances", "combined"]
-
 _SENSE_RECORD, _DRIVE_RECORD = (0.05, 20_000), (0.02, 50_000)
 """Time base (s/div) and points of the records: half a second and a fifth."""
 _LARGEST_V = 10.0

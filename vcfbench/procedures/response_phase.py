@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Routine
 
-__all__ = ["PhasePoint", "measured_phases", "phase_channels", "phase_parts", "phases_of"]
-
 RECORDS = 4
 _PERIODS = 4.0
 """A record, at least."""

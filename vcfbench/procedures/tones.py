@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["HIGHEST_HZ", "NPLC", "SCOPE_TIME_BASE", "SLOW_BELOW_HZ", "sampled_every_s", "stands_off_mains"]
-
 NPLC = 0.2
 """Integration time of a reading, power-line cycles: ten, as elsewhere, would average the mode split away."""
 HIGHEST_HZ = 75.0

@@ -40,17 +40,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.sweep.found import SweepFound
     from vcfbench.record.schema import Point
 
-__all__ = [
-    "STEP",
-    "TURNTABLE",
-    "SweptTurntableResult",
-    "TurntableResult",
-    "table_sweep",
-    "turntable",
-    "turntable_report",
-    "turntable_results",
-]
-
 STEP = 1
 """The number that the points of this procedure carry: it has one step."""
 

@@ -63,8 +63,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Routine
 
-__all__ = ["VIBRATION", "VibrationResponse", "VibrationResult", "VibrationSettings", "vibration"]
-
 _STATIC = 1
 """The step of its points: V_Vc direct."""
 _LEAST_TONES = 3

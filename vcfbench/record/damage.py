@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-__all__ = ["first_damage", "own_readings"]
-
 _WINDOWS = frozenset({"Acquire", "AcquireGapless", "AcquireWithVvc"})
 """Kinds of steps whose point is the mean of their readings."""
 

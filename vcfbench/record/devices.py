@@ -26,33 +26,6 @@ from vcfbench.typed import typed
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = [
-    "FORMAT",
-    "Certificate",
-    "Characterisation",
-    "Characteristics",
-    "Conditions",
-    "CurveShare",
-    "Device",
-    "DeviceRecord",
-    "DeviceStore",
-    "Entry",
-    "KvcCurve",
-    "Measured",
-    "NewEntry",
-    "SelfCalibration",
-    "Sensitivity",
-    "Share",
-    "StaticNoise",
-    "failed_drifts",
-    "last_certificate",
-    "load_device",
-    "read_entry",
-    "require_serial",
-    "since_certificate",
-    "together",
-]
-
 FORMAT = 1
 """Version of the entries' layout; raised when a reader of the old one would misread the new one."""
 

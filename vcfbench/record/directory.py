@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-__all__ = ["RunDirectory", "began", "create_run", "find_run", "list_runs", "recorded_runs"]
-
 _STAMP = "%Y%m%dT%H%M%SZ"
 _STAMP_LENGTH = len("20260821T142530Z")
 _CLOCKS_DIFFER = timedelta(minutes=1)

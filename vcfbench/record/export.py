@@ -15,9 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.record.schema import Point
 
-__all__ = ["POINT_COLUMNS", "V_VC_COLUMNS", "point_columns", "points_csv", "write_result", "write_text"]
-
-
 POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
 """Columns of ``points.csv``, which ``vcfbench analyze`` reads back."""
 

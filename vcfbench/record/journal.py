@@ -32,19 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-__all__ = [
-    "Journal",
-    "JournalRecord",
-    "MemoryJournal",
-    "SimulatedJournal",
-    "append_line",
-    "being_written",
-    "lines_of",
-    "read_header",
-    "read_journal",
-    "read_start",
-]
-
 _EXPECTED = "the journal of a run"
 _LONGEST_LINE = 1 << 24
 """Bytes: a window of 100 000 readings, which format 1 wrote in one line, has some 5 MB."""

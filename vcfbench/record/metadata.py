@@ -20,8 +20,6 @@ from vcfbench.files import is_utf8
 from vcfbench.interfaces import Identity  # noqa: TC001 - msgspec reads it
 from vcfbench.record.plain import ReadOnly
 
-__all__ = ["Equipment", "RunMetadata", "equipment_of", "metadata_from", "metadata_of"]
-
 _LINE: Final = 200
 _NOTE: Final = 10_000
 _MOST_TAGS: Final = 100

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-__all__ = ["ListedMetadata", "Mark", "Outline", "outline_of"]
-
 
 class Mark(Struct, frozen=True, gc=False):
     """What tells the points of one run from those of another: rate (deg/s), V_Vc (V) and output (V), as recorded."""

@@ -12,8 +12,6 @@ from typing import Any
 
 from vcfbench.errors import ConfigError
 
-__all__ = ["ReadOnly", "field_names", "plain", "read_only"]
-
 _WHOLE = 1 << 63
 
 

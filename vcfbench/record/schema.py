@@ -13,8 +13,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["CHUNK_READINGS", "CHUNK_S", "FORMAT", "READABLE", "Point", "Status", "fits_one_chunk", "pooled_std_v"]
-
 FORMAT = 2
 """Version of the journal's layout (docs/records.md); raised when a reader of the old one would misread the new one."""
 

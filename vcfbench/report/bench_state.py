@@ -28,8 +28,6 @@ from vcfbench.plans.steps import (
 if TYPE_CHECKING:
     from vcfbench.plans.steps import RailReading
 
-__all__ = ["BenchState"]
-
 
 class BenchState(Struct, frozen=True):
     """What was last set and read back; None where a run has not come to it.

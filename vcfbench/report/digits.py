@@ -10,8 +10,6 @@ from vcfbench.report.document import Cell
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["digits_of_u", "digits_of_value", "incomplete", "stated_cells"]
-
 _SMALLEST_FIXED = 1e-4
 """Below that numbers are printed with an exponent."""
 

@@ -15,21 +15,6 @@ from msgspec.structs import force_setattr
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-__all__ = [
-    "Axis",
-    "Cell",
-    "Column",
-    "Figure",
-    "Heading",
-    "Notice",
-    "Part",
-    "Report",
-    "Series",
-    "Table",
-    "Text",
-    "Value",
-]
-
 Value: TypeAlias = "float | str | None"
 """What stands in a table: a number, a text, or None where there is nothing."""
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
     from vcfbench.report.document import Value
 
-__all__ = ["generic_report", "points_table", "results_table", "verdict_table"]
-
 _QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
 _SHOWN = 4
 """So many numbers of a list are printed; its length is said where there are more."""

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Column, Part, Report
 
-__all__ = ["escaped", "html_of"]
-
 _SHORT: Final = 28
 """Texts of so many characters stay in one line of a table: names, numbers, units."""
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Part
 
-__all__ = ["plain_report", "report_from"]
-
 
 def plain_report(report: Report) -> list[dict[str, Any]]:
     """Return the parts of `report` as JSON has them: the fields of each, and which it is.

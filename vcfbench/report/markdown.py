@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Part, Report
 
-__all__ = ["markdown_of"]
-
 _SPECIAL: Final = re.compile(r"[\\`*_{}\[\]()#+!|<>&~$-]")
 
 

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from typing import TextIO
 
-__all__ = ["Outlet"]
-
 _PARTING_S: Final = 0.5
 """How long a stream may take for one text when all else is done."""
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Figure, Part
 
-__all__ = ["page_of", "piece_of"]
-
 _THEMED: Final = {INK: "var(--ink)", GRID: "var(--line)"} | {
     colour: f"var(--series-{number})" for number, colour in enumerate(PALETTE, start=1)
 }

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Axis, Figure, Series
 
-__all__ = ["GRID", "INK", "PALETTE", "caption_of", "save_figure", "svg_of"]
-
 INK: Final = "#20262e"
 """Colour of axes and words; pages replace it by their own."""
 GRID: Final = "#d4d8de"

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.steps import Window
     from vcfbench.record.schema import Point
 
-__all__ = ["PointRow", "PointsSoFar", "head", "row_text", "span"]
-
 _GAP = "  "
 _LEAST_MV = 1e-3
 

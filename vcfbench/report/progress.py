@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Step, StepResult
     from vcfbench.record.schema import Point
 
-__all__ = ["LineProgress", "LiveProgress"]
-
 _REDRAW_S = 0.1
 _REDRAWS_PER_S = 2.0
 """So often the block is drawn anew while nothing happens: the time left goes on."""

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.plans.executor import Event, Observer
 
-__all__ = ["NoProgress", "Shielded"]
-
 
 class NoProgress:
     """Says nothing."""

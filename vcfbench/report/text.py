@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.report.document import Part, Report
 
-__all__ = ["left_table", "printable_lines", "table_text", "text_of"]
-
 WIDTH = 130
 """Lines of text that are longer are wrapped, where nothing else is said; of a table that is wider its last column, if
 that is of texts."""

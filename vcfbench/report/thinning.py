@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
-__all__ = ["COLUMNS", "DRAWN", "thinned"]
-
 COLUMNS: Final = 800
 """About as many as a drawing is wide in points of a screen: what lies closer shows as one line upright."""
 

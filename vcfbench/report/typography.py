@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["in_unicode", "marked_up", "marked_up_in_svg"]
-
 _NAMES: Final = {"V_Vc": ("V", "Vc"), "K_Vc": ("K", "Vc"), "Ω_z": ("Ω", "z"), "E_n": ("E", "n"), "U95": ("U", "95")}
 _NAME: Final = re.compile(rf"(?<![\w.\-])({'|'.join(_NAMES)})(?![\w])")
 _THIN: Final = "\u202f"

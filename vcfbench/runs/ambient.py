@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.record.metadata import RunMetadata
 
-__all__ = ["require_ambient", "with_ambient"]
-
 
 def require_ambient(metadata: RunMetadata, description: BenchDescription) -> None:
     """See that the bench has what shall tell the temperature of the room; ConfigError when it has not."""

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.csv_table import Series
 
-__all__ = ["TableAnalysis", "analyze", "compared_columns", "read_series"]
-
 
 class TableAnalysis(Struct, frozen=True):
     """What a table came to: of each column its `series`, and the `comparison` of two of them.

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
     from vcfbench.plans.step import Routine, Step
 
-__all__ = ["ALIASES", "WORDS", "ByHand", "StepWord"]
-
 _T = TypeVar("_T")
 
 ALIASES: Final = {

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.runs.run import Run
 
-__all__ = ["CertificateWords", "certificate_words"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CertificateWords:

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.runs.quantities import ResultValue
     from vcfbench.runs.run import Run
 
-__all__ = ["Difference", "RunComparison", "SharedResult", "compare_runs"]
-
 
 @dataclass(frozen=True, slots=True)
 class Difference:

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from vcfbench.runs.quantities import ResultValue
     from vcfbench.runs.run import Run
 
-__all__ = ["SCHEMA_VERSION", "dcc_of"]
-
 SCHEMA_VERSION: Final = "3.3.0"
 _DCC: Final = "https://ptb.de/dcc"
 _SI: Final = "https://ptb.de/si"

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.schema import Point
 
-__all__ = ["Expectation", "ExpectedValue", "expectation"]
-
 PAPER_WALK_DEG_SQRT_H: Final = 0.21
 """Angle random walk of the paper's gyroscope: what is assumed where nobody tells the noise."""
 _PAPER_BIAS_V: Final = -0.042

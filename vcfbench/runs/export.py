@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from vcfbench.record.directory import RunDirectory
 
-__all__ = ["FORMATS", "Exported", "export_run"]
-
 FORMATS: Final = ("csv", "parquet", "hdf5", "xlsx", "mat")
 _SUFFIXES: Final = {
     ".csv": "csv",

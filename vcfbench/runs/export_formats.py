@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.runs.export_table import ExportTable
 
-__all__ = ["WRITERS"]
-
 _AT_ONCE: Final = 10_000
 """Rows that are made into text together."""
 _LARGEST_ATTRIBUTE: Final = 60_000

@@ -12,9 +12,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-__all__ = ["ExportColumn", "ExportTable"]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ExportColumn:
     """One quantity: its name, which ends in its unit, the unit, what it means, and its values, shape (n,).

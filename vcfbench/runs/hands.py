@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Operator
     from vcfbench.runs.asked import Asked, DryRun
 
-__all__ = ["operator_of", "require_operator"]
-
 
 def require_operator(asked: Asked, description: BenchDescription, planned: DryRun) -> None:
     """See that somebody is there for what the plan asks hands to do; known before anything is opened.

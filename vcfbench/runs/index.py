@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from sqlalchemy import Connection, Engine
 
-__all__ = ["BESIDE", "Refreshed", "RunIndex", "indexed"]
-
 BESIDE: Final = "index.sqlite"
 """Name of the index that lies with the records."""
 _TEXTS: Final = ("procedure", "bench", "dut", "operator", "note", "verdict", "damage", "problem")

@@ -9,8 +9,6 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from sqlalchemy import MetaData, Table
 
-__all__ = ["SCHEMA", "STATEMENTS_AT_ONCE", "Tables", "tables"]
-
 SCHEMA: Final = "2"
 """Version of the tables; raised when what stands in them changes, also in how it is made of a record."""
 STATEMENTS_AT_ONCE: Final = 500

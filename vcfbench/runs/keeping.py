@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.record.journal import JournalRecord
     from vcfbench.runs.results import Evaluation
 
-__all__ = ["keep_of_device"]
-
 
 def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | None = None) -> Entry:
     """Add what a complete run keeps of its device, as the run does at its end; `devices` is another store than its own.

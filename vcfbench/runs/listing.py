@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from datetime import datetime
 
 
-__all__ = ["run_summaries"]
-
-
 def run_summaries(
     runs: str | Path = "runs",
     *,

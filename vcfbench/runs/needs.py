@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure
 
-__all__ = ["require_needs", "roles_of", "what_can_run"]
-
 
 def require_needs(procedure: AnyProcedure, description: BenchDescription) -> None:
     """See that the bench has every instrument that `procedure` needs, and that each can do what is asked of it.

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from vcfbench.runs.run import Run
 
-__all__ = ["ResultValue", "named_values", "values_of"]
-
 _USUAL_FACTOR = 2.0
 """Coverage factor for 95 % where only the standard uncertainty is told: that of a normal distribution."""
 

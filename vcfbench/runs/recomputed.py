@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.record.journal import JournalRecord
     from vcfbench.runs.results import Evaluation
 
-__all__ = ["evaluation_of", "printable"]
-
 
 def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
     """Compute the results again from the points; where that cannot be, say why in words, and take what is stored."""

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from vcfbench.report.document import Part
     from vcfbench.runs.run import Run
 
-__all__ = ["command_of", "full_report", "method_of", "title_of"]
-
 _LONG: Final = 50
 """A window of so many readings is drawn reading by reading."""
 

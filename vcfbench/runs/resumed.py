@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
     from vcfbench.runs.run import Run
 
-__all__ = ["BrokenOff", "broken_off", "resume"]
-
 _MAY_DIFFER = {
     *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate", "laboratory"),
     *("resource", "timeout_s", "serial", "serial_pause_s", *CALIBRATION_KEYS),

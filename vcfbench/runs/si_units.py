@@ -8,8 +8,6 @@ from __future__ import annotations
 import re
 from typing import Final
 
-__all__ = ["in_si"]
-
 _WORDS: Final = {
     "V": (1.0, r"\volt"),
     "mV": (1.0, r"\milli\volt"),

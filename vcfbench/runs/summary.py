@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from vcfbench.record.outline import Outline
 
-__all__ = ["KeyResult", "RunSummary", "Selection", "ordered", "selection_of", "summary_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class KeyResult:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.report.document import Report
     from vcfbench.runs.run import Run
 
-__all__ = ["write_certificate", "write_document", "write_figures", "write_report"]
-
 
 def write_report(run: Run, path: str | Path) -> tuple[Path, ...]:
     """Write the whole report of `run` into `path` and return the files that were written, the report first.

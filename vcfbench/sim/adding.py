@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.components import Component
     from vcfbench.sim.sources import Bend
 
-__all__ = ["added"]
-
 
 def added(first: Drive | Played | None, second: Drive | Played | None) -> Drive | Played | None:
     """Return two sources in series, with the resistance of the first; one that is not there is a wire."""

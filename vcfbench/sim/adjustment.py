@@ -9,8 +9,6 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-__all__ = ["Adjustable", "Adjustment"]
-
 
 class Adjustment(Struct, frozen=True):
     """One quantity: its dotted name, unit, meaning, how to read it, and how to change it (None: it cannot be)."""

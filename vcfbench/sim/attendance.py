@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
 
-__all__ = ["Attended", "AttendedClock"]
-
 
 class Attended(Protocol):
     """What can be looked in on: every :class:`~vcfbench.sim.device.Device`."""

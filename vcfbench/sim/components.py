@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     Path = Callable[[Values], NDArray[np.complex128]]
     """The transfer function of what an instrument has behind its input, by frequency, Hz."""
 
-__all__ = ["SHORTEST_S", "Component", "Level", "Sampled", "Scaled", "Tone", "summed_powers", "transform_hz"]
-
 SHORTEST_S = 25e-9
 """Nothing has to be looked at more finely than this: the paths of the instruments end at 1 MHz."""
 _PARTS = (np.arange(4) + 0.5) / 4

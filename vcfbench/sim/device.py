@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Protocol
 
-__all__ = ["Device"]
-
 
 class Device(Protocol):
     """A simulated instrument, seen from its connector. Everything happens at `clock.now()`; nothing here waits."""

@@ -61,25 +61,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.device import Device
 
-__all__ = [
-    "CUTTING",
-    "UNREACHABLE",
-    "Fault",
-    "FaultInjector",
-    "FaultScript",
-    "FaultyDevice",
-    "Kind",
-    "Ongoing",
-    "begin_on_bench",
-    "fault_from",
-    "parse_script",
-    "read_faults",
-    "read_script",
-    "require_possible",
-    "spoiled",
-    "spoils",
-]
-
 Kind = Literal[
     "silent",
     "late",

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.parameters import TableMechanics
 
-__all__ = ["LINES", "Flutter"]
-
 _EVEN, _GEOMETRIC = 40, 8
 LINES = _EVEN + _GEOMETRIC
 _EVEN_TO, _REACH = 2.0, 20.0

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.trace import Piece, Trace
     from vcfbench.sim.world import Capture, Recording, Window, World
 
-__all__ = ["Lead", "Leads", "LoadingLeads"]
-
 
 class Lead(Struct, frozen=True):
     """Where a lead goes: a node of the PCB, None when it hangs free and reads 0 V; its way round, what it catches."""

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.parameters import SourceResistance
     from vcfbench.sim.sources import Drive, Played
 
-__all__ = ["NodeLoads"]
-
 
 class NodeLoads:
     """The resistances that hang on the nodes, each put there by somebody.

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.parameters import PickUp
     from vcfbench.sim.sources import Bend, Played
 
-__all__ = ["Mains", "mean_v"]
-
 _STREAM = 3
 """Number of this random stream among those of the World's seed; see :mod:`.gyro.gyro`."""
 

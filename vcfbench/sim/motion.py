@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.flutter import Flutter
     from vcfbench.sim.parameters import TableMechanics
 
-__all__ = ["MEMORY_S", "RateRipple", "RateSegment", "Swing", "TableMotion"]
-
 ARCSEC = math.pi / 648000.0
 _SLIGHT = 1e-4
 _BENT = 0.05

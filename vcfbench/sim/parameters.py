@@ -14,25 +14,6 @@ from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 
-__all__ = [
-    "BenchParameters",
-    "Contradiction",
-    "DriveLoop",
-    "DriveMode",
-    "NoiseSources",
-    "OutputStage",
-    "ParameterRow",
-    "PickUp",
-    "SenseMode",
-    "SensePath",
-    "Site",
-    "SourceResistance",
-    "Supply",
-    "TableMechanics",
-    "Thermal",
-    "VirtualPath",
-]
-
 PAPER = "Wang et al. 2018"
 CHOSEN = "chosen"
 UNVERIFIED = "chosen, unverified"

@@ -11,9 +11,6 @@ import math
 
 from msgspec import Struct
 
-__all__ = ["JerkSegment", "braking_deg", "peak_deg_s", "ramp", "ramp_s"]
-
-
 _NOTHING_S = 1e-12
 
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.device import Device
 
-__all__ = ["FarEnd", "Port", "SimulatedSerial", "register", "register_port", "unregister"]
-
 _SCHEME = "sim://"
 _HANDLERS = "vcfbench.sim.serial_handlers"
 

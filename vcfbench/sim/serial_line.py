@@ -26,20 +26,6 @@ from vcfbench.sim.scpi import ScpiError
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
 
-__all__ = [
-    "BUFFER",
-    "MARGIN",
-    "CharacterFrame",
-    "FarInstrument",
-    "FarTable",
-    "HandshakeLine",
-    "LineEnd",
-    "Parity",
-    "ReceivedCharacter",
-    "ThreeWireLine",
-    "heard",
-]
-
 Parity = Literal["none", "even", "odd"]
 
 BUFFER = 100

@@ -12,9 +12,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-__all__ = ["Sine", "sines"]
-
-
 class Sine(Struct, frozen=True):
     """amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time."""
 

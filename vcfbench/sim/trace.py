@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.stretch import Stretch
     from vcfbench.sim.sources import Played
 
-__all__ = ["History", "Piece", "Trace", "merged", "piece_of"]
-
 
 class Piece(Struct, frozen=True):
     """What a node did over [start_s, stop_s].

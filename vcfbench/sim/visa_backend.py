@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.device import Device
 
-__all__ = ["Resolver", "SimVisaLibrary", "SimulatedInstruments"]
-
 _EMBEDDED = "embedded"
 _LINE_FEED = 10
 _SUCCESS = StatusCode.success

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.serial_line import HandshakeLine
 
-__all__ = ["changed", "configure", "pin"]
-
 _SETTINGS = {
     ResourceAttribute.asrl_baud_rate: 9600,
     ResourceAttribute.asrl_data_bits: 8,

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.sources import Drive, Played, Ripple
     from vcfbench.sim.trace import Piece
 
-__all__ = ["NODES", "RAILS", "Capture", "LeadEnd", "LeadsOfRole", "Recording", "Window", "World"]
-
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
 EARLY_S = 1e-9

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.runs.asked import Asked, Prepared
 
-__all__ = ["Case", "Study", "read_study", "study_of"]
-
 _MOST_CASES = 10_000
 _MOST_RUNS = 1_000_000
 

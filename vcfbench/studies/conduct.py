@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     Rows = Mapping[tuple[int, int], RunRow]
 
-__all__ = ["Plan", "Progress", "Quiet", "conduct", "plan_of", "study"]
-
 _BATCH = 64
 _BATCH_S = 1.0
 """Runs, and seconds, after which finished ones go to the disk: at most so much is done again after a power cut."""

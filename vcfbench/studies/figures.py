@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from vcfbench.studies.one_run import RunRow
     from vcfbench.studies.summary import CaseSummary
 
-__all__ = ["picture"]
-
 _MOST_PANELS = 12
 _ACROSS = 3
 _WIDTH = 0.5

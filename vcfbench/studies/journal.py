@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
 
-__all__ = ["Begun", "StudyJournal", "kept", "read_rows", "rows_of"]
-
 FORMAT = 1
 
 

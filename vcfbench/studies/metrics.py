@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.runs.run import Run
 
-__all__ = ["PARTS", "metrics_of"]
-
 PARTS = (".u", ".u95", ".truth", ".z", ".covered")
 """What stands beside a value: its uncertainties, the true value, (value - truth)/u, and whether U95 holds the truth."""
 

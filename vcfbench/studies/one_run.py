@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.studies.asked import Study
 
-__all__ = ["PlannedRun", "RunRow", "failed", "perform"]
-
 
 class PlannedRun(Struct, frozen=True):
     """A run that is to be done: a study with one case, and a seed; its record goes into `keep`, None keeps none."""

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from vcfbench.report.outlet import Outlet
     from vcfbench.studies.one_run import RunRow
 
-__all__ = ["BarProgress", "StudyLineProgress"]
-
 _LINE_S = 10.0
 
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from vcfbench.studies.one_run import RunRow
     from vcfbench.studies.table import ColumnOf
 
-__all__ = ["StudyResult", "beside", "load_study"]
-
 
 @dataclass(frozen=True, slots=True, repr=False)
 class StudyResult:

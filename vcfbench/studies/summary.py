@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.studies.one_run import RunRow
 
-__all__ = ["CaseSummary", "MetricSummary", "headlines", "summaries", "summary_table"]
-
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 

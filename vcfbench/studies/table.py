@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from vcfbench.studies.one_run import RunRow
 
-__all__ = ["ColumnOf", "columns_of", "require_writable", "write_table", "written"]
-
 Kind = Literal["int", "float", "bool", "str"]
 
 

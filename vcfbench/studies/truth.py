@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Output = Callable[[float, float | None], float]
 
-__all__ = ["Rates", "four_step_truth", "truth_of", "turntable_truth"]
-
 
 class Rates(Struct, frozen=True):
     """At what a four-step calibration was done: rates of the table, levels of V_Vc, rates at which V_Vc was matched."""

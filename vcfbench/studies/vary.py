@@ -23,8 +23,6 @@ from vcfbench.files import dotted, shown
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-__all__ = ["SETTINGS", "Drawn", "Listed", "Varied", "combined", "placed", "varied"]
-
 SETTINGS = "settings"
 """First part of a path that is a setting of the procedure; all others are keys of the bench file."""
 

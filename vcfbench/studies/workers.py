@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from vcfbench.studies.one_run import PlannedRun
 
-__all__ = ["LOST", "here", "in_processes", "on_cluster", "processors"]
-
 LOST: Final = "lost"
 """Status of a run whose process died each time; it is not kept, so that a study that goes on tries it again."""
 

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve import Control, Wires
     from vcfbench.sim.world import World
 
-__all__ = ["ServedLab", "SimulatedLab", "open_simulated", "serve_simulated", "simulated"]
-
 _GIVING_UP_S = 10.0
 
 

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.wire import Interface, Wire
     from vcfbench.models import Model
 
-__all__ = ["ConformanceCase", "conformance_cases", "conformance_problems", "model_case", "scpi_case"]
-
 
 @dataclass(frozen=True, slots=True)
 class ConformanceCase:

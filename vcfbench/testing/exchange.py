@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock, Deadline
     from vcfbench.drivers.wire import Interface, Wire
 
-__all__ = ["Exchange", "ScriptedWire", "expected_exchange", "over_serial", "over_visa"]
-
 _T = TypeVar("_T")
 
 Message = str | bytes

@@ -30,18 +30,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.world import World
     from vcfbench.testing.benches import ServedLab, SimulatedLab
 
-__all__ = [
-    "Faults",
-    "expected_exchange",
-    "fault",
-    "open_simulated_bench",
-    "pytest_addoption",
-    "pytest_configure",
-    "served_bench",
-    "simulated_bench",
-    "simulated_world",
-]
-
 _MARK = (
     "vcfbench(bench=None, seed=None, parameters=None, errors=None, overrides=None, faults=None, speed=None): "
     "which simulated bench the fixtures of vcfbench open"

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
     from vcfbench.drivers.wire import Interface
 
-__all__ = ["ReplayWire", "read_trace", "replay_trace"]
-
 _T = TypeVar("_T")
 
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from typing import Self
 
-__all__ = ["WIRE_FAULTS", "FaultyWire", "WireFault", "WireFaultKind", "faulty_wire"]
-
 WireFaultKind = Literal[
     "silent",
     "late",

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask
 
-__all__ = ["ChannelRules", "channel_rules"]
-
 _OUTPUTS = ("P6V", "P25V", "N25V")
 _LARGEST_V = {"P6V": 6.18, "P25V": 25.75, "N25V": 25.75}
 _LARGEST_A = {"P6V": 5.15, "P25V": 1.03, "N25V": 1.03}

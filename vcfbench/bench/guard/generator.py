@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask
 
-__all__ = ["GeneratorRules", "TrueformRules", "generator_rules", "trueform_rules"]
-
 _OPEN_OHM = 9.9e37
 _SOURCE_OHM = 50.0
 _DEFAULT_VPP = 0.1

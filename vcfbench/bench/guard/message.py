@@ -16,19 +16,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = [
-    "AMPERE",
-    "OHM",
-    "VOLT",
-    "VPP",
-    "MessagePart",
-    "Unreadable",
-    "header_pattern",
-    "quantity",
-    "read_message",
-    "switch",
-]
-
 _HEADER = re.compile(r"\s*(:?)(\*?[A-Za-z][A-Za-z0-9_]*(?::[A-Za-z][A-Za-z0-9_]*)*)(\??)(?:\s+(.*?))?\s*", re.DOTALL)
 _QUANTITY = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)\s*([A-Za-z]*)")
 _OUTSIDE = re.compile(r"\"[^\"]*\"|'[^']*'|[;,]")

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask
 
-__all__ = ["MeterRules", "meter_rules"]
-
 _QUIET = ("VOLTage...", "CURRent...", "FREQuency...", "PERiod...")
 """Functions that only measure. Resistance, continuity and diode tests send up to 1 mA out of the meter (p. 51-53), and
 so do capacitance and temperature with a resistive sensor (34461A, 34465A)."""

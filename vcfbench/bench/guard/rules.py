@@ -13,20 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.guard.message import MessagePart
 
-__all__ = [
-    "Ask",
-    "BeyondLimit",
-    "NoRules",
-    "OnlyQuestions",
-    "Rules",
-    "acted_out",
-    "at_most",
-    "is_one_of",
-    "no_rules",
-    "refuse_self_test",
-    "rule_of",
-]
-
 _Rule = TypeVar("_Rule")
 _State = TypeVar("_State")
 

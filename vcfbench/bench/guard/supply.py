@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask
 
-__all__ = ["RailWindow", "SupplyRules", "supply_rules"]
-
 _OUTPUTS = ("P6V", "P25V", "N25V")
 _VOLT_WORDS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {

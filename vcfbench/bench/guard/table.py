@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.guard.message import MessagePart
     from vcfbench.bench.guard.rules import Ask, Rules
 
-__all__ = ["AclRules", "ReadsAndStops", "reads_and_stops", "table_rules"]
-
 _NUMBER: Mapping[str, float] = MappingProxyType({"": 1.0})
 _TRIP_MARGIN = 1.1
 """As the driver sets it: the trip lies a tenth above the highest rate."""

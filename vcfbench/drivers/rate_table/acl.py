@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.dialect import AxisSettings, Header, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["AclDialect", "detect_header", "take_counted"]
-
 # On every interface except GPIB each command is answered, error code and length before the data (manual section 2).
 # That they are two 32-bit words is inferred from the reflective-memory layout and from a client that drops eight
 # bytes; their byte order is unknown.

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["AtlDialect"]
-
 _PROMPT = ">"
 _REFUSAL = "?"
 _PATIENCE_S = 0.3

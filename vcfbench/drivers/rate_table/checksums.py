@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["CHECKSUMS", "checksum", "checksum_length"]
-
 
 def _crc(data: bytes, polynomial: int, start: int, width: int) -> int:
     """Return a CRC, most significant bit first."""

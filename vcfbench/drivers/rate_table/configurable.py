@@ -40,9 +40,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.profile import Profile, Requirement, Step
     from vcfbench.drivers.rate_table.templates import Value
 
-__all__ = ["ConfigurableDialect"]
-
-
 _SPAN_S = 0.25
 """Over how long the angle is watched where a profile says nothing of the rate."""
 

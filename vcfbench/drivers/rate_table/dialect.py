@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.line import TableLine
     from vcfbench.interfaces import Identity
 
-__all__ = ["AxisSettings", "Header", "TableDialect", "TableLimits"]
-
 Header = Literal["none", "u32le2", "u32be2", "auto"]
 """What precedes a reply of ACL on a byte stream: nothing, or error code and length as two 32-bit words."""
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.dialect import TableDialect
     from vcfbench.drivers.wire import Wire
 
-__all__ = ["DIALECTS", "SHIPPED", "Spoken", "open_serial", "spoken"]
-
 DIALECTS: Final = tuple(row.name for row in LANGUAGES)
 """The languages that come with the project."""
 SHIPPED: Final = tuple(row.name for row in LANGUAGES if row.dialect is None)

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.line import TableLine
     from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 
-__all__ = ["RateTableDriver"]
-
 _T = TypeVar("_T")
 
 _POLL_S = 0.1

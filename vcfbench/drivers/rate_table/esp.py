@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["EspDialect"]
-
 _ERROR = re.compile(r"(\d+), *(\d+), *(.+)")
 _DEEPEST_QUEUE = 16
 _POLL_S = 0.05

@@ -12,8 +12,6 @@ from vcfbench.errors import FramingError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["BINARY_TYPES", "BinaryType", "Order", "TextType", "Wrap", "decode", "encode", "text_value", "unwrapped"]
-
 Order = Literal["little", "big"]
 BinaryType = Literal["u8", "i8", "u16", "i16", "u24", "i24sm", "u32", "i32", "f32"]
 TextType = Literal["decimal", "hex"]

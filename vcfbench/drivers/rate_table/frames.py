@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["ByteValue", "Frame", "HexBytes", "Place", "frame_bytes", "frame_text", "take_frame", "take_text"]
-
 _LINE_ENDS = ("\r\n", "\r", "\n")
 
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.drivers.wire import Interface, Wire
 
-__all__ = ["Link", "Pause", "SerialWire", "TableLine", "open_line"]
-
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _BLIND_S = 0.3
 """Wall time that sending words blind may take."""

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.profile import Profile
     from vcfbench.drivers.rate_table.templates import Value
 
-__all__ = ["MotionValues", "limit_error"]
-
 
 class MotionValues:
     """What motion commands of one axis are filled with; what is beyond the limits of `profile` is refused."""

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.line import TableLine
     from vcfbench.drivers.rate_table.profile import Byte, Profile, Reply, Step
 
-__all__ = ["ProfileReplies", "Received"]
-
 
 class Received(Struct, frozen=True):
     """A reply: bytes, or the text of a line and the groups of the pattern that it matched."""

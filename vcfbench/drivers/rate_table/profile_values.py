@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.profile import Field, Flag, Profile
     from vcfbench.drivers.rate_table.profile_replies import Received
 
-__all__ = ["ProfileValues"]
-
 
 class ProfileValues:
     """Reads replies of the language of `profile` about one axis."""

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Deadline
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["REST_DEG_S", "SteadyRate", "drain", "located", "on_grid", "require_rest"]
-
 REST_DEG_S = 0.1
 """Above this rate a servo is not opened: the table would coast."""
 

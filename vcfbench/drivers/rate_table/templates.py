@@ -16,8 +16,6 @@ from vcfbench.drivers.rate_table.fields import BINARY_TYPES, Order, encode
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["NAMES", "Value", "fill_bytes", "fill_text", "sample_values"]
-
 Value = float | int | str
 
 _SLOTS = 6

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
-__all__ = ["ZaberDialect", "ZaberReply", "frame_request", "lrc", "parse_reply"]
-
 _VELOCITY = 1.6384
 """Data units of velocity per microstep/s (unverified)."""
 _ACCELERATION = 1.6384e-4

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Context
     from vcfbench.plans.tally import Tally
 
-__all__ = ["AcquireGapless"]
-
 _BETWEEN_S = 2.0
 """Estimate of what lies between two bursts: both transfers, autozero, setting up."""
 

@@ -25,16 +25,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import ProcedureSettings, Sources
 
-__all__ = [
-    "about_horizon",
-    "as_rate",
-    "flicker_counted",
-    "flicker_found",
-    "flicker_part",
-    "flicker_stated",
-    "parts_at_rest",
-]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _CONTRADICTS = 1.645

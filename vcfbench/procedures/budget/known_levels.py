@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.budget.line import Floats
     from vcfbench.record.schema import Point
 
-__all__ = ["KnownLevels", "known_levels"]
-
 _ONE_LEVEL = 0.02
 """Levels that differ by no more of themselves are taken to be on one range, wherever the ranges are."""
 

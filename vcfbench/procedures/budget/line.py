@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings, Sources
     from vcfbench.procedures.sweep.windows import Sweep
 
-__all__ = ["TILT", "Floats", "Line", "earth_sources", "instrument_sources", "limited", "line_sums", "noises_of"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 TILT = "Earth's rate by the axis' tilt"

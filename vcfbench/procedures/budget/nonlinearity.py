@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.budget.statement import StatedValue, Statement
     from vcfbench.procedures.budget.worst_residual import LargestResidual
 
-__all__ = ["CurvedLine", "ValueModel", "with_nonlinearity"]
-
 _RANGES_UNKNOWN = "nobody knows where the generator's ranges end, whose steps stand out of a line too"
 
 

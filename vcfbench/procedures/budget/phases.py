@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import Sources
 
-__all__ = ["CARRIER_PHASE", "DEMODULATOR_PHASE", "PhaseErrors"]
-
 CARRIER_PHASE, DEMODULATOR_PHASE = "carrier phase", "demodulator phase"
 
 

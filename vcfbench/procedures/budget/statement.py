@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.sweep.window_noise import Flicker
 
-__all__ = ["Circumstances", "StatedContribution", "StatedValue", "Statement", "stated_value", "statement"]
-
 _NEARLY_NORMAL = 0.05
 """Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.record.schema import Point
 
-__all__ = ["table_values", "turntable_statement"]
-
 _MEANINGS = MappingProxyType(
     {
         "scale_factor": (

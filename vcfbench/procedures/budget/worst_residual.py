@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.budget.line import Line
 
-__all__ = ["LargestResidual", "ResidualSpread", "Residuals"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 Places: TypeAlias = "NDArray[np.intp]"
 

@@ -14,8 +14,6 @@ from vcfbench.report.document import Column, Report, Table, Text
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-__all__ = ["SheetRow", "data_sheet_report", "sheet_rows"]
-
 _UNITS = (
     *(("_v_per_deg_s", "V/(deg/s)"), ("_deg_s_per_v", "(deg/s)/V"), ("_deg_sqrt_h", "deg/sqrt(h)")),
     *(("_deg_h", "deg/h"), ("_deg_s", "deg/s"), ("_percent", "%"), ("_ppm", "ppm"), ("_ms", "ms"), ("_deg", "deg")),

@@ -50,16 +50,6 @@ if TYPE_CHECKING:
     from vcfbench.report.document import Report
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = [
-    "CHARACTERIZE",
-    "BeginPart",
-    "CertificatePart",
-    "CharacterizeResult",
-    "CharacterizeSettings",
-    "PartResult",
-    "plan",
-]
-
 _CERTIFIES = "kvc"
 _OFF_S = 10.0
 """Without power before a part that wants to see it come: rails, drive and sense modes are at rest by then."""

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.sweep.found import SweepFound
     from vcfbench.record.schema import Point
 
-__all__ = ["RATE", "line_words", "outputs_figure", "residuals_figure", "statement_tables", "sweep_text"]
-
-
 RATE = Axis("Omega_z", "deg/s")
 
 

@@ -20,19 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.record.schema import Point
 
-__all__ = [
-    "acceptance_u95",
-    "acceptance_values",
-    "combined",
-    "fitted_column",
-    "is_swept",
-    "noise_std_v",
-    "repeat_std_v",
-    "u_output_v",
-    "u_resolution_v",
-    "with_statement",
-]
-
 
 def acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
     """Return what ``[acceptance]`` limits of a column, by its keys."""

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
     from vcfbench.record.devices import Characteristics
 
-__all__ = ["carrier_over_drive", "compared_amplitudes", "same_oscilloscope"]
-
 _READINGS = 8
 _BETWEEN = 3e-5
 """By which a 34401A may drift between its readings of drive and carrier, in a few minutes (assumed), rectangular."""

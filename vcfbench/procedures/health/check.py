@@ -19,19 +19,6 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.health.found import Health
 
-__all__ = [
-    "AMPLITUDES",
-    "CARRIER_PHASE",
-    "NOT_MEASURED",
-    "STILL_UNSEEN",
-    "TEMPERATURES",
-    "Cause",
-    "HealthCheck",
-    "checked",
-    "health_parts",
-    "not_measured",
-]
-
 AMPLITUDES_WORTH_PPM = 1000.0
 """A ratio of amplitudes that is known to less than this corrects K_Vc; else it is worse than nothing."""
 SEEN = 3.0

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     Floats: TypeAlias = "NDArray[np.float64]"
 
-__all__ = ["Health", "health_of", "with_output_curve"]
-
 _SKEW_S = 1e-10
 """DSO7104B: delay of a channel, either way (unverified), rectangular."""
 _GAIN = 0.02

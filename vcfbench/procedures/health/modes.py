@@ -13,8 +13,6 @@ from vcfbench.procedures.resonance import RingingMode, SenseDecay
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Modes", "middle_of", "modes_of"]
-
 
 class Modes(Struct, frozen=True):
     """Drive frequency and both modes, with the amplitudes as their record begins."""

@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
 
-__all__ = ["CaptureFar", "examined", "level_v"]
-
 _LEVEL_V = 0.7
 _LARGEST_V = 10.0
 """What no node of the PCB exceeds: its rails."""

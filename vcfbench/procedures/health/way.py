@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.parts import Node
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
 
-__all__ = ["AC_WANTED", "HEALTH", "NODES", "way_of"]
-
 HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
 AC_WANTED: Final = "whether a person moves the multimeter to drive and carrier, for the ratio of their AC volts"
 NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.known.device import KnownDevice, Reference
     from vcfbench.record.devices import KvcCurve, Measured, Share
 
-__all__ = ["Change", "Drift", "drift_of", "drift_parts", "shares_of"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 

@@ -35,9 +35,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import Gap, Limit
     from vcfbench.record.devices import DeviceRecord, Entry
 
-__all__ = ["DeviceStation", "KnownDevice", "KnownDeviceSettings", "Reference", "level_for"]
-
-
 UNSEEN = (
     "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",
     "the carrier's amplitude against the drive's (V_dac over A_x): where one follows the other, neither matters",

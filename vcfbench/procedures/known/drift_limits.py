@@ -9,8 +9,6 @@ from vcfbench.bench.settings import Limit
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["drift_limits"]
-
 E_N_ACTION = 1.5
 """E_n beyond which a drift fails: three standard uncertainties, the action limit of Shewhart charts (ISO 7870-2)."""
 CUSUM_ACTION = 5.0

@@ -21,17 +21,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.known.device import KnownDevice, KnownDeviceSettings
     from vcfbench.procedures.known.k_vc_change import KvcChange
 
-__all__ = [
-    "K_VC_DRIFT",
-    "K_VC_HEALTH",
-    "K_VC_TEMPERATURE",
-    "KvcSince",
-    "charging_warning",
-    "days_until",
-    "drift_words",
-    "k_vc_since",
-]
-
 K_VC_HEALTH = "what was measured of K_Vc's causes"
 K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperature since the certificate, in K_Vc"
 

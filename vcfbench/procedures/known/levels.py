@@ -23,16 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = [
-    "K_VC_UNIT",
-    "at_measured_levels",
-    "generator_sheet",
-    "ready_v_vc_meter",
-    "standing_for",
-    "take_driven",
-    "v_vc_tolerance_v",
-]
-
 K_VC_UNIT = "(deg/s)/V"
 """Of the rate that a volt of V_Vc stands for."""
 

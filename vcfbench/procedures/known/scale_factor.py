@@ -22,18 +22,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Context, Routine
 
-__all__ = [
-    "AtRestSettings",
-    "ReadScaleFactor",
-    "ScaleFactor",
-    "ScaleFactorBy",
-    "ScaleFactorRead",
-    "contradictions_of_level",
-    "read_scale_factor",
-    "scale_factor_of",
-    "scale_factor_used",
-]
-
 
 class ScaleFactorBy(Enum):
     """What the scale factor is taken with."""

@@ -34,31 +34,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.schema import Point
 
-__all__ = [
-    "METER_GAIN",
-    "METER_OFFSET",
-    "READINGS",
-    "V_VC_GAIN",
-    "V_VC_NOISE",
-    "V_VC_OFFSET",
-    "InstrumentAccuracy",
-    "KnownVvcSettings",
-    "VvcKnown",
-    "alignment_error",
-    "away_from_warm_k",
-    "conditions",
-    "known_words",
-    "levels_by_hand",
-    "measured_level",
-    "measured_levels",
-    "meter_error",
-    "ready_meters",
-    "table_rate_error",
-    "take_level",
-    "temperature_errors",
-    "v_vc_error",
-]
-
 READINGS = "readings"
 METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
 V_VC_GAIN, V_VC_OFFSET, V_VC_NOISE = (

@@ -29,8 +29,6 @@ from vcfbench.procedures.steady.watched import watched
 if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
 
-__all__ = ["K_VC", "k_vc"]
-
 
 def k_vc(settings: KVcSettings) -> Plan:
     """Find the V_Vc of each rate by a null comparison with the table."""

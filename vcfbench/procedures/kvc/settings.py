@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.invalid_value import InvalidValue
 
-__all__ = ["KVcSettings"]
-
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
     """Settings of the calibration of K_Vc, beside those of all procedures."""

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.sweep.window_noise import Flicker
     from vcfbench.record.schema import Point
 
-__all__ = ["bias_at_rest", "block_covariance", "blocks_of", "derivative_of", "dof_of", "noise_of", "nulled_levels"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 

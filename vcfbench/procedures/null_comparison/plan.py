@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
 
-__all__ = ["NullTerms", "Nulled", "TakesLevel", "block", "invalid_match_rates", "nulled"]
-
 _CLOSE = 1e-3
 """What the search may leave of the output's span; the rest is interpolated, with a slope good to some parts in 1000."""
 _USABLE = 0.1

@@ -40,8 +40,6 @@ from vcfbench.procedures.routines import (
 if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
 
-__all__ = ["ONLINE", "online"]
-
 
 def online(settings: OnlineSettings) -> Plan:
     """Calibrate while the gyroscope measures."""

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.online.results import OnlineResult, WindowFactor
     from vcfbench.procedures.online.settings import OnlineSettings
 
-__all__ = ["online_report"]
-
 
 def online_report(settings: OnlineSettings, _measured: Measured, results: OnlineResult) -> Report:
     """Report scale factor, disturbance, the windows, and their Allan deviation."""

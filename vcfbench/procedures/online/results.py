@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.measured import Measured
     from vcfbench.procedures.online.settings import OnlineSettings
 
-__all__ = ["AllanOfScaleFactor", "OnlineResult", "WindowFactor", "online_results"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _U_SHARE = 0.05

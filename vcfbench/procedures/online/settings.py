@@ -14,8 +14,6 @@ from vcfbench.procedures.known.device import KnownDeviceSettings, level_for
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["OnlineSettings"]
-
 _MEMORY = 512
 """Readings that every meter keeps (34401A)."""
 _LEAST_READINGS = 8

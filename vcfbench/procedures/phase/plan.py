@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.phase.results import Phases
     from vcfbench.record.devices import Characteristics
 
-__all__ = ["PHASE", "plan"]
-
 _Amplitudes: TypeAlias = tuple[float, float, float]
 _LARGEST_V = 10.0
 """What no node of the PCB exceeds: its rails."""

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.phase.results import Phases
     from vcfbench.procedures.phase.settings import PhaseSettings
 
-__all__ = ["phase_report"]
-
 NOT_HELD = (
     "The uncertainties hold the scatter of the records and, against the drive signal, the skew of the oscilloscope's "
     "channels. They do not hold: probes and the resistance of the nodes, the non-linearity of the converter, the "

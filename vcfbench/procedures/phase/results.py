@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.steps import RotationRecord
     from vcfbench.procedures.phase.settings import PhaseSettings
 
-__all__ = ["CaptureSense", "Phases", "phase_results", "phases_of", "sense_phasor"]
-
 _SKEW_S = 1e-10
 """DSO7104B: delay of a channel, either way (unverified), rectangular."""
 

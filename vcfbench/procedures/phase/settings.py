@@ -13,8 +13,6 @@ from vcfbench.procedures.kept_characteristics import KeptSettings
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["LEAST_CYCLES", "PhaseSettings"]
-
 LEAST_CYCLES: Final = 3
 
 

@@ -54,8 +54,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.power.results import PowerResult
     from vcfbench.record.devices import Characteristics
 
-__all__ = ["POWER", "MeasureRails", "RailOnAndLog", "SuppliedAndLogged", "plan"]
-
 _QUICK_NPLC = 1.0
 _ROUND_S = 0.05
 """The least time from one round of readings to the next; most supplies need more for their currents."""

@@ -26,18 +26,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.power.settings import PowerSettings
 
-__all__ = [
-    "PowerOn",
-    "PowerResult",
-    "RailCurrent",
-    "RailDraw",
-    "RailEffect",
-    "RailsDrawn",
-    "RailsLogged",
-    "power_report",
-    "power_results",
-]
-
 _A_STATE = 3
 """Windows on one setting of the rails: at rest, at the rate, at the opposite rate."""
 _STEP_V, _STEP_A = 1.5e-3, 1e-4

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Self
 
-__all__ = ["Order", "PowerSettings", "Varied"]
-
 Order = Literal["together", "positive", "negative"]
 Varied = Literal["positive", "negative", "both"]
 

@@ -33,8 +33,6 @@ from vcfbench.procedures.steady.watched import watched
 if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
 
-__all__ = ["SELF_CALIBRATION", "self_calibration"]
-
 
 def self_calibration(settings: SelfCalibrationSettings) -> Plan:
     """Calibrate by V_Vc alone."""

@@ -13,7 +13,6 @@ from vcfbench.procedures.known.device import KnownDeviceSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-__all__ = ["SelfCalibrationSettings"]
 
 
 class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):

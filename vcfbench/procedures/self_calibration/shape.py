@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from vcfbench.record.devices import Characteristics
 
-__all__ = ["OUTPUT_CURVE", "OUTPUT_LIMIT", "bent", "has_changed", "orders_of", "output_orders"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 OUTPUT_CURVE = "the output's curve since the certificate"

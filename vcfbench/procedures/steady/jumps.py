@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.steady.walk import Seen, Walk
 
-__all__ = ["Jump", "largest_jump", "require_no_jump"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _ORDERS = 3

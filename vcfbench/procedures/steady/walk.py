@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Step, StepResult
     from vcfbench.record.schema import Point
 
-__all__ = ["Limits", "Seen", "Walk", "require_answer", "sigmas"]
-
 _SIGMAS = 6.0
 """Two means of one setting may differ by so many standard uncertainties: 1000 runs of 100 comparisons, one in 5000."""
 

@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.plans.step import Routine
 
-__all__ = ["watched"]
-
 T = TypeVar("T")
 
 

@@ -21,13 +21,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import Expected
     from vcfbench.record.schema import Point
 
-__all__ = [
-    "require_expected_column",
-    "require_expected_k_vc",
-    "require_same_zero",
-    "require_steady_slope",
-]
-
 _NOISES = 8.0
 """What noise may add, in standard uncertainties: readings are not independent (flicker)."""
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from vcfbench.record.schema import Point
 
-__all__ = ["Hysteresis", "Repeatability", "SweepFound", "sweep_found"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 

@@ -16,28 +16,6 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.flicker import KnownFlickerSettings
 
-__all__ = [
-    "ABBA_SIGNS",
-    "EARTH_DEG_S",
-    "SEARCH",
-    "ZERO_DRIVEN",
-    "ZERO_TABLE",
-    "Earth",
-    "Grid",
-    "KvcBy",
-    "Order",
-    "SweepSettings",
-    "Zeros",
-    "earth_left_deg_s",
-    "loop_directions",
-    "no_whole_turn",
-    "ordered",
-    "sweep_words",
-    "visits",
-    "whole_turns",
-    "window_grid",
-]
-
 ABBA_SIGNS = (1.0, -1.0, -1.0, 1.0)
 """A level and its opposite so that a linear drift cancels between them."""
 

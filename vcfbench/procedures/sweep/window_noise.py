@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.record.schema import Point
 
-__all__ = ["ENOUGH_DOF", "Flicker", "OutputSum", "WindowNoise"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 ENOUGH_DOF = 10.0

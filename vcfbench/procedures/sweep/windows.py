@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.record.schema import Point
 
-__all__ = ["Sweep", "drift_weights", "sweep_of", "window_times", "zero_places"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 

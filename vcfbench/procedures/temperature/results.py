@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["AtTemperature", "PointOfTemperature", "TemperatureResult", "temperature_report", "temperature_results"]
-
 _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""
 

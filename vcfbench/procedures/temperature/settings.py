@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Self
 
-__all__ = ["STEADY_MEANS", "Celsius", "TemperatureSettings"]
-
 STEADY_MEANS = 3
 """So many means in a row must stand still."""
 Celsius = Annotated[float, Meta(ge=-100.0, le=200.0)]

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.virtual_coriolis.matching import Matching
     from vcfbench.record.schema import Point
 
-__all__ = ["MEANINGS", "four_step_statement", "four_step_values"]
-
 MEANINGS = MappingProxyType(
     {
         "k_vc": (

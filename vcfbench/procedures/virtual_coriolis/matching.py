@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.record.schema import Point
 
-__all__ = ["Matching", "Mean"]
-
 _CLOSE_ENOUGH = 5e-4
 """Residual of the output over its span at which the rest is interpolated. The chord is within some per cent of the
 tangent, so what the interpolation leaves is some per cent of this."""

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
     from vcfbench.record.schema import Point
 
-__all__ = ["null_statement"]
-
 _OF_PAIR = {"k_vc": "rates over V_Vc at the match rate and its opposite, half the difference: no even order in it"}
 
 _OF_CURVE = {

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
     from vcfbench.record.schema import Point
 
-__all__ = ["NullMatching", "null_matching"]
-
 Floats: TypeAlias = "NDArray[np.float64]"
 
 TABLE, DRIVEN = 1, 2

@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
     from vcfbench.record.schema import Point
 
-__all__ = ["VIRTUAL_CORIOLIS", "virtual_coriolis"]
-
 
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
     """Calibrate on the rate table and by the virtual Coriolis force, and compare."""

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
     from vcfbench.record.schema import Point
 
-__all__ = ["virtual_coriolis_report"]
-
 
 def virtual_coriolis_report(_settings: object, points: Sequence[Point], results: VirtualCoriolisResult) -> Report:
     """Report a four-step calibration: steps 3 and 4 like the paper's Table 1, both lines, and how they differ."""

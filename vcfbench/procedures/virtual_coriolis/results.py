@@ -36,15 +36,6 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
     from vcfbench.specifications import LevelSpecification
 
-__all__ = [
-    "NullPair",
-    "NullVirtualCoriolisResult",
-    "SweptVirtualCoriolisResult",
-    "VirtualCoriolisResult",
-    "null_results",
-    "virtual_coriolis_results",
-]
-
 
 class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     """What a four-step calibration came to: K_Vc, the columns of table and virtual Coriolis force, and how they differ.

@@ -11,8 +11,6 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import Match, rate_words
 from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
 
-__all__ = ["VirtualCoriolisSettings"]
-
 
 class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
     """Settings of the virtual Coriolis calibration, beside those of all procedures."""

@@ -48,8 +48,6 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
     from vcfbench.report.document import Report
 
-__all__ = ["WARMUP", "SwitchOnAndLog", "SwitchedOn", "WarmupSettings", "warmup"]
-
 _QUICK_NPLC = 1.0
 _QUICK_INTERVAL_S = 0.1
 """While the drive loop starts: ten readings a second of one power-line cycle."""

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["WarmupResult", "is_steady", "warmup_report", "warmup_results"]
-
 _SIGMAS = 3.0
 _FLOOR = 0.6643
 """Floor of the Allan deviation over the bias instability."""

@@ -50,8 +50,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.devices import NewEntry
 
-__all__ = ["ZERO", "Mode", "ZeroSettings", "zero"]
-
 _LEAST_READINGS = 200
 """Fewer have no averaging times for four coefficients."""
 _EXACTLY = 1e-6

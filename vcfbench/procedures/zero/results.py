@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.sweep.window_noise import Flicker
 
-__all__ = ["AllanRow", "NoiseCoefficient", "Stability", "ZeroResult", "zero_report", "zero_results"]
-
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
 _DEG_RTH = 60.0

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.noise import NoiseState, NoisyChain
     from vcfbench.sim.gyro.shaken import Shaken
 
-__all__ = ["GRID_S", "NoisePath"]
-
 GRID_S = 0.5e-3
 LONGEST_S = 2.0
 DIRECTION = 1e-8

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.parameters import BenchParameters, SenseMode
 
-__all__ = ["CarrierModel", "CarrierRun"]
-
 FINE_STEPS = 4
 BLOCK_CYCLES = 64
 

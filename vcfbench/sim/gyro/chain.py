@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters, SenseMode
 
-__all__ = ["Chain", "ChainDesign", "ChainState", "Forcing", "Response", "build_chain"]
-
 
 class ChainState(Struct, frozen=True):
     """What the chain remembers, in terms that outlive a change of its parameters.

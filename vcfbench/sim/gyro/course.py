@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["Acting", "Answer", "Course", "chain_at"]
-
 FORGOTTEN_DEG_S = 1e-18
 FORGOTTEN_NEPERS = 36.0
 """What has decayed by so much, to 2e-16, is no more than the rounding of what came later."""

@@ -17,8 +17,6 @@ from vcfbench.sim.gyro.design import IDEAL_TARGETS, PAPER_TARGETS, PERFECT, desi
 if TYPE_CHECKING:
     from vcfbench.sim.parameters import BenchParameters, DriveLoop, SenseMode
 
-__all__ = ["DataSheet", "own_gyro", "peak_response", "rate_response", "settling_s"]
-
 FLICKER_MINIMUM = 0.6642824702679
 """sqrt(2 ln 2 / pi): the lowest point of an Allan curve of flicker noise over its coefficient B."""
 _HEADROOM_V = 8.5

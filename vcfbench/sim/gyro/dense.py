@@ -14,8 +14,6 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Coarse", "coarser"]
-
 COARSE_S = 2e-6
 FEWEST = 1024
 LEAST_SAVING = 4

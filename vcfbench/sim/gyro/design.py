@@ -29,20 +29,6 @@ from vcfbench.sim.parameters import (
     VirtualPath,
 )
 
-__all__ = [
-    "EARTH_RATE_DEG_S",
-    "IDEAL_TARGETS",
-    "PAPER_TARGETS",
-    "PERFECT",
-    "Targets",
-    "design",
-    "earth_rate_deg_s",
-    "ideal_bench",
-    "imperfect",
-    "paper_bench",
-    "seen_share",
-]
-
 EARTH_RATE_DEG_S = 15.041067 / 3600.0
 
 

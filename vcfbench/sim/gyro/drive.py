@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters, DriveLoop
 
-__all__ = ["CONTROL_STEP_S", "DriveSegment", "Motion", "Supplied", "locked", "resting", "ring_down", "start_up"]
-
 
 class Supplied(NamedTuple):
     """What the rails allow at a moment: the amplitude that the AGC holds, m, and the weaker rail, V."""

@@ -14,8 +14,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["ElectronicNoise"]
-
 TICKS_A_PERIOD = 64
 REMEMBERED = 256
 """Ticks after which a first-order filter has forgotten 1e-11."""

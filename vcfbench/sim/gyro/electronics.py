@@ -23,22 +23,6 @@ if TYPE_CHECKING:
 
 _Volts = TypeVar("_Volts", float, "NDArray[np.float64]")
 
-__all__ = [
-    "MovingLimits",
-    "Oscillation",
-    "Passage",
-    "Pin",
-    "PlayedVoltage",
-    "amplify",
-    "curved",
-    "modulate",
-    "node_voltage",
-    "output_limits",
-    "passage",
-    "rail_current_a",
-    "source_voltage",
-]
-
 FORGOTTEN = 1e-9
 """Part of the largest below which a product of sines is left out."""
 

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.sources import Drive, Played, Ripple
 
-__all__ = ["Gyro"]
-
 COLDEST_C, HOTTEST_C = -55.0, 125.0
 AMPLITUDE_STEP = 1e-4
 """Of the drive amplitude: the largest step in which it follows a rail that moves, at most half of it off."""

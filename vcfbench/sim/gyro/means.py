@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     _Volts = float | NDArray[np.float64]
 
-__all__ = ["output_integral"]
-
 STEADY_V = 1e-3
 PANEL_S = 0.02
 PANEL_NODES = 16

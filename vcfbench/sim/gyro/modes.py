@@ -15,8 +15,6 @@ from functools import cached_property
 
 from msgspec import Struct
 
-__all__ = ["Resonance", "butterworth_poles", "butterworth_residues"]
-
 
 class Resonance(Struct, frozen=True, dict=True):
     """A second-order mode: natural frequency in rad/s and quality factor (> 1/2)."""

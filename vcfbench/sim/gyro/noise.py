@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.chain import Chain
     from vcfbench.sim.parameters import NoiseSources
 
-__all__ = ["BLOCK", "FlickerNoise", "Interval", "NoiseState", "NoisyChain", "by_rows", "make_room", "turning_with"]
-
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
 

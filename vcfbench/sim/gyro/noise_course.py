@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["NoiseCourse"]
-
 NOISE_STEP_K = 1.0
 """Steps in which the chain that the noise passes follows the temperature: 6e-4 of the noise's size at most."""
 MOST_NOTED = 64

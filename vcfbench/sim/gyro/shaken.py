@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.chain import Chain
     from vcfbench.sim.motion import RateSegment
 
-__all__ = ["Shaken", "Shaking"]
-
 
 class _Interval(Struct, frozen=True):
     """What an interval does: turns lines, leaves of free motions; what both put into the integral, V s each."""

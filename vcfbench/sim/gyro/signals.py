@@ -10,8 +10,6 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["ExponentialSum", "real_terms"]
-
 BLOCK = 1 << 20
 FEW_TERMS = 256
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.sources import Played
 
-__all__ = ["Situation", "Stretch"]
-
 FINEST_RAD = 0.05
 PINS = ("rail_positive", "rail_negative")
 

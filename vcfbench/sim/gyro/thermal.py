@@ -12,8 +12,6 @@ from vcfbench.sim.gyro.modes import Resonance
 if TYPE_CHECKING:
     from vcfbench.sim.parameters import DriveMode, SenseMode, Thermal
 
-__all__ = ["WarmUp", "resonance_at"]
-
 
 class WarmUp(Struct, frozen=True):
     """Temperature from `start_s` on: goal + (start - goal) exp(-(t - start_s)/tau)."""

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.parameters import BenchParameters
 
-__all__ = ["warm_output"]
-
 
 def warm_output(
     bench: BenchParameters, generator_ohm: float = 50.0, rails_v: tuple[float, float] | None = None

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.world import World
 
-__all__ = ["AirStreamErrors", "TemptronicATS545Twin"]
-
 _FASTEST_K_S = 18.0
 """-55 to 125 degC in about 10 s, as the maker says of an unloaded nozzle."""
 _ROOM_S = 60.0

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.motion import RateRipple
 
-__all__ = ["INTERLOCKS", "PositionMoves", "ServoAxis", "TableAxis", "TableErrors", "TableWorld", "TrueMotion"]
-
 INTERLOCKS = ("interlock", "door", "emergency_stop", "drive_fault")
 """What can break the current that must flow for a drive to be on: master interlock, door switch, emergency stop, and
 the power amplifier's own acknowledgement."""

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.rate_tables.axis import ServoAxis
 
-__all__ = ["Interlocked", "interlock_adjustments"]
-
 
 class Interlocked:
     """A table of one :class:`ServoAxis`; what shuts that down by itself comes to :meth:`_noticed`, once."""

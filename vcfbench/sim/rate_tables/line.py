@@ -18,8 +18,6 @@ from vcfbench.sim.serial_line import CharacterFrame
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.axis import TableWorld
 
-__all__ = ["LineDevice", "SerialTiming"]
-
 
 class SerialTiming(Struct, frozen=True):
     """What a table's serial port is set to, and the controller's own time."""

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.rate_tables.axis import TableWorld
 
-__all__ = ["FrameDevice", "StatusStream", "StreamErrors", "UnsolicitedStatus"]
-
 
 class StreamErrors(TableErrors, frozen=True):
     """Imperfections of a table that sends its status unasked; zero switches each off. No specimen has them drawn.

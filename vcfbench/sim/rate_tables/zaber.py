@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-__all__ = ["StepperErrors", "ZaberTable", "longitudinal_redundancy"]
-
 _TIMING = SerialTiming(baud=115200.0, processing_s=0.002)
 _ALERT_POLL_S = 0.02
 """How often an axis whose end of motion is to be told is looked at, s."""

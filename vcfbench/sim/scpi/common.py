@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi.engine import ScpiModel
     from vcfbench.sim.scpi.status import Register
 
-__all__ = ["COMMON_COMMANDS", "MASK_16", "condition", "enable", "event", "next_error"]
-
 _MASK_8 = (Integer(limits=Limits(0, 255), named=False),)
 MASK_16 = (Integer(limits=Limits(0, 32767), named=False),)
 """Parameter of an enable register."""

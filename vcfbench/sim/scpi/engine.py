@@ -24,20 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.sim.scpi.table import CommandTable, CompiledUnit, Program
 
-__all__ = [
-    "GPIB",
-    "LAN",
-    "RS232",
-    "USB",
-    "Dialect",
-    "Interface",
-    "Pending",
-    "ScpiEngine",
-    "ScpiModel",
-    "ScpiTwin",
-    "StreamedAnswer",
-]
-
 _CACHED_MESSAGES = 2048
 _CACHED_LENGTH = 512
 _SMALLEST_BUFFER = 64

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections import deque
 from types import MappingProxyType
 
-__all__ = ["ERROR_WORDS", "ErrorQueue", "ScpiError", "esr_bit"]
-
 ERROR_WORDS = MappingProxyType(
     {
         -101: "Invalid character",

@@ -8,20 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-__all__ = [
-    "INFINITY",
-    "NOT_A_NUMBER",
-    "Parts",
-    "bare_integer",
-    "block",
-    "block_header",
-    "boolean",
-    "comma_list",
-    "quoted",
-    "real",
-    "signed_integer",
-]
-
 INFINITY = 9.9e37
 NOT_A_NUMBER = 9.91e37
 """What stands for them on the wire (SCPI-99 vol. 1, 7.2.1.4)."""

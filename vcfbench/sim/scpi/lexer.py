@@ -19,8 +19,6 @@ from vcfbench.sim.scpi.errors import ScpiError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Token", "TokenKind", "Unit", "find_message_end", "units"]
-
 _BLANK = "".join(map(chr, (*range(10), *range(11, 33))))
 """White space: blank and every control character but the newline (IEEE 488.2, 7.4.1.2)."""
 _DIGITS = "0123456789"

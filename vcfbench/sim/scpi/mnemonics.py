@@ -6,8 +6,6 @@ import re
 
 from msgspec import Struct
 
-__all__ = ["Mnemonic"]
-
 _PATTERN = re.compile(r"(\*?[A-Z][A-Z0-9_]*)([a-z0-9_]*)(?:<(\d+)-(\d+)>)?")
 
 

@@ -20,23 +20,6 @@ from vcfbench.sim.scpi.mnemonics import Mnemonic
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = [
-    "Block",
-    "Boolean",
-    "Choice",
-    "Integer",
-    "Limits",
-    "Number",
-    "Parameter",
-    "Quantity",
-    "Special",
-    "Text",
-    "Violation",
-    "Word",
-    "clip",
-    "refuse",
-]
-
 
 class Special(Enum):
     """A word in place of a number."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["Register", "Status"]
-
 
 class Register:
     """A condition/event/enable triple. A rising condition bit latches the event bit.

@@ -16,8 +16,6 @@ from vcfbench.sim.scpi.parameters import Choice, Number, Parameter, Special
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["Command", "CommandTable", "CompiledUnit", "Program"]
-
 _WORD_LIMIT = 12
 
 

@@ -4,6 +4,4 @@ from __future__ import annotations
 
 from vcfbench.sim.serial_backend import SimulatedSerial
 
-__all__ = ["Serial"]
-
 Serial = SimulatedSerial

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.device import Device
     from vcfbench.sim.world import LeadsOfRole, World
 
-__all__ = ["adjustments_of"]
-
 _SUDDEN_DEG_S2 = 1e4
 _MOST = 1e9
 """No quantity of a bench is larger in its unit; the squares and sums of what is below are numbers still."""

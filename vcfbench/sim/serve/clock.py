@@ -10,8 +10,6 @@ import math
 
 from vcfbench.clock import WallClock
 
-__all__ = ["MAX_SPEED", "ServedClock"]
-
 MAX_SPEED = math.inf
 """As a speed: bench time passes as wall time does, and jumps to whatever a client waits for."""
 SLOWEST, FASTEST = 1e-6, 1e6

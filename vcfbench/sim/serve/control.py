@@ -52,8 +52,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve.loop import Loop, Timer
     from vcfbench.sim.serve.passage import AttendedPassage
 
-__all__ = ["ControlServer", "Controlled", "Refused"]
-
 _LONGEST_REQUEST = 1 << 16
 _MOST_REQUESTS = 1 << 16
 """That wait on one connection: who sends more does not wait for answers, and gets none."""

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.device import Device
 
-__all__ = ["NOTHING_EMPTY", "empty_messages", "message_sizes", "shortest_calls"]
-
 Bytes: TypeAlias = bytes | bytearray
 
 _BLANK = re.compile(rb"[\r\n]*")

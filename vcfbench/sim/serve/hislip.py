@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.serve.loop import Loop, Timer
 
-__all__ = ["HislipServer"]
-
 _HEADER = struct.Struct("!2sBBIQ")
 _PROLOGUE = b"HS"
 _MAX_PAYLOAD = 1 << 20

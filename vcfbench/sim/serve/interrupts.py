@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.serve.loop import Loop
 
-__all__ = ["Destination", "InterruptChannel"]
-
 _SERVICE_REQUEST = 30
 _CONNECTING_S = 5.0
 _UNDER_WAY = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, getattr(errno, "WSAEWOULDBLOCK", 0)})

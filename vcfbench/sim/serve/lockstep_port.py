@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.serial_line import CharacterFrame
     from vcfbench.sim.serve.remote import Control
 
-__all__ = ["LockstepPort"]
-
 _ARRIVAL_S = 10.0
 """Wall time for what has been sent already."""
 _DAY_S = 86400.0

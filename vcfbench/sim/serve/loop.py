@@ -18,8 +18,6 @@ from vcfbench.clock import WallClock
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["READ", "WRITE", "Loop", "Timer"]
-
 READ = 1
 """A file can be read, or has hung up. The values are those of epoll."""
 WRITE = 4

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve.clock import ServedClock
     from vcfbench.sim.serve.instrument import ServedInstrument
 
-__all__ = ["AttendedPassage"]
-
 _NOTHING = math.inf
 _PATIENCE_S = 0.005
 """Wall time without a word from anybody after which a lockstep clock goes on to the next status that comes unasked."""

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve.instrument import ServedInstrument
     from vcfbench.sim.serve.loop import Loop
 
-__all__ = ["ByteStream", "Pty", "TcpStream", "has_ptys"]
-
 _CHUNK = 1 << 16
 _HELD_BACK = 64
 _LINES_AT_ONCE = re.compile(rb"(?:[^\r\n]*+[\r\n]++){256}")

@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING, Any, Self
 if TYPE_CHECKING:
     from types import TracebackType
 
-__all__ = ["Control", "ControlError", "RemoteClock"]
-
 _CHUNK = 1 << 16
 
 

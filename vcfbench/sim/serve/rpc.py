@@ -13,18 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.serve.loop import Loop
 
-__all__ = [
-    "BadArguments",
-    "Call",
-    "RpcConnection",
-    "Unpacker",
-    "call_record",
-    "marked",
-    "opaque",
-    "parse_call",
-    "reply",
-]
-
 _LAST = 0x8000_0000
 _LONGEST_RECORD = 1 << 24
 _WAITING = 1 << 18

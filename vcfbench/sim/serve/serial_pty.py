@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve.instrument import ServedInstrument
     from vcfbench.sim.serve.loop import Loop
 
-__all__ = ["SerialPty"]
-
 _USUAL_BAUD = 9600
 _SLOW_BAUDS = (300, 600, 1200, 1800, 2400, 4800, _USUAL_BAUD, 19200, 38400)
 _BAUDS = (*_SLOW_BAUDS, 57600, 115200, 230400, 460800, 921600)

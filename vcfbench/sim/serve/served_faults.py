@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.serve.passage import AttendedPassage
     from vcfbench.sim.serve.wire import Listener
 
-__all__ = ["ServedFaults", "require_roles"]
-
 
 def require_roles(instruments: Mapping[str, ServedInstrument], roles: Iterable[str], what: str) -> None:
     """Raise ValueError if one of `roles` is none of the bench's."""

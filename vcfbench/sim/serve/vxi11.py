@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.serve.loop import Loop, Timer
 
-__all__ = ["PortMapper", "Vxi11Server"]
-
 CORE, ABORT, PORT_MAPPER = 0x0607AF, 0x0607B0, 100000
 _WAIT_LOCK, _END, _TERMINATOR_SET = 1, 8, 128
 _BY_COUNT, _BY_TERMINATOR, _BY_END = 1, 2, 4

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.serve.loop import Loop
 
-__all__ = ["Connection", "Listener", "Outbox"]
-
 _SENDMSG = hasattr(socket.socket, "sendmsg")
 _TOGETHER = 64
 """Parts sent at once; systems take some hundreds."""

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.agilent33220a.waveforms import Segments
 
-__all__ = ["BUILT_IN", "ArbitraryMemory", "crest", "mean"]
-
 ARBITRARY_POINTS = 16384
 """Length of the built-in arbitrary waveforms (unverified for the 33220A; the 33250A has 4096)."""
 PLACES = 4

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = ["COMMANDS"]
-
 
 class _DacPoints(Parameter, frozen=True, kw_only=True):
     """A block of 16-bit words or a number -8191...8191."""

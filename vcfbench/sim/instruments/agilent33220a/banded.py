@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.phases import Phase
     from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle, Values
 
-__all__ = ["Banded"]
-
 _CYCLE_PART = 1 / 12
 _NARROWEST = 1 / 8192
 """How finely a cycle is looked at: of what is narrower the mean tells, and no counter takes it for a signal."""

@@ -12,8 +12,6 @@ from vcfbench.sim.scpi import Choice, Command, Limits, Number, ScpiError
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = ["COMMANDS"]
-
 
 def _set_burst_mode(model: _Model, mode: str) -> None:
     """Triggered bursts of noise are none: the burst is off then."""

@@ -15,8 +15,6 @@ from vcfbench.sim.instruments.agilent33220a import (
 )
 from vcfbench.sim.scpi import COMMON_COMMANDS, CommandTable
 
-__all__ = ["TABLE"]
-
 TABLE = CommandTable(
     *COMMON_COMMANDS,
     *output_commands.COMMANDS,

@@ -13,22 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = [
-    "FIRST_HZ",
-    "LEVEL_S",
-    "POLARITIES",
-    "SLOPES",
-    "SWITCH_S",
-    "TUNE_S",
-    "NameParameter",
-    "angle",
-    "frequency_limits",
-    "mode_switch",
-    "names_reply",
-    "nr3",
-    "setting",
-]
-
 nr3 = real(13)
 
 

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.phases import Rhythm
     from vcfbench.sim.instruments.agilent33220a.waveforms import Values
 
-__all__ = ["HIGHEST_PEAK_V", "Envelope", "WidthSwing"]
-
 HIGHEST_PEAK_V = 10.0
 """Where the output amplifier ends, open circuit; only more than 100 % of AM gets there."""
 

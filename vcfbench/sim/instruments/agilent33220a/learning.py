@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
     from vcfbench.sim.scpi import Command
 
-__all__ = ["learnt"]
-
 
 def _header(pattern: str) -> str:
     """Return the shortest spelling of a header."""

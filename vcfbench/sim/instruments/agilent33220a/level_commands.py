@@ -12,8 +12,6 @@ from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, Quantity
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = ["AMPLITUDE", "AMPLITUDE_UNITS", "COMMANDS", "OFFSET", "amplitude_shown", "offset_shown", "vpp_of"]
-
 
 def _amplitude_limits(model: _Model) -> Limits:
     unit = model.state["unit"]

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.arbitrary import ArbitraryMemory
     from vcfbench.sim.instruments.agilent33220a.settings import GeneratorErrors, Settings
 
-__all__ = ["Levels"]
-
 _ROUND_OFF = 1 + 1e-12
 
 

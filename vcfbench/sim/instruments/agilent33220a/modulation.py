@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle
     from vcfbench.sim.sources import Played
 
-__all__ = ["Player", "pseudo_random_bits"]
-
 _TIMED_SHARE = 0.8
 """The edge time is from 10 to 90 % (33250A guide p. 168; for this model unverified)."""
 _SQUARE_EDGE_S = 13e-9 / _TIMED_SHARE

@@ -18,8 +18,6 @@ from vcfbench.sim.scpi import Choice, Command, Limits, Number
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = ["COMMANDS"]
-
 
 def _duty_swing_limits(model: _Model) -> Limits:
     return Limits(0.0, 100.0 * widest_swing_s(model.state, model.kind) * model.state["freq"])

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.waveforms import Values
     from vcfbench.sim.sources import Bend
 
-__all__ = ["CREST", "NoiseSource", "gaussian"]
-
 CREST = 3.3
 """Peak over rms: the amplitude of noise is 6.6 times its rms (unverified)."""
 _TICK_S = 25e-9

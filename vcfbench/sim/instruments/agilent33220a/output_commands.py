@@ -29,8 +29,6 @@ from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, Paramete
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = ["COMMANDS"]
-
 
 def _select(model: _Model, function: str) -> None:
     model.rules.select(function)

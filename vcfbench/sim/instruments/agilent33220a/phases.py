@@ -18,9 +18,6 @@ from vcfbench.sim.instruments.agilent33220a.waveforms import turned
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle, Values
 
-__all__ = ["Bursts", "Deviated", "Keyed", "Phase", "Rhythm", "Shifted", "Steady", "SteadyRun", "Swept", "continued"]
-
-
 _MOST_BREAKS = 10_000
 _NEAR = 1e-4
 """Part of a rhythm's period over which its slope is taken."""

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.waveforms import Cycle, Values
     from vcfbench.sim.sources import Bend
 
-__all__ = ["BINS", "PIECE_S", "Playing", "bent", "cosines"]
-
 PIECE_S = 1 / 64
 BINS = 4096
 _SELDOM_HZ, _OFTEN_HZ = 64.0, 512.0

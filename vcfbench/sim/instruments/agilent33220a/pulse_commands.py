@@ -11,8 +11,6 @@ from vcfbench.sim.scpi import Choice, Command, Limits, Number
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = ["COMMANDS"]
-
 
 def _set_period(model: _Model, seconds: float) -> None:
     model.set_frequency(1.0 / seconds)

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.settings import GeneratorKind, Settings
     from vcfbench.sim.scpi import ScpiError
 
-__all__ = ["SettingRules", "fm_limit_hz", "longest_edge_s", "widest_swing_s", "width_limits_s"]
-
 _NAMES = {"RAMP": "ramp", "PULS": "pulse", "USER": "user", "SIN": "sine", "SQU": "square", "TRI": "triangle"}
 _MODE_WORDS = {"SWE": "sweep", "BURS": "burst"}
 _UNMODULATED = {"PULS", "NOIS", "DC"}

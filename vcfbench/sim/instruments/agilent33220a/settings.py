@@ -16,20 +16,6 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-__all__ = [
-    "FUNCTIONS",
-    "KIND_33220A",
-    "MAX_PEAK_V",
-    "RESET",
-    "SOURCE_OHM",
-    "GeneratorErrors",
-    "GeneratorKind",
-    "OutputRange",
-    "Settings",
-    "conflict",
-    "drawn_ranges",
-]
-
 Settings = dict[str, Any]
 
 SOURCE_OHM = 50.0

@@ -11,8 +11,6 @@ from vcfbench.sim.scpi import Boolean, Command, Integer, Limits, ScpiError, bool
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = ["COMMANDS"]
-
 
 def _name_state(model: _Model, place: int, name: str | None) -> None:
     model.state_names[place] = name or f"STATE_{place}"

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = ["COMMANDS"]
-
 
 def _sweep(pattern: str, read: Callable[[float, float], float], write: Callable[..., tuple[float, float]]) -> Command:
     """Declare one of STARt, STOP, CENTer, SPAN, which share two numbers."""

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-__all__ = ["COMMANDS"]
-
 
 def _panel(pattern: str, key: str, parameter: Parameter, reply: Callable[[Any], str]) -> Command:
     def write(model: _Model, value: Any) -> None:

@@ -10,8 +10,6 @@ from vcfbench.sim.instruments.agilent33220a.instrument import SimulatedAgilent33
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
 
-__all__ = ["Agilent33220ATwin"]
-
 
 class Agilent33220ATwin(SimulatedAgilent33220A):
     """The 33220A with its commands; arguments as of the generator."""

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Values = NDArray[np.float64]
 
-__all__ = ["FAST_HZ", "POWERS", "Cycle", "PulseCycle", "Segments", "SineCycle", "held", "ramp", "turned"]
-
 POWERS = (1, 2, 3)
 FAST_HZ = 64e3
 """From where on nothing but its mean counts of a waveform: the next line, were it modulated by 20 kHz, is at 44 kHz."""

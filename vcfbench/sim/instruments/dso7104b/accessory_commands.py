@@ -37,8 +37,6 @@ from vcfbench.sim.scpi import (
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
-__all__ = ["ACCESSORY_COMMANDS"]
-
 _CALIBRATED = {"DATE": (1, 1, 2026), "TIME": (12, 0, 0)}
 """When the user calibration was last done: day, month, year; hours, minutes, seconds."""
 

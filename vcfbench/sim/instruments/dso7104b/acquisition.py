@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.trigger import Trigger
     from vcfbench.sim.trace import Piece
 
-__all__ = ["Acquisition", "Arming", "CapturedRecord", "Pace", "acquisition"]
-
 AUTO_TRIGGER_S = 0.02
 """How long AUTO waits for a trigger; the guide says that AUTO suits signals above 50 Hz (unverified)."""
 _SEARCH_S = 1e-3

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.inputs import ChannelCapture
 
-__all__ = ["LOOK_S", "fit"]
-
 LOOK_S = 0.1
 """How long it looks at the inputs (unverified)."""
 _POINTS = 20_000

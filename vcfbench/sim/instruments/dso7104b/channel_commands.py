@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
     from vcfbench.sim.scpi.lexer import Token
 
-__all__ = ["VERTICAL_COMMANDS"]
-
 
 class _Label(Text, frozen=True):
     """A channel's label: ten capitals are kept (siblings' guide, as quoted by PyMeasure's DSOX1102G)."""

@@ -12,8 +12,6 @@ from vcfbench.sim.instruments.dso7104b.trigger_commands import TRIGGER_COMMANDS
 from vcfbench.sim.instruments.dso7104b.waveform_commands import WAVEFORM_COMMANDS
 from vcfbench.sim.scpi import COMMON_COMMANDS, CommandTable
 
-__all__ = ["TABLE"]
-
 TABLE = CommandTable(
     *COMMON_COMMANDS,
     *ROOT_COMMANDS,

@@ -14,20 +14,6 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = [
-    "Burst",
-    "Change",
-    "Condition",
-    "Duration",
-    "EdgeCondition",
-    "NeverMet",
-    "Pattern",
-    "PulseCondition",
-    "SequenceCondition",
-    "SequenceStage",
-    "Video",
-]
-
 
 class Change(NamedTuple):
     """A comparator's output changes: between two times, at about `at_s`."""

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.inputs import Signals
     from vcfbench.sim.instruments.dso7104b.trigger import Comparator
 
-__all__ = ["counted_hz", "five_digits", "gate_s"]
-
 _SHORTEST_S, _LONGEST_S = 0.1, 1.0
 _DIGITS = 5
 _BLOCK_POINTS = 1 << 18

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.inputs import ScopeWorld
     from vcfbench.sim.trace import History, Piece
 
-__all__ = ["Coupling"]
-
 
 class Coupling:
     """Keeps the past while any channel, or the trigger, is AC coupled.

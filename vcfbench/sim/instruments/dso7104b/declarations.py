@@ -13,21 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import Register
     from vcfbench.sim.scpi.lexer import Token
 
-__all__ = [
-    "CHANNEL",
-    "OPTIONAL_SOURCE",
-    "SECONDS",
-    "SOURCE",
-    "VOLTS",
-    "SourceParameter",
-    "clipped",
-    "nothing",
-    "number",
-    "of_channel",
-    "registers",
-    "setting",
-]
-
 CHANNEL = Choice(("CHANnel<1-4>",))
 VOLTS = Number(unit="V")
 SECONDS = Number(unit="S")

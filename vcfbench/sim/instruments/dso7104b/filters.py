@@ -22,17 +22,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.trace import Piece
 
-__all__ = [
-    "COUPLING_S",
-    "REMEMBERED_S",
-    "Capacitor",
-    "LowPass",
-    "Sines",
-    "closed_form",
-    "low_passed",
-    "time_constant_s",
-]
-
 
 def time_constant_s(corner_hz: float) -> float:
     """Return the time constant of a corner."""

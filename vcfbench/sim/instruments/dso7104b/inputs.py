@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.filters import Sines
     from vcfbench.sim.trace import History, Piece
 
-__all__ = ["EXTERNAL", "LINE", "ChannelCapture", "ChannelRecording", "ChannelView", "ScopeWorld", "Screen", "Signals"]
-
 LINE, EXTERNAL = 0, 5
 """Numbers of the trigger inputs that are no channels; nothing is plugged in at EXTernal."""
 MAINS_HZ = 50.0

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.measurements import MeasuredTrace
     from vcfbench.sim.instruments.dso7104b.record import Record
 
-__all__ = ["INVALID", "Installed", "measured_or_invalid"]
-
 INVALID = INFINITY
 """The answer where nothing can be measured."""
 

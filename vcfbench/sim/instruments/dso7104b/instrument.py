@@ -56,8 +56,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.trace import Piece
 
-__all__ = ["SimulatedDso7104B"]
-
 _RUN_BIT, _WAIT_BIT = 8, 32
 _MASK_TEST, _OVERLOAD, _HARDWARE = 9, 11, 12
 """Bits of the operation status that other registers feed (status chapter of the 6000 and 3000T guides)."""

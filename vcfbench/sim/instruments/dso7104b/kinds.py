@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-__all__ = ["KIND_7000B", "ScopeKind"]
-
 
 class ScopeKind(Struct, frozen=True):
     """A model.

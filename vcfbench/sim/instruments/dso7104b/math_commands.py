@@ -17,8 +17,6 @@ from vcfbench.sim.scpi import Boolean, Choice, Command, Limits, Number, ScpiErro
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
-__all__ = ["FUNCTION_COMMANDS"]
-
 
 def _shown_band(model: SimulatedDso7104B) -> tuple[float, float]:
     """Return centre and span of an FFT at the present time base."""

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.record import Digitised, Record
 
-__all__ = ["MATH_RANGES", "MathTrace", "fft_band", "fft_points", "math_scale", "math_trace"]
-
 _MOST_POINTS = 1000
 MATH_RANGES = {
     "ADD": (8e-6, 800e3),

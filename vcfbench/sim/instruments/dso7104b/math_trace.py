@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["FFT_POINTS", "TWO_SOURCES", "WINDOWS", "Spectrum", "combined", "transformed"]
-
 FFT_POINTS = 65536
 _FLOOR_DBV = -200.0
 _SAME = 1e-6

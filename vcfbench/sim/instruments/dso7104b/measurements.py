@@ -17,8 +17,6 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["MeasuredTrace", "Thresholds", "TraceEdge"]
-
 _MODE_SHARE = 0.05
 """Part of all points that a histogram bin must hold to be top or base (the real criterion is unverified)."""
 _BINS = 256

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
-__all__ = ["MEASURE_COMMANDS"]
-
 _INSTALLED_MOST = 4
 
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.inputs import ChannelView, Screen, Signals
 
-__all__ = ["AcquiredRecord", "Digitised", "Record", "ScopeErrors"]
-
 _BLOCK_POINTS = 1 << 16
 _DENSE_POINTS = 1024
 _LEAST_SAVING, _MOST_SAVING = 4, 4096

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.kinds import ScopeKind
 
-__all__ = ["channel_view", "main_window", "memory_points", "pace_of", "sample_rate_hz"]
-
 
 def main_window(state: Mapping[str, Any]) -> Screen:
     """Return the main window."""

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-__all__ = ["COLOURS", "FORMATS", "PictureStyle", "screenshot"]
-
 WIDTH, HEIGHT = 1024, 768
 COLOURS = ((255, 255, 0), (0, 255, 0), (80, 80, 255), (255, 80, 160), (200, 80, 255))
 """Of the channels and the math trace."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["CHANNELS", "default_setup"]
-
 CHANNELS = (1, 2, 3, 4)
 
 _CHANNEL = {

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.record import Record
 
-__all__ = ["ShownRecords"]
-
 _SCREEN_POINTS = 1000
 
 

@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
     from vcfbench.sim.scpi import Pending
 
-__all__ = ["ROOT_COMMANDS", "SYSTEM_COMMANDS"]
-
 _PLACES = Integer(limits=Limits(0, 9))
 _POINTS = 1000
 _OPTIONS = "0,0,0,0,MEMUP,0,0,0,0,0,0,0"

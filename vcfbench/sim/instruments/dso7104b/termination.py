@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.inputs import ChannelCapture, ScopeWorld
 
-__all__ = ["Terminations"]
-
 FIFTY_OHM = 50.0
 MOST_V_RMS = 5.0
 """Data sheet; what the protection measures exactly, and how fast, is not known."""

@@ -11,8 +11,6 @@ from vcfbench.sim.scpi import Boolean, Choice, Command, Integer, Limits, Number,
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
-__all__ = ["TIMING_COMMANDS"]
-
 _RANGE = Number(unit="S", limits=Limits(5e-9, 500.0))
 _SCALE = Number(unit="S", limits=Limits(500e-12, 50.0))
 _POSITION = Number(unit="S", limits=Limits(-500.0, 500.0))

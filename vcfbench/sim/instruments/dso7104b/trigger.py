@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.dso7104b.filters import Sines
     from vcfbench.sim.instruments.dso7104b.inputs import Signals
 
-__all__ = ["Comparator", "SyncTips", "Trigger", "TriggerSearch", "held"]
-
 _GRID_POINTS = 4000
 _BLOCK_POINTS = 1 << 16
 _MOST_POINTS = 1 << 20

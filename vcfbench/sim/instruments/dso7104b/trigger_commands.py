@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
-__all__ = ["TRIGGER_COMMANDS"]
-
 _OPTIONS = ("FLEXray", "I2S", "M1553", "UART")
 """Serial modes that come with options; the others are standard (data sheet, from memory)."""
 _SERIAL = ("CAN", "IIC", "LIN", "SPI", "USB")

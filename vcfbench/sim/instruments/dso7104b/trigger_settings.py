@@ -24,8 +24,6 @@ from vcfbench.sim.instruments.dso7104b.trigger import Comparator, SyncTips, Trig
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-__all__ = ["comparator_of", "trigger_of"]
-
 _LINE_S = {"NTSC": 63.556e-6, "PALM": 63.556e-6, "PAL": 64e-6, "SEC": 64e-6, "GEN": 64e-6}
 _UNPLUGGED_V = 1e-9
 _HALF_DIVISION = 0.5

@@ -10,8 +10,6 @@ from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
 
-__all__ = ["Dso7104BTwin"]
-
 
 class Dso7104BTwin(SimulatedDso7104B):
     """The DSO7104B with its commands; arguments as of the oscilloscope."""

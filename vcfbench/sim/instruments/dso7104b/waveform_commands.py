@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.dso7104b.instrument import SimulatedDso7104B
 
-__all__ = ["WAVEFORM_COMMANDS"]
-
 _LEVELS = {"BYTE": 256, "WORD": 65536, "ASC": 65536}
 _HOLE = 0.0
 """Code of a place without data."""

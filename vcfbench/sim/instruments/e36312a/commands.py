@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.e36312a.instrument import SimulatedE36312A
 
-__all__ = ["TABLE"]
-
 _NAMES = tuple(kind.name for kind in KINDS)
 _PROGRAMMING_S, _READBACK_S = 0.01, 0.02
 """Command processing is below 10 ms (EDU36311A data sheet, as quoted); a read-back is unverified."""

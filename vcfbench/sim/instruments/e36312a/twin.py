@@ -10,8 +10,6 @@ from vcfbench.sim.instruments.e36312a.instrument import SimulatedE36312A
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
 
-__all__ = ["E36312ATwin"]
-
 
 class E36312ATwin(SimulatedE36312A):
     """The E36312A with its commands; arguments as of the supply."""

@@ -18,8 +18,6 @@ from vcfbench.sim.scpi import (
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.e3631a.output import SupplyOutput
 
-__all__ = ["CalibrationPoint", "SupplyCalibration", "adjust_amps", "adjust_volts", "level_a", "level_v"]
-
 _SHARES = {"MIN": 0.05, "MAX": 1.0}
 """The two points, parts of the rated value (of the voltage, the range less its 3 %)."""
 _FURTHEST = 0.05

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A
     from vcfbench.sim.instruments.e3631a.output import SupplyOutput
 
-__all__ = ["CALIBRATION_COMMANDS"]
-
 
 def _require_on(supply: SimulatedE3631A) -> None:
     supply.calibration.require_unsecured()

@@ -7,8 +7,6 @@ from vcfbench.sim.instruments.e3631a.output_commands import OUTPUT_COMMANDS, TRI
 from vcfbench.sim.instruments.e3631a.system_commands import STATUS_COMMANDS, SYSTEM_COMMANDS
 from vcfbench.sim.scpi import COMMON_COMMANDS, CommandTable
 
-__all__ = ["TABLE"]
-
 TABLE = CommandTable(
     *COMMON_COMMANDS,
     *OUTPUT_COMMANDS,

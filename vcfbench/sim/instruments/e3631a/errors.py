@@ -20,8 +20,6 @@ from vcfbench.sim.sources import Ripple, Sine
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["OutputAccuracy", "OutputErrors", "SupplyErrors"]
-
 _SQRT2 = math.sqrt(2.0)
 _NOISE_LIMIT_V = 0.35e-3
 """Ripple and noise from 20 Hz to 20 MHz, rms (p. 186)."""

@@ -10,8 +10,6 @@ from msgspec.structs import replace
 
 from vcfbench.sim.scpi import Limits, Number
 
-__all__ = ["KINDS", "N25V", "P6V", "P25V", "OutputKind"]
-
 
 class OutputKind(Struct, frozen=True):
     """What an output is by design.

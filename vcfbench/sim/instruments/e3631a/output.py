@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import Register
     from vcfbench.sim.world import World
 
-__all__ = ["SupplyOutput", "stepped"]
-
 _LOOKS = 8
 """How often, in equal shares of its way, an output that moves looks whether its load still draws what it did."""
 _TO_1_PERCENT = math.log(100.0)

@@ -26,8 +26,6 @@ from vcfbench.sim.scpi import (
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A
 
-__all__ = ["OUTPUT_COMMANDS", "TRIGGER_COMMANDS"]
-
 _PROGRAMMING_S = 0.05
 """From a programming command to the change at the output: the guide gives it as less than this (p. 187)."""
 _READBACK_S = 0.1

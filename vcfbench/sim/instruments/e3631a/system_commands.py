@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A
 
-__all__ = ["STATUS_COMMANDS", "SYSTEM_COMMANDS", "remote_only"]
-
 _SELF_TEST_S = 1.0
 """*TST?; unverified."""
 _RECALL_S = 0.05

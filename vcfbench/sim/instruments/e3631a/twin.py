@@ -10,8 +10,6 @@ from vcfbench.sim.instruments.e3631a.instrument import SimulatedE3631A
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
 
-__all__ = ["E3631ATwin"]
-
 
 class E3631ATwin(SimulatedE3631A):
     """The E3631A with its commands; arguments as of the supply."""

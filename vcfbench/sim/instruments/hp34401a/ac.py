@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.errors import AcErrors
     from vcfbench.sim.trace import Piece
 
-__all__ = ["SETTLING_S", "AcResponse", "Detected", "Phasors", "crest_limit", "detect", "phasors"]
-
 SETTLING_S = MappingProxyType({3.0: 7.0, 20.0: 1.0, 200.0: 0.1})
 """What the converter's output depends on, by filter: its settling time to 0.01 % (p. 58)."""
 _CORNER_HZ = MappingProxyType({3.0: 0.1, 20.0: 1.22, 200.0: 4.83})

@@ -9,8 +9,6 @@ from msgspec import Struct
 
 from vcfbench.sim.scpi import INFINITY, ScpiError
 
-__all__ = ["MATH_RULES", "OVERLOAD", "Math", "MathResult"]
-
 OVERLOAD = INFINITY
 """What an overload reads as (p. 82)."""
 MATH_RULES = MappingProxyType(

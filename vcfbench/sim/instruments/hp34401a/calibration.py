@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.inputs import Inputs, MeasuringConditions, MeterReading
     from vcfbench.sim.instruments.hp34401a.setup import Setup
 
-__all__ = ["CalibrationMemory", "MeterCalibration"]
-
 _COUNT_LIMIT = 32767
 """After it the count is 0 again (p. 97)."""
 _OFFSET_ERRORS = MappingProxyType({"VOLT": 720, "CURR": 721, "RES": 722, "FRES": 723})

@@ -10,9 +10,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
     from vcfbench.sim.scpi import Pending
 
-
-__all__ = ["COMMANDS"]
-
 _NR3 = real(8)
 
 

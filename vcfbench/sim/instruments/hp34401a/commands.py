@@ -12,8 +12,6 @@ from vcfbench.sim.instruments.hp34401a import (
 )
 from vcfbench.sim.scpi import COMMON_COMMANDS, CommandTable
 
-__all__ = ["TABLE"]
-
 TABLE = CommandTable(
     *COMMON_COMMANDS,
     *measuring_commands.COMMANDS,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-__all__ = ["FLATNESS_HZ", "Corrections"]
-
 FLATNESS_HZ = 5e4
 """Where the flatness of ac is calibrated."""
 _FULL_FLATNESS_HZ = 3e5

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.ac import AcResponse
     from vcfbench.sim.trace import Piece
 
-__all__ = ["LONGEST_WAIT_S", "OVERHEAD_S", "Counted", "count", "rises"]
-
 OVERHEAD_S = 2.2e-3
 """What 9.8 and 80 readings a second leave beside gates of 0.1 and 0.01 s (p. 221)."""
 LONGEST_WAIT_S = 1.0

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.errors import CurrentErrors
 
-__all__ = ["open_ac_input_a", "open_dc_input_a"]
-
 _DC_LIMITS = MappingProxyType({0.01: 2e-4, 0.1: 5e-5, 1.0: 1e-4, 3.0: 2e-4})
 _AC_LIMITS = MappingProxyType({1.0: 4e-4, 3.0: 6e-4})
 """Published one-year error as a part of the range."""

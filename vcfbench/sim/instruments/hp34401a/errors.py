@@ -18,8 +18,6 @@ from msgspec import Struct, field
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["AcErrors", "CounterErrors", "CurrentErrors", "MeterErrors", "OhmsErrors"]
-
 
 def _share(rng: np.random.Generator) -> float:
     """Return a share of a published limit: a quarter is one standard deviation, one the end."""

@@ -13,8 +13,6 @@ from vcfbench.sim.scpi import ScpiError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["APERTURES_S", "AUTO_DELAY_S", "BY_NAME", "RESOLUTIONS", "Function"]
-
 RESOLUTIONS = MappingProxyType({0.02: 1e-4, 0.2: 1e-5, 1.0: 3e-6, 10.0: 1e-6, 100.0: 3e-7})
 """Power line cycles to resolution as a fraction of the range (p. 55)."""
 APERTURES_S = MappingProxyType({0.01: 1e-4, 0.1: 1e-5, 1.0: 1e-6})

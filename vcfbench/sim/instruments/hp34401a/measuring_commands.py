@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.setup import Setup
     from vcfbench.sim.instruments.hp34401a.trigger import TriggerSequence, TriggerSystem
 
-
-__all__ = ["COMMANDS", "CONFIGURATION", "FUNCTION", "measurement_commands"]
-
 _FUNCTION_CHANGE_S = 1 / 26
 """Function changes a second over the bus (p. 217)."""
 _NR3 = real(8)

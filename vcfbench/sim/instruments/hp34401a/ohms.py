@@ -12,8 +12,6 @@ from typing import NamedTuple
 
 from vcfbench.sim.instruments.hp34401a.calculation import OVERLOAD
 
-__all__ = ["BEEP_DIODE_V", "BEEP_OHM", "TEST_CURRENT_A", "OhmsAccuracy", "diode_v", "limits", "resistance_ohm"]
-
 TEST_CURRENT_A = MappingProxyType({1e2: 1e-3, 1e3: 1e-3, 1e4: 1e-4, 1e5: 1e-5, 1e6: 5e-6, 1e7: 5e-7, 1e8: 5e-7})
 """Test current by range (p. 216)."""
 _PARALLEL_OHM = 1e7

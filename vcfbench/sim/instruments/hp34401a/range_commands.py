@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.functions import Function
     from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
 
-
-__all__ = ["COMMANDS", "gate_command", "nplc_command", "range_commands", "resolution_command"]
-
 _RANGE_CHANGE_S = 1 / 50
 """Range changes a second over the bus (p. 217)."""
 _NR3 = real(8)

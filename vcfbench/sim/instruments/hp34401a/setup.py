@@ -12,8 +12,6 @@ from vcfbench.sim.scpi import ScpiError, Special
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.functions import Function
 
-__all__ = ["Setup", "attainable_fraction", "configured"]
-
 
 class Setup(Struct):
     """What one function is set to. `resolution` is a fraction of the range, `nplc` and `aperture_s` go with it."""

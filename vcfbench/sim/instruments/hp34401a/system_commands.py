@@ -11,9 +11,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
 
-
-__all__ = ["COMMANDS"]
-
 _SELF_TEST_S = 15.0
 """*TST? (p. 86: about 15 s)."""
 _ON_OFF = (Boolean(),)

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
 
-__all__ = ["MEMORY", "TriggerSequence", "TriggerSystem"]
-
 MEMORY = 512
 """Readings that INITiate can store (p. 84)."""
 _ARMING_S = 0.02

@@ -22,9 +22,6 @@ from vcfbench.sim.scpi import (
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
 
-
-__all__ = ["COMMANDS"]
-
 _NR3 = real(8)
 _ON_OFF = (Boolean(),)
 

@@ -10,8 +10,6 @@ from vcfbench.sim.instruments.hp34401a.instrument import SimulatedHp34401A
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
 
-__all__ = ["Hp34401ATwin"]
-
 
 class Hp34401ATwin(SimulatedHp34401A):
     """The 34401A with its commands; arguments as of the meter."""

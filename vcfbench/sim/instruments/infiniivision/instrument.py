@@ -21,8 +21,6 @@ from vcfbench.sim.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["InfiniiVisionXTwin", "XSeriesErrors"]
-
 _LENGTHS = (*(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 62_500), *(100_000, 200_000, 500_000, 1_000_000))
 
 

@@ -21,18 +21,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = [
-    "NAMES",
-    "drawn",
-    "functions_of",
-    "ignored",
-    "kept_by_functions",
-    "once_idle",
-    "setting",
-    "settings_of_functions",
-    "spelled",
-]
-
 _NR3 = real(8)
 NAMES = MappingProxyType({"VOLT": "VOLT:DC", "VOLT:AC": "VOLT:AC", "RES": "RES", "FRES": "FRES"})
 """The functions that are simulated, and what the makers call them in replies."""

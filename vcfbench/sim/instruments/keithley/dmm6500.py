@@ -61,8 +61,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.functions import Function
     from vcfbench.sim.scpi import Interface
 
-__all__ = ["Errors6500", "KeithleyDMM6500Twin"]
-
 _SHEET = specifications.KEITHLEY_DMM6500
 _BUFFER = 100_000
 _FUNCTIONS = functions_of(_SHEET)

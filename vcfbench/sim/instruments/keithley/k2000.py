@@ -62,8 +62,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.functions import Function
     from vcfbench.sim.scpi import Interface
 
-__all__ = ["Errors2000", "Keithley2000Twin"]
-
 _SHEET = specifications.KEITHLEY_2000
 _NR3 = real(8)
 _READINGS = comma_list(_NR3)

@@ -7,8 +7,6 @@ from functools import cache
 from vcfbench.sim.instruments.agilent33220a.arbitrary import BUILT_IN, ArbitraryMemory
 from vcfbench.sim.scpi import ScpiError
 
-__all__ = ["MOST_POINTS", "NamedWaveforms", "bare_name", "path"]
-
 MOST_POINTS = 1_000_000
 """Points of a waveform (the maker's help page)."""
 _POINTS = 250

@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.instruments.trueform.instrument import SimulatedTrueform as _Model
 
-__all__ = ["TABLE"]
-
 _FIFTEEN = real(15)
 _THIRTEEN = ("[SOURce:]VOLTage", "[SOURce:]VOLTage:OFFSet", "[SOURce:]PHASe[:ADJust]", "[SOURce:]BURSt:PHASe")
 _HEADERS = {

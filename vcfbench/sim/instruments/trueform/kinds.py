@@ -13,8 +13,6 @@ from msgspec import Struct
 
 from vcfbench.sim.instruments.agilent33220a.settings import GeneratorKind
 
-__all__ = ["LONGEST_BURST_S", "PRBS_BITS", "SERIES_33500B", "SERIES_33600A", "TrueformSeries", "kind"]
-
 PRBS_BITS = 127
 """Bits of PN7, the only sequence that is simulated."""
 LONGEST_BURST_S = 8000.0

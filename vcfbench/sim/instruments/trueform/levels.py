@@ -5,8 +5,6 @@ from __future__ import annotations
 from vcfbench.sim.instruments.agilent33220a.levels import Levels
 from vcfbench.sim.instruments.agilent33220a.settings import conflict
 
-__all__ = ["LimitedLevels"]
-
 _ROUND_OFF = 1e-12
 
 

@@ -10,8 +10,6 @@ from vcfbench.sim.instruments.trueform.instrument import SimulatedTrueform
 if TYPE_CHECKING:
     from vcfbench.sim.scpi import CommandTable
 
-__all__ = ["TrueformTwin"]
-
 
 class TrueformTwin(SimulatedTrueform):
     """A generator of the series with its commands; arguments as of the 33220A."""

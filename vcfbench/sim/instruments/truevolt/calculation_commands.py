@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
     from vcfbench.sim.instruments.truevolt.mathematics import Statistics
 
-__all__ = ["COMMANDS"]
-
 _NR3 = real(8)
 _ON_OFF = (Boolean(),)
 _AVERAGE, _LIMIT = "CALCulate:AVERage", "CALCulate:LIMit"

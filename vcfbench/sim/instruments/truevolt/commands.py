@@ -15,8 +15,6 @@ from vcfbench.sim.scpi import COMMON_COMMANDS, CommandTable
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 
-__all__ = ["table"]
-
 
 def table(kind: MeterKind) -> CommandTable:
     """Return the command table of a model."""

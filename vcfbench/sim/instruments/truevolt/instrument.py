@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.scpi import Interface
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["Errors34461A", "Errors34465A", "SimulatedTruevolt"]
-
 _DIALECT = Dialect(queue_depth=20, words={-350: "Error queue overflow"}, takes_blocks=False)
 """Depth and words are unverified."""
 _OVERFLOW = 1 << 14

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from vcfbench.specifications import VoltmeterSpecification
 
-__all__ = ["KIND_34461A", "KIND_34465A", "MeterKind"]
-
 _DIGITISING = 0.02
 """Power line cycles below this are an option (guide p. 329)."""
 

@@ -6,8 +6,6 @@ import math
 
 from msgspec import Struct
 
-__all__ = ["LimitTest", "Null", "Statistics"]
-
 _LOW, _HIGH = 1 << 11, 1 << 12
 """QUEStionable bits of a failed limit test."""
 

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
     from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 
-__all__ = ["AUTO", "commands", "forgetting"]
-
 _NR3 = real(8)
 _READINGS = comma_list(_NR3)
 _NOT_A_NUMBER = 9.91e37

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.hp34401a.inputs import MeterReading
     from vcfbench.sim.instruments.hp34401a.trigger import TriggerSequence
 
-__all__ = ["RingTriggerSystem"]
-
 
 class RingTriggerSystem(TriggerSystem):
     """Keeps the newest readings; `overflowed` is called whenever one is lost."""

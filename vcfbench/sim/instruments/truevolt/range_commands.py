@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
     from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 
-__all__ = ["commands"]
-
 _NR3 = real(8)
 _ON_OFF = (Boolean(),)
 _ONCE = (Boolean(words=("ONCE",)),)

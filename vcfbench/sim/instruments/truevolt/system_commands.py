@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.truevolt.instrument import SimulatedTruevolt
     from vcfbench.sim.instruments.truevolt.kinds import MeterKind
 
-__all__ = ["commands"]
-
 _SELF_TEST_S = 2.0
 """*TST? (unverified)."""
 _ON_OFF = (Boolean(),)

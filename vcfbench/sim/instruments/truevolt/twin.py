@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.instruments.truevolt.kinds import MeterKind
     from vcfbench.sim.scpi import CommandTable
 
-__all__ = ["Keysight34461ATwin", "Keysight34465ATwin"]
-
 
 class Keysight34461ATwin(SimulatedTruevolt):
     """The 34461A."""

@@ -9,23 +9,6 @@ from collections.abc import Callable
 
 from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
 
-__all__ = [
-    "MODES",
-    "Action",
-    "Arguments",
-    "Query",
-    "axis_values",
-    "check_axis",
-    "check_within",
-    "counted",
-    "integer",
-    "message_count",
-    "number",
-    "one",
-    "switch",
-    "word",
-]
-
 Arguments = tuple[str, ...]
 Action = Callable[[Arguments], None]
 Query = Callable[[Arguments], str]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-__all__ = ["Demand"]
-
 
 class Demand(Struct):
     """The demanded states; selecting a mode uses those that it knows, stale or not."""

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.profiler import Profiler
     from vcfbench.sim.rate_tables.acl.replies import StateFormat
 
-__all__ = ["DemandCommands"]
-
 
 class DemandCommands:
     """Demand and all below it; what the present mode uses acts at once."""

@@ -9,8 +9,6 @@ from vcfbench.sim.rate_tables.axis import PositionMoves, TableAxis, TableErrors,
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.limits import AclLimits
 
-__all__ = ["HARDWARE_ABORT_BIT", "NORMAL_UNSERVO_BIT", "POLL_S", "SOFTWARE_ABORT_BIT", "AclDrive"]
-
 POLL_S = 0.002
 """How often the measured rate is looked at when it decides what happens next."""
 NORMAL_UNSERVO_BIT, SOFTWARE_ABORT_BIT, HARDWARE_ABORT_BIT = 5, 6, 7

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from vcfbench.sim.rate_tables.acl.arguments import Action, Arguments, Query, switch
 
-__all__ = ["FrontPanel"]
-
 
 class FrontPanel:
     """ACTIVATE REMOTE, and the two lock-outs that the host may ask for; those are told, and act on nothing here.

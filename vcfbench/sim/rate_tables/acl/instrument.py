@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.arguments import Action, Query
     from vcfbench.sim.rate_tables.axis import TableWorld
 
-__all__ = ["AclTable", "Header"]
-
 Header = Literal["none", "u32le2", "u32be2"]
 
 _TIMING = SerialTiming(baud=9600.0, processing_s=0.002)

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.protection import Protection
     from vcfbench.sim.rate_tables.acl.status import AclStatus
 
-__all__ = ["InterlockCommands"]
-
 
 class InterlockCommands:
     """Interlock and all below it; `advance` does what is due of the whole controller."""

@@ -13,8 +13,6 @@ from functools import lru_cache
 
 from msgspec import Struct, field
 
-__all__ = ["COMMANDS", "MAX_MESSAGE_CHARS", "AclRequest", "BadCommand", "parse_message"]
-
 MAX_MESSAGE_CHARS = 32768
 """Longest message; a longer one overflows the read buffer and is lost (TM-8004-C 2.5)."""
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.limits import AclLimits
     from vcfbench.sim.rate_tables.acl.profiler import Profiler
 
-__all__ = ["LimitCommands"]
-
 _OF_A_MODE = {
     "Limit:Acceleration": "acceleration_deg_s2",
     "Limit:Rate": "rate_deg_s",

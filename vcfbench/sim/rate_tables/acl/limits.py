@@ -9,8 +9,6 @@ from msgspec import Struct
 from vcfbench.sim.rate_tables.acl.arguments import MODES, check_within
 from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
 
-__all__ = ["FACTORY", "FACTORY_OVERALL", "UNLIMITED_DEG", "AclLimits", "AxisLimits", "OverallLimits"]
-
 FRAME_S = 1e-4
 """One frame of the profiler, at its 10 kHz (ACUTROL3000e data sheet): in less than that the acceleration steps."""
 UNLIMITED_DEG = 1e9

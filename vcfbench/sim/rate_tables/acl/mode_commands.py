@@ -11,8 +11,6 @@ from vcfbench.sim.rate_tables.acl.tracking import interval_ms
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.profiler import Profiler
 
-__all__ = ["ModeCommands"]
-
 
 class ModeCommands:
     """Mode and all below it."""

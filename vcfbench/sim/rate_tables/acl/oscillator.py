@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.drive import AclDrive
     from vcfbench.sim.rate_tables.acl.limits import AclLimits
 
-__all__ = ["Oscillator", "OscillatorSetup"]
-
 _SETTLE_S = 0.15
 """Pause for the rate loop before a turning axis that was stopped begins to oscillate (chosen)."""
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.limits import AclLimits, AxisLimits
     from vcfbench.sim.rate_tables.acl.oscillator import Oscillator
 
-__all__ = ["Profiler"]
-
 _RATE_MODES = frozenset({"Rate", "Arate"})
 _TRACK_REACH_S = 0.1
 """In TRACK mode with a demanded rate the lag in position is made up within this time (chosen)."""

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.oscillator import Oscillator
     from vcfbench.sim.rate_tables.acl.status import AclStatus
 
-__all__ = ["Protection"]
-
 _LAZY_POLL_S = 0.05
 """How often the measured rate is looked at when it decides what happens next, at constant rate."""
 _SOFT_ABORT_BIT, _RATE_TRIP_BIT, _TRACKING_BIT = 0, 1, 2

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.profiler import Profiler
     from vcfbench.sim.rate_tables.acl.replies import StateFormat
 
-__all__ = ["Readback"]
-
 
 class Readback:
     """Read and all below it."""

@@ -5,8 +5,6 @@ The numbers and most of the words are ours: the manual's list of codes is missin
 
 from __future__ import annotations
 
-__all__ = ["LOCAL", "OUT_OF_RANGE", "PARSING", "TOO_LONG", "WORDS", "Refusal"]
-
 PARSING = 1
 OUT_OF_RANGE = 2
 TOO_LONG = 3

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.protection import Protection
     from vcfbench.sim.rate_tables.acl.status import AclStatus
 
-__all__ = ["Registers"]
-
 
 class Registers:
     """Status:CSR: the registers as they stand, by name."""

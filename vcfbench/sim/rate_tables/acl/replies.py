@@ -6,8 +6,6 @@ import struct
 
 from vcfbench.sim.rate_tables.acl.arguments import Action, Arguments, Query, check_axis, one, word
 
-__all__ = ["ACCELERATION", "ANGLE", "RATE", "StateFormat", "decimal", "listed"]
-
 ANGLE, RATE, ACCELERATION = 180.0, 11250.0, 703125.0
 """Weight of the top bit in BINARY format: deg, deg/s, deg/s2 (TM-8004-C 5.1.2)."""
 

@@ -7,8 +7,6 @@ from collections import deque
 from vcfbench.sim.rate_tables.acl.arguments import Action, Arguments, Query, integer, message_count, one
 from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, WORDS, Refusal
 
-__all__ = ["AclStatus"]
-
 _INTERLOCK, _AXIS, _SUMMARY, _QUEUE = 0x01, 0x02, 0x40, 0x80
 
 

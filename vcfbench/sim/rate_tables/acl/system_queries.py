@@ -10,8 +10,6 @@ from vcfbench.sim.rate_tables.acl.refusal import WORDS
 if TYPE_CHECKING:
     from vcfbench.sim.rate_tables.acl.arguments import Arguments, Query
 
-__all__ = ["system_queries"]
-
 
 def system_queries() -> dict[str, Query]:
     """Return what can be asked about the controller itself."""

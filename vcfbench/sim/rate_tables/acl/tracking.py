@@ -10,8 +10,6 @@ from vcfbench.sim.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
 if TYPE_CHECKING:
     from vcfbench.clock import Clock
 
-__all__ = ["TrackTest", "interval_ms"]
-
 _INTERVAL_MS = 1.0
 """Interval between demands, if none is given (TM-8004-C 4.7.7)."""
 
