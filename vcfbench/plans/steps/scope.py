@@ -298,6 +298,10 @@ class Amplitudes(StepResult, Struct, frozen=True):
         return ", ".join(f"{channel}: {level:.4g} V" for channel, level in seen)
 
 
+_DIGIT = 8.0 / 256.0
+"""Of a division: the last bit of a screen of eight. What is smaller may be seen as nothing, and is not."""
+
+
 class FindAmplitudes(Step, Struct, frozen=True):
     """Find how large channels are: at the scale of `largest_v`, then at one that fits. `expected_v`: of a dry run."""
 
@@ -322,10 +326,12 @@ class FindAmplitudes(Step, Struct, frozen=True):
         scope = context.bench.oscilloscope
         levels_v = [self.largest_v] * len(self.channels)
         for _ in range(2):
-            for channel, level_v in zip(self.channels, levels_v, strict=True):
-                scope.configure_channel(channel, scale_v_per_div(level_v))
+            scales = [scale_v_per_div(level_v) for level_v in levels_v]
+            for channel, scale in zip(self.channels, scales, strict=True):
+                scope.configure_channel(channel, scale)
             scope.acquire(*self.channels)
-            levels_v = [float(abs(scope.waveform(channel).voltage_v).max()) for channel in self.channels]
+            seen_v = [float(abs(scope.waveform(channel).voltage_v).max()) for channel in self.channels]
+            levels_v = [max(level_v, _DIGIT * scale) for level_v, scale in zip(seen_v, scales, strict=True)]
         return Amplitudes(self.channels, tuple(levels_v))
 
     def predict(self, gyro: LinearGyro) -> Amplitudes:

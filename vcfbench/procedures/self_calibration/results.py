@@ -18,8 +18,8 @@ from msgspec.structs import replace
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
 from vcfbench.plans.measured import Foreseen
+from vcfbench.procedures.budget import phases
 from vcfbench.procedures.budget.at_rest import as_rate
-from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.check import (
     AMPLITUDES,
     CARRIER_PHASE,
@@ -71,7 +71,7 @@ from vcfbench.record.devices import Measured as Kept
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -266,7 +266,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         v_vc_by=v_vc_error(settings).name,
         unseen=STILL_UNSEEN if check is not None and CARRIER_PHASE in check.measured else known.unseen,
         since=since.said,
-        holds_not=(*known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
+        holds_not=(*known.holds_not, *_HOLDS_NOT, *_gaps(settings)),
         drift=drift_of(scale_factor, known, settings.acceptance),
     )
 
@@ -279,12 +279,22 @@ def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Health
     return health, None if health is None or then is None else checked(then, health, _stated_by_hand(settings))
 
 
+def _gaps(settings: SelfCalibrationSettings) -> Iterator[str]:
+    """Yield what nothing is known of, in words."""
+    yield from (f"MISSING {gap.words}" for gap in settings.own_gaps() if gap.name not in _COUNTED)
+
+
 def _missing(settings: SelfCalibrationSettings, check: HealthCheck | None) -> tuple[str, ...]:
     """Return what a scale factor is incomplete without: also the ratio of amplitudes, for which no figure stands."""
     measured = check is not None and any(each.cause == AMPLITUDES and each.done == "corrected" for each in check.causes)
+    missing = tuple(name for name in settings.missing_without_table if name not in _COUNTED)
     if measured or settings.station.sources.k_vc_not_measured_ppm is not None:
-        return settings.missing_without_table
-    return (*settings.missing_without_table, AMPLITUDES)
+        return missing
+    return (*missing, AMPLITUDES)
+
+
+_COUNTED = frozenset({phases.CARRIER_PHASE, phases.DEMODULATOR_PHASE})
+"""What is measured by health here, or counted as not measured: not missing, though no bench file says it."""
 
 
 def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcSince:
@@ -301,9 +311,9 @@ def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcS
 
 def _by_phases(settings: SelfCalibrationSettings, check: HealthCheck | None) -> list[UncertaintyPart]:
     """Return what the phases of the bench file leave; once they are measured K_Vc is that of the phases of now."""
-    phases = PhaseErrors.of(settings.station.sources)
+    errors = phases.PhaseErrors.of(settings.station.sources)
     measured = check is not None and CARRIER_PHASE in check.measured
-    of_phases = phases.u_scale_factor if measured else phases.u_self_calibrated
+    of_phases = errors.u_scale_factor if measured else errors.u_self_calibrated
     return [UncertaintyPart(name, u) for name, u in of_phases.items()]
 
 
