@@ -168,6 +168,7 @@ class BrokenOff:
     def _bench(self, asked: Asked, settings: ProcedureSettings) -> BenchDescription:
         """Return the bench of the record, or that which was asked for, if nothing that matters differs."""
         from msgspec import ValidationError, to_builtins  # noqa: PLC0415
+        from msgspec.json import decode, encode  # noqa: PLC0415
 
         from vcfbench.bench.description import BenchDescription  # noqa: PLC0415
         from vcfbench.bench.file import described  # noqa: PLC0415
@@ -184,7 +185,8 @@ class BrokenOff:
             station = _file_of_station(header)
         if station is not None:
             description = with_settings(described(station), settings)
-            differing = list(_differences(header.get("bench"), to_builtins(description)))
+            now = decode(encode(to_builtins(description)))  # as a header has it
+            differing = list(_differences(header.get("bench"), now))
             if differing:
                 raise ConfigError(f"the bench is not that of {self.directory.run}: {'; '.join(differing)}")
         if profile_of(description).get("table_profile") != header.get("table_profile"):
