@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from msgspec import structs
 
+from tests.cells import few
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.writing import bench_text
@@ -76,7 +77,7 @@ def what_is_on(lab: ServedLab) -> list[str]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process sends itself a SIGTERM")
-@pytest.mark.parametrize("how", ENDS)
+@pytest.mark.parametrize("how", few(ENDS, "the script raises", "it is terminated"))
 def test_a_bench_that_is_open_when_python_ends_is_made_safe(lab: ServedLab, tmp_path: Path, how: str) -> None:
     end, code = ENDS[how]
     done = ended(lab, tmp_path, end)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.cells import few
 from tests.faults.benches import SPEED, Served, bench_text, serving
 from vcfbench.clock import WallClock, sleep
 
@@ -58,18 +59,18 @@ def performed(served: Served, command: list[str]) -> subprocess.CompletedProcess
     raise AssertionError(done.stderr)
 
 
+@pytest.mark.parametrize("how", few(ENDS, "raises"))
 @pytest.mark.parametrize("python", PYTHONS)
-def test_a_script_that_ends_with_its_bench_open(python: str, tmp_path: Path) -> None:
+def test_a_script_that_ends_with_its_bench_open(python: str, how: str, tmp_path: Path) -> None:
     text = bench_text("acl", name=f"scripts-{tmp_path.parent.name}"[:60])
     with serving(tmp_path, text, speed=SPEED["acl"]) as served:
         bench, script = tmp_path / "served.toml", tmp_path / "script.py"
         bench.write_text(served.bench_file(served.resources("tcp")))
-        for how, ends in ENDS.items():
-            script.write_text(SCRIPT.format(ends=ends))
-            done = performed(served, [python, str(script), str(bench)])
-            assert float(done.stdout.split()[0]) == pytest.approx(100.0, abs=5.0), done.stderr
-            clock = WallClock()
-            while not (physics := served.physics()).safe and clock.now() < 20.0:
-                sleep(clock, 0.1)
-            assert physics.safe, (how, physics, done.stderr)
-            assert ("a mistake in the script" in done.stderr) == (how in {"raises", "forgets"}), done.stderr
+        script.write_text(SCRIPT.format(ends=ENDS[how]))
+        done = performed(served, [python, str(script), str(bench)])
+        assert float(done.stdout.split()[0]) == pytest.approx(100.0, abs=5.0), done.stderr
+        clock = WallClock()
+        while not (physics := served.physics()).safe and clock.now() < 20.0:
+            sleep(clock, 0.1)
+        assert physics.safe, (how, physics, done.stderr)
+        assert ("a mistake in the script" in done.stderr) == (how in {"raises", "forgets"}), done.stderr
