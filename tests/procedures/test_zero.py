@@ -161,7 +161,7 @@ def test_mean_and_trend_have_uncertainties_that_a_lab_can_use(hour: Run) -> None
 
 @pytest.mark.exhaustive
 def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None:
-    """u(slope) = s / sqrt(n (n^2 - 1) / 12) a reading, from any textbook; U95 holds the true slope, which is 0."""
+    """At least s / sqrt(n (n^2 - 1) / 12) a reading, from any textbook; flicker that cannot be excluded is in it too."""
     n, scale, found = 400, ScaleFactor(1.0, None, "test"), []
     rng, times_s = np.random.default_rng(5), np.arange(400.0)
     for _ in range(200):
@@ -169,7 +169,7 @@ def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None
         assert trend is not None
         found.append(trend)
     expected = 3600.0**2 / math.sqrt(n * (n**2 - 1) / 12.0)
-    assert np.median([trend.u for trend in found]) == pytest.approx(expected, rel=0.25)
+    assert expected <= np.median([trend.u for trend in found]) < 2.5 * expected
     assert np.std([trend.value for trend in found]) == pytest.approx(expected, rel=0.15)
     assert 0.92 < np.mean([abs(trend.value) < trend.expanded_u for trend in found]) <= 1.0
 

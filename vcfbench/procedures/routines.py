@@ -123,18 +123,20 @@ def take_reference(settings: ProcedureSettings, step: int, v_vc_v: float = 0.0) 
 
 
 def require_alive(settings: ProcedureSettings, point: Point) -> None:
-    """See that a record at rest is that of a gyroscope: the noise of one is more than the meter's last digit.
+    """See that a record at rest is that of a gyroscope: its noise is more than a tenth of the meter's last digit.
 
     `expected.reading_noise_v` of the bench file takes the place of this.
 
     Raises:
         MeasurementError: its readings scatter by less.
     """
-    quiet = 0.0 < point.std_v < settings.meter_resolution_v  # none at all: nobody measured, or a bench without noise
+    quiet = (
+        0.0 < point.std_v < 0.1 * settings.meter_resolution_v
+    )  # none at all: nobody measured, or a bench without noise
     if quiet and settings.expected.reading_noise_v is None:
         raise MeasurementError(
             f"the output does not answer: it stands at {point.output_v:+.6g} V and scatters by {point.std_v:.1g} V, "
-            f"less than the meter's last digit of {settings.meter_resolution_v:g} V",
+            f"less than a tenth of the meter's last digit of {settings.meter_resolution_v:g} V",
             instrument="multimeter",
             step=str(point.step),
             hint=f"{LOOK_AT_SIGNALS}; of a gyroscope that is so quiet expected.reading_noise_v says so",
