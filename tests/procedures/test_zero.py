@@ -161,7 +161,7 @@ def test_mean_and_trend_have_uncertainties_that_a_lab_can_use(hour: Run) -> None
 
 @pytest.mark.exhaustive
 def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None:
-    """At least s / sqrt(n (n^2 - 1) / 12) a reading, from any textbook; flicker that cannot be excluded is in it too."""
+    """At least s / sqrt(n (n^2 - 1) / 12) a reading, from any textbook; flicker not excluded is in it too."""
     n, scale, found = 400, ScaleFactor(1.0, None, "test"), []
     rng, times_s = np.random.default_rng(5), np.arange(400.0)
     for _ in range(200):
