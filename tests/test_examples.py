@@ -74,6 +74,7 @@ def test_an_instrument_of_ones_own_is_a_package(tmp_path: Path, monkeypatch: pyt
     assert results["scale_factor"]["value"] == pytest.approx(-0.01254, rel=1e-3)
 
 
+@pytest.mark.exhaustive  # three interpreters
 def test_a_procedure_of_ones_own_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its test passes away from here; it is short, and a name on the command line."""
     monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
