@@ -13,9 +13,9 @@ import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from zlib import crc32
 
 import vcfbench
+from vcfbench.record.seal import Sealer
 from vcfbench.runs.index import RunIndex
 from vcfbench.runs.summary import selection_of
 
@@ -41,6 +41,7 @@ def records(folder: Path, count: int) -> Path:
     first, rest = journal.split(b"\n", 1)
     header = json.loads(first)
     between, last = rest[: rest.rindex(b"\n", 0, -1) + 1], json.loads(rest[rest.rindex(b"\n", 0, -1) :])
+    del last["seal"]
     for number in range(count):
         began = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(minutes=7 * number)
         metadata = {"dut": f"G-{number % 200:04d}", "operator": "A. Person", "tags": {"batch": str(number % 17)}}
@@ -48,8 +49,7 @@ def records(folder: Path, count: int) -> Path:
         directory.mkdir(parents=True)
         changed = {**header, "run": directory.name, "utc": began.isoformat(), "metadata": metadata}
         data = json.dumps(changed).encode() + b"\n" + between
-        footer = json.dumps({**last, "crc32": crc32(data)}).encode() + b"\n"
-        (directory / "journal.jsonl").write_bytes(data + footer)
+        (directory / "journal.jsonl").write_bytes(data + Sealer(data).sealed(json.dumps(last).encode()))
         (directory / "result.json").write_bytes(result)
     return folder / "runs"
 

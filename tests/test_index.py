@@ -15,6 +15,7 @@ import pytest
 import vcfbench
 from tests import warm
 from tests.postgresql import database
+from tests.records import sealed
 from tests.test_run_summaries import NAMES, QUICK, TOLD, change
 from vcfbench.errors import ConfigError
 from vcfbench.runs.index import BESIDE, RunIndex
@@ -105,7 +106,8 @@ def test_a_change_that_keeps_size_and_time_is_seen(runs: Path, url: str) -> None
     index.refresh()
     journal = runs / NAMES[0] / "journal.jsonl"
     before = journal.stat()
-    journal.write_bytes(journal.read_bytes().replace(b'"dut":"G-1"', b'"dut":"G-8"').replace(b'"G-1"', b'"G-8"'))
+    changed = journal.read_bytes().replace(b'"dut":"G-1"', b'"dut":"G-8"').replace(b'"G-1"', b'"G-8"')
+    journal.write_bytes(sealed(changed))
     os.utime(journal, ns=(before.st_atime_ns, before.st_mtime_ns))
     assert journal.stat().st_size == before.st_size
     assert index.refresh().read == 1

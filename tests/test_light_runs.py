@@ -53,7 +53,7 @@ def test_a_run_imports_few_modules_and_makes_no_dataclass(tmp_path: Path) -> Non
     """A module takes 0.2 ms to find and read; a frozen dataclass 0.7 ms to make, a struct 0.02 ms."""
     done = subprocess.run([sys.executable, "-c", COMMAND, str(tmp_path)], capture_output=True, text=True, check=True)  # noqa: S603
     modules, *dataclasses = done.stdout.split()
-    assert int(modules) <= 314, "is what was added needed by every run? else import it where it is"
+    assert int(modules) <= 315, "is what was added needed by every run? else import it where it is"
     assert dataclasses == []
 
 

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests import warm
+from tests.records import sealed
 from vcfbench.bench.writing import bench_text
 from vcfbench.cli.main import app
 from vcfbench.clock import utc_now
@@ -57,7 +58,7 @@ def shift(directory: Path, change: Any) -> None:
     header, *rest = journal.read_bytes().splitlines(keepends=True)
     values = json.loads(header)
     change(values)
-    journal.write_bytes(json.dumps(values).encode() + b"\n" + b"".join(rest))
+    journal.write_bytes(sealed(json.dumps(values).encode() + b"\n" + b"".join(rest)))
 
 
 @pytest.mark.parametrize("points", [0, 1, 3])
@@ -190,7 +191,7 @@ def test_a_step_that_was_changed_is_refused(whole: Run, tmp_path: Path) -> None:
     """With its key left as it was it was sent to the table."""
     directory = cut(whole, tmp_path, 2)
     journal = directory / "journal.jsonl"
-    journal.write_bytes(journal.read_bytes().replace(b'"rate_deg_s":10.0', b'"rate_deg_s":800.0', 1))
+    journal.write_bytes(sealed(journal.read_bytes().replace(b'"rate_deg_s":10.0', b'"rate_deg_s":800.0', 1)))
     with pytest.raises(PlanError, match=r"step \d+ of the record was changed: it says .*800\.0.*, its key is .*10\.0"):
         vcfbench.resume(directory)
 

@@ -59,7 +59,7 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
 def test_each_field_of_a_line_is_described(kind: str, lines: list[dict[str, Any]]) -> None:
     described = rows(kind)
     always = {name for name, words in described.items() if "only where" not in words}
-    of_kind = [set(line) | {"utc"} for line in lines if line["type"] == kind]
+    of_kind = [set(line) | {"utc", "seal"} for line in lines if line["type"] == kind]
     assert of_kind
     for fields in of_kind:
         assert always <= fields <= set(described)

@@ -7,7 +7,7 @@ import pytest
 from vcfbench.analysis.csv_table import POINT_COLUMNS as READ_BACK
 from vcfbench.analysis.csv_table import parse_table
 from vcfbench.errors import BenchError
-from vcfbench.record.export import POINT_COLUMNS, points_csv, write_result, write_text
+from vcfbench.record.export import POINT_COLUMNS, points_csv, write_text
 from vcfbench.record.schema import Point
 
 
@@ -25,12 +25,6 @@ def test_points_are_read_back_by_the_analysis_to_the_last_digit() -> None:
 
 def test_points_survive_json() -> None:
     assert [Point.from_json(point.as_json()) for point in points(3)] == points(3)
-
-
-def test_result_is_the_same_bytes_for_the_same_values(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        write_result(tmp_path / name, {"k": 1.0 / 3.0, "list": [1, 2]})
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:

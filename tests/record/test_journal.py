@@ -179,20 +179,6 @@ def test_a_full_disk_is_an_error_of_the_bench(tmp_path: Path, monkeypatch: pytes
     journal.close()
 
 
-def test_no_bit_falls_over_unseen(tmp_path: Path) -> None:
-    """Wherever it is: in a setting, in a reading and not in its mean, in a key that nobody reads."""
-    path = tmp_path / "j"
-    data = write(path)
-    end = data.rindex(b"\n", 0, -1)
-    for place in range(0, end, 7):
-        path.write_bytes(data[:place] + bytes([data[place] ^ 1 << place % 8]) + data[place + 1 :])
-        try:
-            status = read_journal(path).status
-        except ConfigError:
-            continue
-        assert status is Status.DAMAGED, (place, data[place : place + 20])
-
-
 def test_line_ends_of_another_system_are_no_damage(tmp_path: Path) -> None:
     data = write(tmp_path / "j")
     (tmp_path / "j").write_bytes(data.replace(b"\n", b"\r\n"))

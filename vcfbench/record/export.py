@@ -37,9 +37,9 @@ def points_csv(points: Sequence[Point]) -> str:
     return "\n".join([",".join(columns), *lines, ""])
 
 
-def write_result(path: Path, values: Mapping[str, Any]) -> None:
-    """Write the result as JSON for people: indented, keys in the order given, the same bytes for the same values."""
-    write_text(path, msgspec.json.format(msgspec.json.encode(values), indent=2).decode() + "\n")
+def result_text(values: Mapping[str, Any]) -> str:
+    """Return the result as JSON for people: indented, keys in the order given, the same bytes for the same values."""
+    return msgspec.json.format(msgspec.json.encode(values), indent=2).decode() + "\n"
 
 
 def write_text(path: Path, text: str) -> None:

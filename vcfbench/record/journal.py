@@ -2,10 +2,11 @@
 
 The first line (`header`) says who ran what on which bench; each further one (`step`) holds one step with its result,
 every raw reading included, or (`error`) the step that failed; the last (`footer`) says how the run ended. A run that
-was cut has no footer. Readings of a long step come before it, chunk by chunk (`readings`), so that a run that is cut in
-the middle of it loses the last chunk at most. In that of a run that was resumed the lines of the one before come first,
-then what brought the bench to where it was (`restored`). Bench time is in `t_s` and `end_s`, the time of day in `utc`.
-Every line and field is in docs/records.md.
+was cut has no footer. Each line ends with a seal over all that stands before it (`vcfbench.record.seal`). Readings of a
+long step come before it, chunk by chunk (`readings`), so that a run that is cut in the middle of it loses the last
+chunk at most. In that of a run that was resumed the lines of the one before come first, then what brought the bench to
+where it was (`restored`). Bench time is in `t_s` and `end_s`, the time of day in `utc`. Every line and field is in
+docs/records.md.
 
 A reader ignores keys and types of lines that it does not know, so that a later version can add some.
 """
@@ -22,11 +23,12 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.clock import utc_now
+from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import opened, shown, try_lock, unlock
 from vcfbench.record.damage import first_damage, own_readings
-from vcfbench.record.schema import FORMAT, READABLE, Point, Status
+from vcfbench.record.schema import FORMAT, READABLE, SEALED, Point, Status
+from vcfbench.record.seal import SealChecker, Sealer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 _EXPECTED = "the journal of a run"
 _LONGEST_LINE = 1 << 24
 """Bytes: a window of 100 000 readings, which format 1 wrote in one line, has some 5 MB."""
+_INSTANT_S = 0.2
 
 _sync = os.fsync if sys.platform in {"darwin", "win32"} else os.fdatasync
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
@@ -47,14 +50,14 @@ class Journal:
         BenchError: a line could not be written whole (disk full, file system gone).
     """
 
-    __slots__ = ("_descriptor", "_size", "_sum", "path")
+    __slots__ = ("_descriptor", "_sealer", "_size", "path")
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._sum = self._size = 0
+        self._size = 0
+        self._sealer = Sealer()
         self._descriptor = os.open(path, _FLAGS, 0o644)
-        with suppress(OSError):  # a file system without locks; nobody is kept from anything by it
-            try_lock(self._descriptor)
+        _locked(self._descriptor)  # without locks nobody is kept from anything
 
     def header(self, values: Mapping[str, Any]) -> None:
         """Write the first line."""
@@ -77,8 +80,8 @@ class Journal:
         self._append({"type": "error", "utc": _stamp(), **values})
 
     def footer(self, values: Mapping[str, Any]) -> None:
-        """Write the last line, with a sum over all bytes before it: a list need not read what stands between."""
-        self._append({"type": "footer", "utc": _stamp(), **values, "crc32": self._sum})
+        """Write the last line."""
+        self._append({"type": "footer", "utc": _stamp(), **values})
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield what was written until now, line after line."""
@@ -97,7 +100,7 @@ class Journal:
 
         One that the disk does not take whole is taken back: what is written later shall not be joined to its rest.
         """
-        data = msgspec.json.encode(line) + b"\n"
+        data = self._sealer.sealed(msgspec.json.encode(line))
         try:
             written = os.write(self._descriptor, data)
             if written == len(data):
@@ -108,7 +111,7 @@ class Journal:
         if written != len(data):
             self._take_back()
             raise BenchError(f"the record {self.path} cannot be written: the disk took {written} of {len(data)} bytes")
-        self._sum = crc32(data, self._sum)
+        self._sealer.keep()
         self._size += len(data)
 
     def _take_back(self) -> None:
@@ -141,7 +144,6 @@ class MemoryJournal(Journal):
 
     def __init__(self) -> None:
         self._written: list[bytes] = []
-        self._sum = 0
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield what was written until now, line after line."""
@@ -159,19 +161,64 @@ def _stamp() -> str:
 
 
 def append_line(path: Path, values: Mapping[str, Any]) -> None:
-    """Add a line to the journal of a run that died, in place of one that was torn.
+    """Add a line to a journal that nobody writes any more, in place of one that was torn, sealed where the others are.
 
     Raises:
-        OSError: it cannot be written.
+        BenchError: a run goes on that writes it, or it cannot be written.
     """
-    with path.open("r+b") as file:
-        whole = file.read()
-        whole = whole[: whole.rfind(b"\n") + 1]
-        file.seek(len(whole))
-        file.write(msgspec.json.encode({**values, "utc": _stamp()}) + b"\n")
-        file.truncate()
-        file.flush()
-        _sync(file.fileno())
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
+        try:
+            _add_line(descriptor, path, values)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        raise BenchError(f"the record {shown(path)} cannot be written: {error.strerror}") from error
+
+
+def _add_line(descriptor: int, path: Path, values: Mapping[str, Any]) -> None:
+    if not _locked(descriptor):
+        raise BenchError(f"the record {shown(path)} is being written: its run goes on")
+    with os.fdopen(descriptor, "rb", closefd=False) as file:
+        data = file.read()
+    kept = data[: data.rfind(b"\n") + 1]
+    line = msgspec.json.encode({**values, "utc": _stamp()})
+    if _is_sealed(_decoded(kept[: kept.find(b"\n") + 1]) or {}):
+        line = Sealer(kept.replace(b"\r\n", b"\n")).sealed(line)
+    else:
+        line += b"\n"
+    if len(kept) < len(data):
+        os.ftruncate(descriptor, len(kept))
+    try:
+        written = os.write(descriptor, line)
+        _sync(descriptor)
+    except OSError:
+        written = 0
+        raise
+    finally:
+        if written != len(line):
+            os.ftruncate(descriptor, len(kept))
+    if written != len(line):
+        raise BenchError(f"the record {shown(path)} cannot be written: the disk took {written} of {len(line)} bytes")
+
+
+def _locked(descriptor: int) -> bool:
+    """Lock a journal until it is closed; True as well where the file system has no locks.
+
+    Who asks whether a run goes on has the lock for an instant: that is no run.
+    """
+    clock = WallClock()
+    try:
+        while not (locked := try_lock(descriptor)) and clock.now() < _INSTANT_S:
+            sleep(clock, _INSTANT_S / 10)
+    except OSError:
+        return True
+    return locked
+
+
+def _is_sealed(first: Mapping[str, Any]) -> bool:
+    """Tell by its first line whether the lines of a journal have seals."""
+    return "seal" in first or first.get("format") in SEALED
 
 
 class JournalRecord(Struct, frozen=True):
@@ -190,7 +237,9 @@ class JournalRecord(Struct, frozen=True):
     chunks: tuple[Mapping[str, Any], ...] = ()
     restored: tuple[Mapping[str, Any], ...] = ()
     lines: tuple[Mapping[str, Any], ...] = ()
-    """All of them, in the order of the file."""
+    """All of them, in the order of the file, without their seals."""
+    seal: str | None = None
+    """Of its last whole line: it vouches for all of them. None where the record is of before there were seals."""
 
     @property
     def status(self) -> Status:
@@ -228,11 +277,12 @@ def read_journal(path: Path) -> JournalRecord:
     """
     with opened(path, _EXPECTED) as file:
         lines, torn, unreadable = _whole_lines(file)
-    record = _record(lines, path, torn=torn)
+    seal = [line.pop("seal", None) for line in lines][-1:]
+    record = _record(lines, path, torn=torn, seal=seal[0] if seal else None)
     try:
         _ = record.status, record.points, record.header.get("bench", {}).get("name")
         _ = None if (error := (record.footer or {}).get("error")) is None else error.get("what")
-        return replace(record, damage=first_damage(lines) or unreadable)
+        return replace(record, damage=unreadable or first_damage(lines))
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise ConfigError(f"{shown(path)}: no record of this program: {error!r}") from error
 
@@ -295,7 +345,7 @@ def lines_of(path: Path) -> Iterator[dict[str, Any]]:
             yield values
 
 
-def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool) -> JournalRecord:
+def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool, seal: object) -> JournalRecord:
     header = lines[0] if lines and lines[0].get("type") == "header" else {}
     number = header.get("format", FORMAT)
     if type(number) is not int or number not in READABLE:
@@ -311,6 +361,7 @@ def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool) -> Jo
         chunks=_of_type(lines, "readings"),
         restored=_of_type(lines, "restored"),
         lines=tuple(lines),
+        seal=seal if isinstance(seal, str) else None,
     )
 
 
@@ -320,18 +371,27 @@ def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | Non
     What comes after such a line proves nothing.
     """
     lines: list[dict[str, Any]] = []
+    checker, wrong = SealChecker(), None
     total = before = 0
     while line := file.readline(_LONGEST_LINE):
+        number = len(lines) + 1
         if not line.endswith(b"\n"):
-            too_long = f"line {len(lines) + 1} has more than {_LONGEST_LINE} bytes"
-            return lines, True, too_long if len(line) == _LONGEST_LINE else None
+            if len(line) == _LONGEST_LINE:
+                wrong = wrong or f"line {number} has more than {_LONGEST_LINE} bytes"
+            elif lines and _is_sealed(lines[0]) and checker.holds(line[:-1] + b"\n"):
+                wrong = wrong or f"line {number} is not what was written there: its end is another"
+            return lines, True, wrong
         if (values := _decoded(line)) is None:
-            return lines, False, f"line {len(lines) + 1} is no JSON object"
+            return lines, False, wrong or f"line {number} is no JSON object"
         lines.append(values)
-        # what a copy makes of line ends changes nothing that is said
-        before, total = total, crc32(line[:-2] + b"\n" if line.endswith(b"\r\n") else line, total)
-    stated = lines[-1].get("crc32", before) if lines else before
-    return lines, not lines, None if stated == before else "a line was changed: the sum in its last line is another"
+        plain = line[:-2] + b"\n" if line.endswith(b"\r\n") else line  # a copy may have made that of it
+        if not _is_sealed(lines[0]):
+            before, total = total, crc32(plain, total)
+        elif wrong is None and not checker.holds(plain):
+            wrong = f"line {number} is not what was written there: its seal is another"
+    if wrong is None and lines and lines[-1].get("crc32", before) != before:  # records of before have that sum alone
+        wrong = "a line was changed: the sum in its last line is another"
+    return lines, not lines, wrong
 
 
 def _decoded(line: bytes) -> dict[str, Any] | None:

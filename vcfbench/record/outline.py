@@ -1,9 +1,9 @@
 """What a list of runs shows of a journal, without its readings: thousands of records are listed in seconds.
 
-The footer's sum says whether the lines before it are as they were written. Without one every line is looked at, and
-must be JSON, in its place and in order of bench time. What is not plainly whole is left to
-:func:`~vcfbench.record.journal.read_journal`, which says what is wrong. The sums over readings are not done again here:
-that a point is not the mean of its readings is found by who reads the record itself.
+The seal of the last line says whether the lines before it are as they were written. In records of before there were
+seals every line is looked at, and must be JSON, in its place and in order of bench time. What is not plainly whole is
+left to :func:`~vcfbench.record.journal.read_journal`, which says what is wrong. The sums over readings are not done
+again here: that a point is not the mean of its readings is found by who reads the record itself.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from msgspec import Struct, field
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import read_file
-from vcfbench.record.schema import READABLE, Status
+from vcfbench.record.schema import READABLE, SEALED, Status
+from vcfbench.record.seal import holds_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -77,6 +78,7 @@ class _Header(Struct, frozen=True):
     utc: str | None = None
     metadata: ListedMetadata = field(default_factory=ListedMetadata)
     settings: _Settings = field(default_factory=_Settings)
+    seal: str | None = None
 
 
 class _Line(Struct, frozen=True, gc=False):
@@ -95,6 +97,7 @@ class _Footer(Struct, frozen=True):
     points: int
     bench_seconds: float | None = None
     crc32: int | None = None
+    seal: str | None = None
 
 
 _HEADER = msgspec.json.Decoder(_Header)
@@ -110,8 +113,8 @@ def outline_of(path: Path) -> Outline | None:
         if not 0 < first < last or not data.endswith(b"\n"):
             return None
         header, footer = _HEADER.decode(data[:first]), _FOOTER.decode(data[last:])
-        sealed = footer.crc32 is not None and crc32(memoryview(data)[:last]) == footer.crc32
-        if footer.crc32 is not None and not sealed:
+        sealed = _is_vouched_for(data, last, footer)
+        if not sealed and (footer.crc32 is not None or header.format in SEALED or header.seal is not None):
             return None
         between = [] if sealed else _LINE.decode_lines(data[first:last])
     except (ConfigError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -123,6 +126,13 @@ def outline_of(path: Path) -> Outline | None:
     head = (header.procedure, header.bench.name, header.seed, footer.status, footer.points)
     ended = (None if sealed else marks, footer.bench_seconds)
     return Outline(*head, *ended, header.utc, header.metadata, header.settings.dut)
+
+
+def _is_vouched_for(data: bytes, last: int, footer: _Footer) -> bool:
+    """Tell whether the footer, which begins at `last`, has the seal of what is before, or the sum of older records."""
+    if footer.seal is not None:
+        return holds_whole(data)
+    return footer.crc32 is not None and crc32(memoryview(data)[:last]) == footer.crc32
 
 
 def _in_order(lines: Sequence[_Line]) -> bool:

@@ -13,11 +13,13 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-FORMAT = 2
+FORMAT = 3
 """Version of the journal's layout (docs/records.md); raised when a reader of the old one would misread the new one."""
 
-READABLE = frozenset({1, FORMAT})
+READABLE = frozenset({1, 2, FORMAT})
 """Formats that are read: 1 has no `readings` lines, and a reader of 1 calls a record that has some damaged."""
+SEALED = (FORMAT,)
+"""Formats whose lines have seals."""
 
 CHUNK_READINGS = 1000
 CHUNK_S = 60.0

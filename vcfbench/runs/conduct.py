@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack, nullcontext, suppress
 from functools import cache, partial
+from hashlib import sha256
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
@@ -15,7 +16,7 @@ from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, 
 from vcfbench.files import shown
 from vcfbench.plans.executor import Executor, StepStarted
 from vcfbench.plans.step import LOOK_AT_SIGNALS
-from vcfbench.record.export import points_csv, write_result, write_text
+from vcfbench.record.export import points_csv, result_text, write_text
 from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.record.schema import Status
 from vcfbench.report.kept import plain_report
@@ -415,14 +416,19 @@ class _Record(Struct):
                 course.take_error(error)
 
     def _end(self, journal: Journal, display_lost: str | None) -> None:
-        """Write the footer and all that is derived, each whatever becomes of the others."""
+        """Write the footer, which vouches for all that is derived, and that, each whatever becomes of the others."""
+        derived: Mapping[str, str] = {}
         try:
-            journal.footer(self._footer(display_lost))
+            derived = self._derived()
         finally:
             try:
-                self._derive()
+                files = {name: sha256(text.encode()).hexdigest() for name, text in derived.items()}
+                journal.footer({**self._footer(display_lost), "files": files})
             finally:
-                journal.close()
+                try:
+                    self._write(derived)
+                finally:
+                    journal.close()
 
     def _keep_of_device(self) -> None:
         """Add what the procedure keeps of the device to its store: of a run that is complete, recorded and safe."""
@@ -495,17 +501,22 @@ class _Record(Struct):
             **({"observers_lost": lost} if lost else {}),
         }
 
-    def _derive(self) -> None:
+    def _derived(self) -> dict[str, str]:
+        """Return what is made of the journal, by the names of its files."""
         done = self.course.as_run()
         if done.directory is None or done.physical_minimum_s is None:
-            return
+            return {}
         answer = done.as_json()
         for key in ("run", "equipment"):  # they go by the time of day; the same seed shall give the same bytes
             del answer[key]
         answer["physical_minimum_s"] = done.physical_minimum_s
         answer |= self._report_kept()
-        write_result(done.directory / "result.json", answer)
-        write_text(done.directory / "points.csv", points_csv(done.points))
+        return {"result.json": result_text(answer), "points.csv": points_csv(done.points)}
+
+    def _write(self, derived: Mapping[str, str]) -> None:
+        if self.course.directory is not None:
+            for name, text in derived.items():
+                write_text(self.course.directory.path / name, text)
 
     def _report_kept(self) -> dict[str, Any]:
         """Return the report of a procedure that does not come along: its code may not be there when it is asked for."""

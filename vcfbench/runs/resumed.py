@@ -300,6 +300,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             "run": self.earlier.directory.run,
             "directory": str(self.earlier.directory.path.resolve()),
             "status": earlier.status.value,
+            "seal": earlier.seal,
             "steps": len(taken),
             "measurements": sum(each.step.effect is Effect.MEASURES for each in taken),
             "points": sum(each.result.recorded_point is not None for each in taken),
