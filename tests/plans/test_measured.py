@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pytest
 from msgspec import to_builtins
+from msgspec.structs import replace
 
 import vcfbench
 from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
+from vcfbench.bench.settings import Sources
 from vcfbench.plans.executor import Executor
 from vcfbench.plans.measured import Measured
+from vcfbench.plans.step import Reading
 from vcfbench.plans.steps import Acquire, Note, Outcome, RailsReading, Step, StepResult, VerifyZero, Window
+from vcfbench.plans.steps.meter import AcMeasured, MeasureAc
+from vcfbench.plans.steps.sampling import ModulatedRecord, SampleModulated, SampleSine, SineResponse
+from vcfbench.plans.steps.v_vc import MeasureVvc, PairedReading, VvcMeasured, VvcWindow
+from vcfbench.procedures.power.plan import SuppliedAndLogged
+from vcfbench.procedures.power.results import RailsLogged
 from vcfbench.procedures.routines import rails_of
+from vcfbench.procedures.warmup.plan import SwitchedOn, SwitchOnAndLog
 from vcfbench.record.schema import Point
 
 if TYPE_CHECKING:
@@ -176,3 +185,47 @@ def test_a_run_and_its_record_see_the_same(tmp_path: Path, monkeypatch: pytest.M
     assert again.results == run.results
     assert vcfbench.text_of(again.report()) == vcfbench.text_of(run.report())
     assert "350 of 350" in vcfbench.text_of(again.report())
+
+
+KNOWN = Sources(meter_gain_correction=1e-3, meter_offset_correction_v=2e-3, v_vc_gain_correction=-1e-3)
+"""Of 1 V the multimeter's certificate makes 1.003 V, that of the meter on V_Vc 0.999 V."""
+
+
+def driven(v_vc: Literal["v_vc_meter", "multimeter"]) -> list[tuple[Step, StepResult]]:
+    """Return a step of each kind whose result holds readings of a meter, all of 1 V."""
+    one, point = Reading(0.0, 1.0), Point(1, 0.0, 1.0, 1.0, 0.0, 1)
+    both = replace(point, v_vc_measured_v=1.0, v_vc_std_v=0.0)
+    sampled = SampleModulated(1.0, 1.0, 1, 1.0, "v_vc" if v_vc == "multimeter" else "both", None, 0.1)
+    rails = rails_of(make_settings())
+    return [
+        (acquire(1), Window((one,), None, (), point)),
+        (acquire(1), VvcWindow((PairedReading(0.0, 1.0, 1.0),), None, (), both)),
+        (MeasureVvc(1.0, 1, 1.0, 0.1, v_vc), VvcMeasured((one,), 1.0, 0.0)),
+        (sampled, ModulatedRecord(1.0, 1.0, 0.0, (1.0,), 0.0, (1.0,), None)),
+        (SampleSine(1.0, 1.0, 1, 1.0, 25.0), SineResponse(1.0, 1.0, (1.0,))),
+        (SwitchOnAndLog(1.0, 1.0), SwitchedOn(0.0, (one,))),
+        (SuppliedAndLogged(rails, 1.0), RailsLogged(0.0, (), (one,))),
+        (MeasureAc("drive", 1, 1.0), AcMeasured((1.0,), 1.0)),
+    ]
+
+
+@pytest.mark.parametrize(("v_vc", "v_vc_v"), [("v_vc_meter", 0.999), ("multimeter", 1.003)])
+def test_certificates_correct_every_direct_voltage_that_results_are_made_of(
+    v_vc: Literal["v_vc_meter", "multimeter"], v_vc_v: float
+) -> None:
+    lines = [
+        {"type": "step", "n": number, "step_kind": type(step).__name__, "step": to_builtins(step)}
+        | {"result_kind": type(result).__name__, "result": {**to_builtins(result), **result.as_json()}}
+        for number, (step, result) in enumerate(driven(v_vc), 1)
+    ]
+    raw = Measured([Point(1, 0.0, 1.0, 1.0, 0.0, 1, v_vc_measured_v=1.0, v_vc_std_v=0.0)], lambda: lines)
+    found = raw.corrected(KNOWN)
+    assert (raw[0].output_v, found[0].output_v, found[0].v_vc_measured_v) == pytest.approx((1.0, 1.003, 0.999))
+    assert found.readings.voltage_v == pytest.approx([1.003] * found.readings.voltage_v.size)
+    window, paired, v_vc_found, record, sine, warm, rails, alternating = (each for _, each in found.found(StepResult))
+    assert (window.mean_v, paired.readings[0].v_vc_v) == pytest.approx((1.003, 0.999))
+    assert (v_vc_found.mean_v, v_vc_found.v_vc[0].voltage_v) == pytest.approx((v_vc_v, v_vc_v))
+    assert (*record.output_v, *record.v_vc_v, *sine.voltages_v) == pytest.approx((1.003, v_vc_v, 1.003))
+    assert (warm.log[0].voltage_v, rails.outputs[0].voltage_v) == pytest.approx((1.003, 1.003))
+    assert alternating.voltages_v == (1.0,)  # what a certificate says of direct voltage is nothing of this
+    assert found.corrected(Sources())[0].output_v == 1.0  # corrections go before one another, they are not added up

@@ -151,7 +151,7 @@ def test_a_certificate_corrects_the_readings_and_stands_for_the_data_sheet() -> 
     assert certified.bias.value == pytest.approx(plain_run.bias.value * (1.0 + 20e-6) + 20e-6, rel=1e-9)
     sources = settings_of(PROCEDURES["turntable"], checked_bench(known, "")).station.sources
     assert sources.meter_gain == pytest.approx(math.hypot(2e-6, (35e-6 - 15e-6) / 4.0))
-    assert sources.meter_offset_v == pytest.approx(math.hypot(5e-6, 10.0 * (5e-6 - 4e-6) / 4.0))
+    assert sources.meter_offset_v == pytest.approx(math.hypot(60e-6 / 9.0, 10.0 * (5e-6 - 4e-6) / 4.0))
     assert certified.uncertainty.value("scale_factor").u < plain_run.uncertainty.value("scale_factor").u
     assert "certificate, 3 levels on 10 V" in certified.uncertainty.known_from[0]
 

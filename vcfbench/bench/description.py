@@ -42,6 +42,7 @@ from vcfbench.bench.layering import shared_settings
 from vcfbench.bench.parts import (
     AcceptanceLimits,
     BenchFileTable,
+    CalibrationPoint,
     Expected,
     Limits,
     Node,
@@ -137,19 +138,6 @@ class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
     """A generator: of the virtual rate's voltage V_Vc, or of the virtual vibration."""
 
     model: Model
-
-
-class CalibrationPoint(BenchFileTable, frozen=True, kw_only=True):
-    """A line of a voltmeter's certificate: on a range and at a level, what is to be added to a reading, and its U.
-
-    `expanded_v` is `k` times the standard uncertainty.
-    """
-
-    range_v: Annotated[float, Meta(ge=1e-3, le=1e4)]
-    level_v: Annotated[float, Meta(ge=-1e4, le=1e4)]
-    correction_v: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
-    expanded_v: Annotated[float, Meta(ge=0.0, le=1.0)]
-    k: Annotated[float, Meta(ge=1.0, le=15.0)] = 2.0
 
 
 class MultimeterRole(_VisaRole, frozen=True, kw_only=True):

@@ -1,8 +1,8 @@
 """Tables of the bench file that settings of procedures hold too: wiring, limits, what is expected and what passes."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from vcfbench.bench.bounds import (
     Acceleration,
@@ -45,6 +45,19 @@ LimitKey = Literal[
 
 class BenchFileTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of the bench file: frozen, strict."""
+
+
+class CalibrationPoint(BenchFileTable, frozen=True, kw_only=True):
+    """A line of a voltmeter's certificate: on a range and at a level, what is to be added to a reading, and its U.
+
+    `expanded_v` is `k` times the standard uncertainty.
+    """
+
+    range_v: Annotated[float, Meta(ge=1e-3, le=1e4)]
+    level_v: Annotated[float, Meta(ge=-1e4, le=1e4)]
+    correction_v: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
+    expanded_v: Annotated[float, Meta(ge=0.0, le=1.0)]
+    k: Annotated[float, Meta(ge=1.0, le=15.0)] = 2.0
 
 
 class RailWiring(BenchFileTable, frozen=True, kw_only=True):

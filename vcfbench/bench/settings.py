@@ -7,7 +7,7 @@ key has its range in its type, and what it means in the `description` beside it.
 import math
 from collections.abc import Iterator
 from enum import Enum
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from msgspec import Meta, Struct, field, structs
 
@@ -32,8 +32,19 @@ from vcfbench.bench.bounds import (
 )
 from vcfbench.bench.invalid_value import InvalidValue, lost_digits, turned_windows
 from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.parts import AcceptanceLimits, Expected, Limits, Node, OscilloscopeWiring, RailWiring
+from vcfbench.bench.parts import (
+    AcceptanceLimits,
+    CalibrationPoint,
+    Expected,
+    Limits,
+    Node,
+    OscilloscopeWiring,
+    RailWiring,
+)
 from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vcfbench.record.schema import Point
 
 __all__ = [
     "PAPER_RATES_DEG_S",
@@ -125,6 +136,21 @@ class PlacedInstrument(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         if self.station is None or serial_number in {"", "0"}:
             return self
         return structs.replace(self, where=f"no. {serial_number}", station=None)
+
+
+class MeterKnown(Struct, frozen=True, forbid_unknown_fields=True):
+    """What is known of a voltmeter beside its data sheet.
+
+    `outside_k` is how far its room may be outside of where data sheets hold, K; `calibration` are the levels of its
+    certificate.
+    """
+
+    outside_k: float = 0.0
+    calibration: tuple[CalibrationPoint, ...] = ()
+
+    def on(self, range_v: float) -> tuple[CalibrationPoint, ...]:
+        """Return the levels of the certificate on a range."""
+        return tuple(each for each in self.calibration if each.range_v == range_v)
 
 
 class Gap(Struct, frozen=True):
@@ -226,13 +252,24 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     k_vc_not_measured_ppm: float | None = None
     assumed: dict[str, str] = field(default_factory=dict)
 
-    def corrected(self, output_v: float) -> float:
-        """Return a reading of the multimeter with what its certificate adds to it, V."""
+    @property
+    def corrects(self) -> bool:
+        """Whether a certificate of a meter adds anything to its readings."""
+        return any(getattr(self, key) for key in _CORRECTIONS)
+
+    def corrected(self, output_v: Any) -> Any:
+        """Return a reading of the multimeter, or an array of them, with what its certificate adds to it, V."""
         return output_v + self.meter_gain_correction * output_v + self.meter_offset_correction_v
 
-    def v_vc_corrected(self, v_vc_v: float) -> float:
+    def v_vc_corrected(self, v_vc_v: Any) -> Any:
         """Return a reading of the meter on V_Vc likewise."""
         return v_vc_v + self.v_vc_gain_correction * v_vc_v + self.v_vc_offset_correction_v
+
+    def corrected_point(self, point: "Point") -> "Point":
+        """Return a point with what the certificates add to both of its voltages."""
+        v_vc_v = point.v_vc_measured_v
+        measured_v = None if v_vc_v is None else self.v_vc_corrected(v_vc_v)
+        return structs.replace(point, output_v=self.corrected(point.output_v), v_vc_measured_v=measured_v)
 
     def gaps(self) -> Iterator[Gap]:
         """Yield what nothing is known of."""
@@ -246,10 +283,17 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return tuple(gap.name for gap in self.gaps() if kind in gap.kinds)
 
 
+_CORRECTIONS = (
+    *("meter_gain_correction", "meter_offset_correction_v"),
+    *("v_vc_gain_correction", "v_vc_offset_correction_v"),
+)
+
+
 class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What the place gives: wiring, limits, what is expected and what passes; nothing that a procedure could choose.
 
-    `instruments` are those of the bench file by role, the rate table apart; `latitude_deg` is north positive.
+    `instruments` are those of the bench file by role, the rate table apart; `meters` what is known of the voltmeters
+    beside their data sheets; `latitude_deg` is north positive.
     `oscilloscope` is what its channels see, None on a bench that has none.
     `meter_resolution_v` is that of one reading at the range and integration time that were chosen, V.
     `sources` are what uncertainties come from. `characteristics` is what earlier runs found of the device, as its
@@ -257,6 +301,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """
 
     instruments: dict[str, PlacedInstrument] = field(default_factory=dict)
+    meters: dict[str, MeterKnown] = field(default_factory=dict)
     rails: RailWiring = field(default_factory=RailWiring)
     oscilloscope: OscilloscopeWiring | None = field(default_factory=OscilloscopeWiring)
     mains_hz: Literal[50, 60] = 50

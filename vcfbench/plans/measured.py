@@ -12,6 +12,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.plans.decode import Recorded, result_of, step_of
 from vcfbench.plans.step import Step, StepResult
@@ -20,6 +21,8 @@ from vcfbench.record.schema import Point
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+    from vcfbench.bench.settings import Sources
 
 _Found = TypeVar("_Found", bound=StepResult)
 _Mark = TypeVar("_Mark", bound=Step)
@@ -58,13 +61,16 @@ class Measured(Sequence[Point]):
     """The points of a run, in the order in which they were measured, and what else its journal keeps of it.
 
     Args:
-        points: the averaged points.
+        points: the averaged points, as they were measured.
         lines: begins to read the journal: its lines, as :func:`vcfbench.record.journal.lines_of` gives them.
+        known: whose certificates correct what is given out, points and readings alike; None corrects nothing.
     """
 
-    def __init__(self, points: Iterable[Point], lines: _Lines = tuple) -> None:
-        self._points = tuple(points)
+    def __init__(self, points: Iterable[Point], lines: _Lines = tuple, known: Sources | None = None) -> None:
+        self._raw = tuple(points)
         self._lines = lines
+        self._known = None if known is None or not known.corrects else known
+        self._points = self._raw if self._known is None else tuple(map(self._known.corrected_point, self._raw))
 
     def read_again_from(self, lines: _Lines) -> None:
         """Read the journal from `lines` from now on; what has been read of it is kept."""
@@ -79,9 +85,9 @@ class Measured(Sequence[Point]):
     def __getitem__(self, index: int | slice) -> Point | tuple[Point, ...]:
         return self._points[index]
 
-    def with_points(self, points: Iterable[Point]) -> Measured:
-        """Return the same with other points."""
-        return type(self)(points, self._lines)
+    def corrected(self, known: Sources) -> Measured:
+        """Return what was measured with the corrections of the meters' certificates, and with no others."""
+        return type(self)(self._raw, self._lines, known) if known.corrects or self._known is not None else self
 
     def __len__(self) -> int:
         return len(self._points)
@@ -137,20 +143,23 @@ class Measured(Sequence[Point]):
             points += "point" in line
         ends: list[tuple[int | None, int]] = [*((begin, first) for _, begin, first in marks[1:]), (None, len(self))]
         return tuple(
-            (step, type(self)(self._points[first:last], partial(_between, self._lines, begin, end)))
+            (step, type(self)(self._raw[first:last], partial(_between, self._lines, begin, end), self._known))
             for (step, begin, first), (end, last) in zip(marks, ends, strict=False)  # without marks there is an end
         )
 
     @cached_property
     def _kept(self) -> tuple[Readings, tuple[tuple[Step, StepResult], ...]]:
         """Go through the journal once: one window's readings are in memory as they stand there, the rest as arrays."""
-        windows, found = [], []
+        windows, found, known = [], [], self._known
         for line, readings in _steps(self._lines()):
             step, result = step_of(line), result_of(line)
             if readings:
-                windows.append(_window(line["n"], step, readings))
+                window = _window(line["n"], step, readings)
+                if known is not None:
+                    window = replace(window, voltage_v=known.corrected(window.voltage_v))
+                windows.append(window)
             if isinstance(step, Step) and isinstance(result, StepResult):
-                found.append((step, result))
+                found.append((step, result if known is None else result.corrected(step, known)))
         return Readings(tuple(windows)), tuple(found)
 
 

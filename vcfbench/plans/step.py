@@ -13,15 +13,18 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from msgspec import Struct, field, to_builtins
+from msgspec.structs import replace
 
 from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
 from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from typing import Self
 
     from vcfbench.bench.limits import LimitChecks
     from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import Sources
     from vcfbench.clock import Clock
     from vcfbench.interfaces import (
         FunctionGenerator,
@@ -139,6 +142,10 @@ class Reading(Struct, frozen=True):
     t_s: float
     voltage_v: float
 
+    def corrected(self, known: Sources) -> Self:
+        """Return it with what the multimeter's certificate adds to it."""
+        return replace(self, voltage_v=known.corrected(self.voltage_v))
+
 
 def _nowhere(readings: Sequence[Reading]) -> None:
     """Keep readings nowhere: nobody writes a journal."""
@@ -239,6 +246,14 @@ class StepResult:
     def unpredicted(self) -> str:
         """What of it no dry run knows, in words, so that results of it have no expected uncertainty; empty: nothing."""
         return ""
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return it with what the meters' certificates add to the direct voltages in it; `step` is the one it is of.
+
+        Results of it are made of that; the journal keeps what was read. By default nothing in it is such a voltage.
+        """
+        del step, known
+        return self
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields as they are in the journal."""

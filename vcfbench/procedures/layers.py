@@ -13,14 +13,14 @@ What is wrong is one line with the place that gave it, the key, what was expecte
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
+from zlib import crc32
 
 from msgspec import ValidationError, structs, to_builtins
 
 from vcfbench.bench.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
-from vcfbench.bench.settings import V_VC_RANGE_V, PlacedInstrument, ProcedureSettings, Sources, Station
+from vcfbench.bench.settings import V_VC_RANGE_V, MeterKnown, PlacedInstrument, ProcedureSettings, Sources, Station
 from vcfbench.bench.strict import refusal, unknown_key, words
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
@@ -32,7 +32,7 @@ from vcfbench.typed import typed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from vcfbench.bench.description import BenchDescription, CalibrationPoint
+    from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure, Procedure
     from vcfbench.specifications import Assumed, LevelSpecification, VoltmeterSpecification
 
@@ -166,6 +166,7 @@ def _station(description: BenchDescription) -> Station:
     """Return what the bench file says of its place; the meter's resolution depends on what is chosen."""
     return Station(
         instruments=_placed(description),
+        meters=_meters(description),
         rails=description.wiring.rails,
         oscilloscope=None if description.oscilloscope is None else description.wiring.oscilloscope,
         mains_hz=description.site.mains_hz,
@@ -182,10 +183,19 @@ def _placed(description: BenchDescription) -> dict[str, PlacedInstrument]:
     return {role: _placed_part(part, description.name) for role, part in parts.items() if part is not None}
 
 
+def _meters(description: BenchDescription) -> dict[str, MeterKnown]:
+    """Return what is known of the voltmeters by role, of those of which there is anything beside the data sheet."""
+    parts = {role: getattr(description, role) for role in ("multimeter", "v_vc_meter")}
+    known = {role: _meter_known(description, part) for role, part in parts.items() if part is not None}
+    return {role: each for role, each in known.items() if each != MeterKnown()}
+
+
 def _placed_part(part: Any, station: str) -> PlacedInstrument:
     numbers = ((part.serial_number, "no."), (part.inventory_number, "inventory no."))
     where = next((f"{said} {number}" for number, said in numbers if number is not None), None)
-    dated = ((part.calibrated, "calibrated"), (part.certificate, "certificate"))
+    dated = [(part.calibrated, "calibrated"), (part.certificate, "certificate")]
+    if points := getattr(part, "calibration", ()):
+        dated.append((f"{crc32(repr(points).encode()):08x}", "corrected by the table"))
     calibrated = " ".join(f"{said} {what}" for what, said in dated if what is not None)
     return PlacedInstrument(
         model=part.like or part.model,
@@ -258,68 +268,48 @@ def _meter_sources(description: BenchDescription, role: str, short: str, range_v
         sources[_from(key)] += f"; {sheet.beyond(range_v)}, so its limits are assumed to grow on with time"
     if range_v not in sheet.accuracy:
         sources[_from(key)] += f"; no data sheet of a {sheet.model} on {range_v:g} V is at hand: a 34401A's is assumed"
-    outside_k, room = _outside_k(description.site.ambient_c)
-    promised, sigmas = accuracy_at(sheet, range_v, age_days, outside_k)
-    sources[_from(key)] += room
-    limits: dict[str, float | None] = {
+    known = _meter_known(description, part)
+    sources[_from(key)] += _room_words(description.site.ambient_c)
+    if own := known.on(range_v):
+        sources[_from(key)] += f"; certificate, {len(own)} levels on {range_v:g} V; since then by the data sheet"
+    return sources | meter_worth(short, sheet, known, range_v, age_days)
+
+
+def meter_worth(
+    short: str, sheet: VoltmeterSpecification, known: MeterKnown, range_v: float, age_days: float
+) -> dict[str, Any]:
+    """Return limits and corrections of a voltmeter on a range, by the keys of Sources, which begin with `short`.
+
+    Where its certificate has levels on the range, they stand for the data sheet.
+    """
+    promised, sigmas = accuracy_at(sheet, range_v, age_days, known.outside_k)
+    if known.on(range_v):
+        from vcfbench.procedures.meters import certified  # noqa: PLC0415  # few benches have certificates
+
+        return certified(short, sheet, known, range_v, age_days)
+    return {
         f"{short}_gain": promised.reading,
         f"{short}_offset_v": promised.range * range_v,
         f"{short}_sigmas": sigmas,
+        f"{short}_gain_correction": 0.0,
+        f"{short}_offset_correction_v": 0.0,
     }
-    own = [each for each in part.calibration if each.range_v == range_v]
-    if not own:
-        return sources | limits
-    sources[_from(key)] += f"; certificate, {len(own)} levels on {range_v:g} V; since then by the data sheet"
-    fresh, _ = accuracy_at(sheet, range_v, 1.0)
-    of_limit = math.sqrt(3.0) if sigmas is None else sigmas
-    drift = (promised.reading - fresh.reading) / of_limit, (promised.range - fresh.range) * range_v / of_limit
-    return sources | _certified(short, own, (promised.reading / of_limit, promised.range * range_v / of_limit), drift)
 
 
-def _outside_k(ambient_c: tuple[float, float] | None) -> tuple[float, str]:
-    """Return how far the room may be outside of where data sheets hold, K, and that in words."""
+def _meter_known(description: BenchDescription, part: Any) -> MeterKnown:
+    """Return what is known of a voltmeter beside its data sheet."""
+    low_c, high_c = ROOM_C
+    ambient_c = description.site.ambient_c or ROOM_C
+    return MeterKnown(max(0.0, low_c - min(ambient_c), max(ambient_c) - high_c), part.calibration)
+
+
+def _room_words(ambient_c: tuple[float, float] | None) -> str:
+    """Say what the room is, where that counts or nobody told it."""
     low_c, high_c = ROOM_C
     if ambient_c is None:
-        return 0.0, f"; room assumed within {low_c:g} to {high_c:g} degC (site.ambient_c)"
-    outside_k = max(0.0, low_c - min(ambient_c), max(ambient_c) - high_c)
-    return outside_k, f"; room {min(ambient_c):g} to {max(ambient_c):g} degC" if outside_k else ""
-
-
-def _certified(
-    short: str, own: Sequence[CalibrationPoint], by_sheet: tuple[float, float], drift: tuple[float, float]
-) -> dict[str, Any]:
-    """Return corrections and standard uncertainties by a certificate and the `drift` since then, by keys of Sources.
-
-    A line through the corrections is taken: what they leave of it counts as a limit of the offset. What the levels do
-    not tell, the gain at 0 V alone or the offset without a low level, is that of the data sheet (`by_sheet`).
-    """
-    levels, wanted = [each.level_v for each in own], [each.correction_v for each in own]
-    slope, offset_v = _line(levels, wanted)
-    left_v = max(abs(c - offset_v - slope * level) for c, level in zip(wanted, levels, strict=True)) / math.sqrt(3.0)
-    u_gain = max((each.expanded_v / each.k / abs(each.level_v) for each in own if each.level_v), default=by_sheet[0])
-    low = [each.expanded_v / each.k for each in own if abs(each.level_v) <= _LOW * each.range_v]
-    u_offset_v = max(low, default=by_sheet[1])
-    return {
-        f"{short}_gain_correction": slope,
-        f"{short}_offset_correction_v": offset_v,
-        f"{short}_gain": math.hypot(u_gain, drift[0]),
-        f"{short}_offset_v": math.hypot(u_offset_v, drift[1], left_v),
-        f"{short}_sigmas": 1.0,
-    }
-
-
-_LOW = 0.01
-"""Part of the range up to which a level tells the offset."""
-
-
-def _line(levels: Sequence[float], wanted: Sequence[float]) -> tuple[float, float]:
-    """Return slope and offset of the corrections; of one level alone the offset at 0, else the slope."""
-    middle, mean = math.fsum(levels) / len(levels), math.fsum(wanted) / len(wanted)
-    spread = math.fsum((level - middle) ** 2 for level in levels)
-    if spread:
-        slope = math.fsum((level - middle) * c for level, c in zip(levels, wanted, strict=True)) / spread
-        return slope, mean - slope * middle
-    return (mean / middle, 0.0) if middle else (0.0, mean)
+        return f"; room assumed within {low_c:g} to {high_c:g} degC (site.ambient_c)"
+    outside = min(ambient_c) < low_c or max(ambient_c) > high_c
+    return f"; room {min(ambient_c):g} to {max(ambient_c):g} degC" if outside else ""
 
 
 def _from(key: str) -> str:

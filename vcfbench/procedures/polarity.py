@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from msgspec import Meta, structs
 
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import Limit, ProcedureSettings, rate_words
+from vcfbench.bench.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.plans.drive_check import check_drive
@@ -208,7 +208,7 @@ def _driven(settings: PolaritySettings) -> Routine[list[Point]]:
     yield Note(f"V_Vc, {settings.polarity_v_vc_v:g} V both ways")
     measured = "v_vc_meter" in settings.station.instruments
     if measured:
-        yield ConfigureVvcMeter(float(settings.meter_range_v), float(settings.nplc))
+        yield ConfigureVvcMeter(V_VC_RANGE_V, float(settings.nplc))
     yield from v_vc_on()
     asked_v = level_v = 0.0
     points: list[Point] = []

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta
 
 from vcfbench.analysis.tails import t_of_largest
-from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.bench.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
 from vcfbench.plans.step import answer
 from vcfbench.plans.steps import (
@@ -187,7 +187,7 @@ def _meters(settings: VibrationSettings, nplc: float) -> Routine[None]:
     """Set both meters up alike, so that what the averaging over a reading takes off cancels."""
     yield ConfigureMeter(float(settings.meter_range_v), nplc)
     if settings.v_vc_is_measured:
-        yield ConfigureVvcMeter(float(settings.meter_range_v), nplc)
+        yield ConfigureVvcMeter(V_VC_RANGE_V, nplc)
 
 
 def _static(settings: VibrationSettings) -> Routine[None]:

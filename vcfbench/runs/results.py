@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from vcfbench.bench.acceptance import judged
 from vcfbench.errors import BenchError, ConfigError
@@ -45,7 +44,7 @@ def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], me
         BenchError: the points give no result, or one that cannot be written.
     """
     try:
-        taken = _corrected(settings, measured)
+        taken = measured.corrected(settings.station.sources)  # points that are kept are as they were read
         results = read_only(procedure.results(settings, taken))
         plain(results)  # what cannot be written is no result
         verdict = judged(limits, results, measured)
@@ -54,27 +53,6 @@ def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], me
     except Exception as error:  # the arithmetic is anybody's
         raise ConfigError(_mistake_in(error)) from error
     return Evaluation(results, verdict, _report(procedure, settings, taken, results), measured)
-
-
-def _corrected(settings: Any, measured: Measured) -> Measured:
-    """Return what was measured with the corrections of the meters' certificates; points that are kept have none."""
-    known = settings.station.sources
-    if not any(getattr(known, key) for key in _CORRECTIONS):
-        return measured
-    return measured.with_points(
-        replace(
-            point,
-            output_v=known.corrected(point.output_v),
-            v_vc_measured_v=None if point.v_vc_measured_v is None else known.v_vc_corrected(point.v_vc_measured_v),
-        )
-        for point in measured
-    )
-
-
-_CORRECTIONS = (
-    *("meter_gain_correction", "meter_offset_correction_v"),
-    *("v_vc_gain_correction", "v_vc_offset_correction_v"),
-)
 
 
 def _report(procedure: AnyProcedure, settings: Any, measured: Measured, results: Any) -> Report:

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import ReadsAcVoltage
@@ -19,8 +20,10 @@ from vcfbench.record.schema import Point, fits_one_chunk
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from typing import Self
 
     from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import Sources
     from vcfbench.plans.step import Context
 
 
@@ -51,6 +54,12 @@ class Window(StepResult, Struct, frozen=True):
     def recorded_point(self) -> Point | None:
         """The point that the window adds to the run."""
         return self.point
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return it with what the meters' certificates add to its readings and to its point."""
+        del step
+        readings = tuple(each.corrected(known) for each in self.readings)
+        return replace(self, readings=readings, point=known.corrected_point(self.point))
 
     def as_json(self) -> dict[str, Any]:
         """Return readings and read-backs; the point too, where it cannot be made from the readings beside it."""

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import SamplesVoltage
@@ -13,7 +14,10 @@ from vcfbench.plans.step import Effect, Step, StepResult
 from vcfbench.plans.steps.table import read_rate
 
 if TYPE_CHECKING:
+    from typing import Self
+
     from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import Sources
     from vcfbench.interfaces import Multimeter
     from vcfbench.plans.step import Context
 
@@ -32,6 +36,11 @@ class SineResponse(StepResult, Struct, frozen=True):
     interval_s: float
     aperture_s: float
     voltages_v: tuple[float, ...]
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return it with what the multimeter's certificate adds."""
+        del step
+        return replace(self, voltages_v=tuple(map(known.corrected, self.voltages_v)))
 
     @property
     def unpredicted(self) -> str:
@@ -119,6 +128,13 @@ class ModulatedRecord(StepResult, Struct, frozen=True):
     v_vc_t_s: float
     v_vc_v: tuple[float, ...]
     table_rate_deg_s: float | None
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return it with what the certificates add, of V_Vc that of the meter that read it."""
+        by_hand = isinstance(step, SampleModulated) and step.of == "v_vc"
+        v_vc = known.corrected if by_hand else known.v_vc_corrected
+        output_v = tuple(map(known.corrected, self.output_v))
+        return replace(self, output_v=output_v, v_vc_v=tuple(map(v_vc, self.v_vc_v)))
 
     def describe(self) -> str:
         """Name the means."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from msgspec import Struct, field
+from msgspec.structs import replace
 
 from vcfbench.interfaces import BeginsReadings
 from vcfbench.plans.step import Effect, Reading, Step, StepResult, problem
@@ -15,8 +16,10 @@ from vcfbench.record.schema import Point
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from typing import Self
 
     from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import Sources
     from vcfbench.interfaces import Multimeter
     from vcfbench.plans.step import Context
     from vcfbench.plans.steps.supply import RailReading
@@ -41,6 +44,10 @@ class PairedReading(Reading, frozen=True):
     """One reading of the output, and what the meter on V_Vc read at the same time, V."""
 
     v_vc_v: float
+
+    def corrected(self, known: Sources) -> Self:
+        """Return it with what the certificates of both meters add to it."""
+        return replace(self, voltage_v=known.corrected(self.voltage_v), v_vc_v=known.v_vc_corrected(self.v_vc_v))
 
 
 class VvcWindow(Window, frozen=True):
@@ -142,6 +149,13 @@ class VvcMeasured(StepResult, Struct, frozen=True):
     v_vc: tuple[Reading, ...]
     mean_v: float
     std_v: float
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return it with what the certificate of the meter that read it adds."""
+        by_hand = isinstance(step, MeasureVvc) and step.meter == "multimeter"
+        by = known.corrected if by_hand else known.v_vc_corrected
+        v_vc = tuple(replace(each, voltage_v=by(each.voltage_v)) for each in self.v_vc)
+        return replace(self, v_vc=v_vc, mean_v=by(self.mean_v))
 
     def describe(self) -> str:
         """Name mean and scatter."""

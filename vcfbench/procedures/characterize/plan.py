@@ -16,7 +16,7 @@ from msgspec import Meta, Struct, field, structs, to_builtins
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.layering import Layer, chosen_settings, keys_of, setting_keys
-from vcfbench.bench.settings import ProcedureSettings, Station
+from vcfbench.bench.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station
 from vcfbench.errors import BenchError
 from vcfbench.files import dotted
 from vcfbench.interfaces import (
@@ -34,8 +34,8 @@ from vcfbench.plans.steps import DisableSupply, Done, EnableSupply, NotChecked, 
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.kept_characteristics import Keeps
+from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.specifications import accuracy_at
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import PlacedInstrument
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Context, StepResult
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
@@ -200,18 +201,20 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     def _station_of(self, own: ProcedureSettings) -> Station:
         """Return what the place gives a part: what its meter promises goes by its own range and integration time."""
-        station, meter = self.station, self.station.instruments.get("multimeter")
-        same = (own.meter_range_v, own.nplc) == (self.meter_range_v, self.nplc)
-        if same or station.meter_resolution_v is None or meter is None:
-            return station
-        row = find_model(meter.model)
-        sheet: VoltmeterSpecification = resolve(None if row is None else row.specifications)
-        range_v, age_days = float(own.meter_range_v), station.sources.meter_age_days
-        promised, sigmas = accuracy_at(sheet, range_v, age_days)
-        sources = structs.replace(
-            station.sources, meter_gain=promised.reading, meter_offset_v=promised.range * range_v, meter_sigmas=sigmas
-        )
-        resolution_v = sheet.resolution_v(range_v, float(own.nplc))
+        station, sources = self.station, self.station.sources
+        placed = {role: station.instruments.get(role) for role in ("multimeter", "v_vc_meter")}
+        sheets = {role: _sheet_of(each) for role, each in placed.items() if each is not None}
+        v_vc_range_v = float(getattr(own, "v_vc_range_v", V_VC_RANGE_V))
+        if "v_vc_meter" in sheets and v_vc_range_v != V_VC_RANGE_V:
+            known, days = station.meters.get("v_vc_meter", MeterKnown()), sources.v_vc_meter_age_days
+            worth = meter_worth("v_vc", sheets["v_vc_meter"], known, v_vc_range_v, days)
+            sources = structs.replace(sources, **worth)
+        range_v, resolution_v = float(own.meter_range_v), station.meter_resolution_v
+        if "multimeter" in sheets and resolution_v is not None:
+            known = station.meters.get("multimeter", MeterKnown())
+            worth = meter_worth("meter", sheets["multimeter"], known, range_v, sources.meter_age_days)
+            sources = structs.replace(sources, **worth)
+            resolution_v = sheets["multimeter"].resolution_v(range_v, float(own.nplc))
         return structs.replace(station, meter_resolution_v=resolution_v, sources=sources)
 
     def made_plain(self) -> Self:
@@ -299,6 +302,12 @@ def _defaults(name: str) -> Mapping[str, Any]:
 
 def _naming(name: str) -> Callable[[Any], str]:
     return lambda keys: dotted(("procedure", "characterize", name, *keys))
+
+
+def _sheet_of(placed: PlacedInstrument) -> VoltmeterSpecification:
+    row = find_model(placed.model)
+    sheet: VoltmeterSpecification = resolve(None if row is None else row.specifications)
+    return sheet
 
 
 def _absent(model: str, capability: type) -> Sequence[str]:
@@ -470,7 +479,7 @@ def _part_result(procedure: AnyProcedure, own: ProcedureSettings, part: Measured
     if procedure.in_one_piece and part.broken_off:
         return PartResult(procedure.name, conditions, None, procedure.in_one_piece)
     try:
-        return PartResult(procedure.name, conditions, procedure.results(own, part))
+        return PartResult(procedure.name, conditions, procedure.results(own, part.corrected(own.station.sources)))
     except BenchError as error:
         return PartResult(procedure.name, conditions, None, str(error))
 

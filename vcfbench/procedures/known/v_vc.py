@@ -261,8 +261,7 @@ def levels_by_hand(settings: KnownVvcSettings, points: Sequence[Point]) -> Mappi
     if settings.v_vc_role != "multimeter":
         return {}
     found = points.found(VvcMeasured) if isinstance(points, Measured) else ()
-    by = settings.station.sources
-    known = {step.v_vc_v: by.corrected(result.mean_v) for step, result in found if isinstance(step, MeasureVvc)}
+    known = {step.v_vc_v: result.mean_v for step, result in found if isinstance(step, MeasureVvc)}
     if not known:
         raise ConfigError("V_Vc was not measured, and its setting was not said to be believed")
     return known

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist, fmean, stdev
 from typing import TYPE_CHECKING
 
@@ -19,8 +19,10 @@ from vcfbench.specifications import SupplySpecification
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+    from typing import Self
 
     from vcfbench.analysis.chopped import BlockNoise
+    from vcfbench.bench.settings import Sources
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Step
     from vcfbench.procedures.known.scale_factor import ScaleFactor
@@ -61,6 +63,11 @@ class RailsLogged(StepResult):
     t_s: float
     drawn: tuple[RailDraw, ...]
     outputs: tuple[Reading, ...]
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return it with what the multimeter's certificate adds to the output."""
+        del step
+        return replace(self, outputs=tuple(each.corrected(known) for each in self.outputs))
 
     def describe(self) -> str:
         """Name the largest current."""

@@ -7,7 +7,7 @@ three of them in a row agree and their slope is below the bias instability a min
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -41,10 +41,12 @@ from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_r
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from typing import Self
 
     from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import Sources
     from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Context, Routine
+    from vcfbench.plans.step import Context, Routine, Step
     from vcfbench.record.schema import Point
     from vcfbench.report.document import Report
 
@@ -93,6 +95,11 @@ class SwitchedOn(StepResult):
 
     t_s: float
     log: tuple[Reading, ...]
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return it with what the multimeter's certificate adds to the output."""
+        del step
+        return replace(self, log=tuple(each.corrected(known) for each in self.log))
 
     @property
     def unpredicted(self) -> str:
