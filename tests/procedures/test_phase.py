@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -14,12 +14,15 @@ from msgspec import structs
 import vcfbench
 from vcfbench.bench.simulated import true_output
 from vcfbench.clock import VirtualClock
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import Waveform
 from vcfbench.plans.steps import CaptureSines, ConfigureScope, SineRecord
 from vcfbench.procedures.phase.results import CaptureSense
 from vcfbench.procedures.phase.settings import PhaseSettings
 from vcfbench.testing import simulated
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 OVERRIDES = {
     "thermal": {"self_heating_k": 0.0},
@@ -151,6 +154,14 @@ def test_a_channel_that_sees_nothing_is_missed_before_anything_is_opened() -> No
     wiring = structs.replace(paper.wiring, oscilloscope=structs.replace(paper.wiring.oscilloscope, channel_4=None))
     with pytest.raises(ConfigError, match="a channel that sees 'output'"):
         vcfbench.dry_run("phase", structs.replace(paper, wiring=wiring))
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("broken", [{"sense_path": {"multiplier_per_v": 0.0}}, {"output_stage": {"gain": 0.0}}])
+def test_an_output_without_a_signal_has_no_demodulators_phase(broken: dict[str, Any], tmp_path: Path) -> None:
+    bench = simulated("paper", overrides={**OVERRIDES, **broken})
+    with pytest.raises(MeasurementError, match="the output does not answer to the sense signal"):
+        vcfbench.run("phase", bench, seed=8, settings=QUICK, runs=tmp_path)
 
 
 def test_the_table_turns_no_faster_than_it_is_told() -> None:

@@ -134,6 +134,7 @@ def reference_phase(rotations: Sequence[Rotation]) -> ReferencePhase:
         float(found[1]) / 360.0,
         math.sqrt(covariance[1, 1]) / 360.0,
         dof,
+        math.sqrt(float(left @ left) / dof),
     )
 
 
@@ -141,7 +142,8 @@ def reference_phase(rotations: Sequence[Rotation]) -> ReferencePhase:
 class ReferencePhase:
     """Phase of a demodulator's reference against the drive signal, deg, -90 to 90: half turns are not seen.
 
-    `delay_s` is that of the filter behind the demodulator. The uncertainties are the scatter of the records.
+    `delay_s` is that of the filter behind the demodulator. The uncertainties are the scatter of the records;
+    `scatter_deg` is that of the phase of one.
     """
 
     phase_deg: float
@@ -149,3 +151,4 @@ class ReferencePhase:
     delay_s: float
     u_delay_s: float
     dof: int
+    scatter_deg: float

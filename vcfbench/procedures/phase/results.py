@@ -15,6 +15,7 @@ from statistics import fmean, stdev, variance
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
+from vcfbench.plans.step import LOOK_AT_SIGNALS
 from vcfbench.plans.steps import CaptureSines, Rotations, SineRecord, SineRecords
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from vcfbench.plans.steps import RotationRecord
     from vcfbench.procedures.phase.settings import PhaseSettings
 
+_LARGEST_SCATTER_DEG = 5.0
+"""Of the demodulator's phase from record to record: that of mere noise scatters by 52 deg, of a gyroscope by 0.01."""
 _SKEW_S = 1e-10
 """DSO7104B: delay of a channel, either way (unverified), rectangular."""
 
@@ -88,7 +91,7 @@ def phases_of(
     """Return the phases from records of the sense signal at both signs of rate and V_Vc, and of both sines.
 
     Raises:
-        MeasurementError: a rate or V_Vc does not move the sense signal.
+        MeasurementError: a rate or V_Vc does not move the sense signal, or the output does not follow that.
     """
     from vcfbench.analysis.rotating import Rotation, reference_phase  # noqa: PLC0415  # NumPy, needed here alone
 
@@ -99,6 +102,13 @@ def phases_of(
     reference = reference_phase(
         [Rotation(r.drive_hz, r.difference_hz, r.reference_deg, r.turning_v, r.output_v) for r in turned]
     )
+    if reference.scatter_deg > _LARGEST_SCATTER_DEG:
+        raise MeasurementError(
+            "the output does not answer to the sense signal: the demodulator's phase scatters by "
+            f"{reference.scatter_deg:.0f} deg from record to record, as that of mere noise does",
+            instrument="oscilloscope",
+            hint=LOOK_AT_SIGNALS,
+        )
     demodulator = _Angle(reference.phase_deg, reference.u_phase_deg, reference.dof)
     phases = carrier, coriolis, virtual, demodulator
     drive_hz = fmean(each.frequency_hz for each in records)
