@@ -7,6 +7,7 @@ So there are three modes: the record as it stands, the same corrected for its de
 
 from __future__ import annotations
 
+import math
 from datetime import timedelta
 from enum import Enum
 from pathlib import Path
@@ -53,6 +54,8 @@ if TYPE_CHECKING:
 _LEAST_READINGS = 200
 """Fewer have no averaging times for four coefficients."""
 _EXACTLY = 1e-6
+_Q_LIMIT = 0.3
+"""How far the Q of a gyroscope is assumed to be from that of its kind: ours, no data sheet of one says it."""
 
 
 class Mode(Enum):
@@ -85,6 +88,13 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
             description="noise bandwidth of one reading, where a split lets more through; 0: not known, N is bounded",
         ),
     ] = 0.0
+    u_noise_bandwidth_hz: Annotated[
+        Annotated[float, Meta(ge=0.0, le=1e4)] | None,
+        Meta(
+            description="standard uncertainty of noise_bandwidth_hz; None: what a split lets through is known to 30 %, "
+            "which is assumed"
+        ),
+    ] = None
     noise_bandwidth_nplc: Annotated[
         Literal[1, 10, 100],
         Meta(description="integration time for which noise_bandwidth_hz holds; with another nplc it is not known"),
@@ -114,6 +124,17 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
     def passed_hz(self) -> float | None:
         """Noise bandwidth of one reading at this integration time, Hz; None where it is not known."""
         return self.noise_bandwidth_hz or None if self.nplc == self.noise_bandwidth_nplc else None
+
+    @property
+    def u_passed_hz(self) -> float:
+        """Standard uncertainty of that, Hz; where it is not stated, that of `_Q_LIMIT` of what the split lets through.
+
+        What is above the bandwidth of a mere mean is proportional to the sense mode's Q.
+        """
+        if self.u_noise_bandwidth_hz is not None:
+            return self.u_noise_bandwidth_hz
+        excess_hz = max(0.0, self.noise_bandwidth_hz - 0.5 / self.aperture_s)
+        return _Q_LIMIT * excess_hz / math.sqrt(3.0)
 
     @property
     def readings_a_mean(self) -> int:
@@ -201,7 +222,10 @@ def _results(settings: ZeroSettings, measured: Measured) -> ZeroResult:
         return zero_results(volts, window.t_s, sampling, scale, settings.mode.value, settings=settings, raw=raw)
     bandwidth_hz = settings.passed_hz if settings.mode is Mode.CORRECTED else None
     sampling = Sampling(settings.sample_interval_s, settings.aperture_s, bandwidth_hz)
-    return zero_results(window.voltage_v, window.t_s, sampling, scale, settings.mode.value, settings=settings)
+    u_hz = 0.0 if bandwidth_hz is None else settings.u_passed_hz
+    return zero_results(
+        window.voltage_v, window.t_s, sampling, scale, settings.mode.value, settings=settings, u_bandwidth_hz=u_hz
+    )
 
 
 def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> NewEntry | None:

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vcfbench.analysis.allan import Noise, allan_deviation, averaging_factors, confidence_interval, equivalent_dof
+from vcfbench.analysis.allan import (
+    BIAS_INSTABILITY_FACTOR,
+    Noise,
+    allan_deviation,
+    averaging_factors,
+    confidence_interval,
+    equivalent_dof,
+)
 from vcfbench.analysis.bias_stability import BiasStability, bias_stability
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, fit_noise, fit_shown_noise
 from vcfbench.analysis.sampling import Sampling, deviation_factor
@@ -35,6 +42,8 @@ _DEG_H = 3600.0
 _DEG_RTH = 60.0
 """deg/sqrt(h) in a deg/sqrt(s)."""
 _CONFIDENCE = 0.95
+_ONE_SIDED = 1.645
+"""Standard uncertainties up to a bound of 95 %."""
 _FLICKER = list(Term).index(Term.BIAS_INSTABILITY)
 _PER_OCTAVE = 2
 _WINDOWS = 60
@@ -157,6 +166,7 @@ def zero_results(
     *,
     settings: ProcedureSettings,
     raw: tuple[NDArray[np.float64], int] | None = None,
+    u_bandwidth_hz: float = 0.0,
 ) -> ZeroResult:
     """Return what the record of `volts` comes to, one mean every ``sampling.interval_s``.
 
@@ -168,6 +178,7 @@ def zero_results(
         mode: ``"dead-time"`` fits the record as it stands.
         settings: of the run: what is known of meter, gyroscope and surroundings.
         raw: the readings that `volts` are means of, V, and of how many; None where they are the same.
+        u_bandwidth_hz: standard uncertainty of the noise bandwidth in `sampling`, Hz.
     """
     rates = volts / scale.value
     fitted = Sampling.without_gaps(sampling.interval_s) if mode == "dead-time" else sampling
@@ -176,6 +187,7 @@ def zero_results(
     )
     follows = _follows(curve, rates.size, fitted, gapless=sampling.gapless)
     fit = _fit(follows, rates.size, fitted, gapless=sampling.gapless)
+    fit = fit if fit is None else _with_what_is_let_through(fit, fitted, u_bandwidth_hz)
     curve = curve if fit is None else _with_honest_bounds(curve, rates.size, fitted, fit)
     walk = _walk_as_it_stands(follows, rates.size, sampling.interval_s)
     output, bias, trend = (None, None, None) if fit is None else _stated(volts, fitted, scale, settings, fit)
@@ -204,6 +216,25 @@ def zero_results(
 def _is_passed(sampling: Sampling, mode: str) -> bool:
     """Tell whether it is known how much white noise a reading lets through, or nobody wants to correct for it."""
     return mode == "dead-time" or sampling.gapless or sampling.noise_bandwidth_hz is not None
+
+
+def _with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: float) -> NoiseFit:
+    """Return the fit, N as uncertain as what a reading lets through of white noise, and what dead time folds in.
+
+    Of flicker between readings it is known neither how far up it goes nor how it goes on there: all of what a 1/f up to
+    the reading's bandwidth would fold in is the rectangular limit of that (ours).
+    """
+    walk = fit.terms[Term.ANGLE_RANDOM_WALK]
+    if sampling.gapless or not walk.value:
+        return fit
+    white = (deviation_factor(sampling, Noise.WHITE) * walk.value) ** 2 / sampling.interval_s
+    folded = deviation_factor(sampling, Noise.FLICKER) ** 2 - 1.0
+    folded *= (BIAS_INSTABILITY_FACTOR * fit.terms[Term.BIAS_INSTABILITY].value) ** 2
+    let_through = u_bandwidth_hz / sampling.noise_bandwidth_hz if sampling.noise_bandwidth_hz else 0.0
+    besides = 0.5 * walk.value * math.hypot(let_through, folded / white / math.sqrt(3.0))
+    upper = walk.value + math.hypot(walk.upper_95 - walk.value, _ONE_SIDED * besides)
+    wider = replace(walk, u=math.hypot(walk.u or 0.0, besides), upper_95=upper)
+    return replace(fit, terms={**fit.terms, Term.ANGLE_RANDOM_WALK: wider})
 
 
 def _noise_bandwidth(readings: NDArray[np.float64], a_mean: int, fit: NoiseFit) -> Measurand | None:
@@ -422,7 +453,8 @@ def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
         )
         if (found := results.noise_bandwidth_hz) is not None:
             band = f"{found.value:.2f} Hz, u {found.u:.2f}"
-            lines.append(f"noise bandwidth of one reading {band}: noise_bandwidth_hz of records with dead time")
+            keys = "noise_bandwidth_hz and u_noise_bandwidth_hz"
+            lines.append(f"noise bandwidth of one reading {band}: {keys} of records with dead time")
         return "\n".join([*lines, *_left_out(results)])
     lines.append(
         f"one reading of {results.aperture_s:g} s every {results.interval_s:g} s: white noise is seen "
