@@ -7,7 +7,7 @@ of least squares with the scatter of the residuals: independent noise of the sam
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -79,7 +79,7 @@ def fit_sine_at(samples: ArrayLike, interval_s: float, frequency_hz: float) -> S
     """
     channels = _checked([samples])
     times = _times(channels.shape[1], interval_s)
-    fitted = _fitted(channels, times, frequency_hz, free=False)
+    fitted = _with_covariance(_at(channels, times, frequency_hz), times, free=False)
     return _sine(fitted, channels.shape[1], interval_s, parameters=3)
 
 
@@ -164,11 +164,11 @@ def _common(channels: Floats, interval_s: float, start_hz: float | None) -> _Com
     strongest = channels[np.ptp(channels, axis=1).argmax()]
     frequency = spectral_peak_hz(strongest, interval_s) if start_hz is None else start_hz
     for _ in range(_ROUNDS):
-        step = _step(_fitted(channels, times, frequency, free=False), channels, times)
+        step = _step(_at(channels, times, frequency), channels, times)
         most = 0.5 / (count * interval_s)
         frequency += max(-most, min(most, step))
         if abs(step) * count * interval_s < _SETTLED:
-            return _fitted(channels, times, frequency, free=True)
+            return _with_covariance(_at(channels, times, frequency, free=True), times, free=True)
     raise ConfigError(f"no sine found: the fit does not settle near {frequency:g} Hz")
 
 
@@ -181,8 +181,11 @@ def _step(fitted: _Common, channels: Floats, times: Floats) -> float:
     return float(np.linalg.solve(rows.T @ rows, rows.T @ (left.ravel() * weight))[0])
 
 
-def _fitted(channels: Floats, times: Floats, frequency_hz: float, *, free: bool) -> _Common:
-    """Fit every channel at `frequency_hz`; `free` counts the frequency among what the samples had to determine."""
+def _at(channels: Floats, times: Floats, frequency_hz: float, *, free: bool = False) -> _Common:
+    """Fit every channel at `frequency_hz`, without the covariance.
+
+    `free` counts the frequency among what the samples had to determine.
+    """
     basis = _basis(frequency_hz, times)
     found, _, rank, _ = np.linalg.lstsq(basis, channels.T, rcond=1e-9)
     if rank < 3 or not 0.0 < frequency_hz < math.inf:
@@ -190,12 +193,16 @@ def _fitted(channels: Floats, times: Floats, frequency_hz: float, *, free: bool)
     left = channels.T - basis @ found
     used = 3.0 + (1.0 / len(channels) if free else 0.0)
     rms = np.sqrt(np.sum(left**2, axis=0) / (times.size - used))
-    fitted = _Common(frequency_hz, found[0], found[1], found[2], rms, np.zeros((0, 0)))
-    covariance = np.zeros((1 + 3 * len(channels),) * 2)
+    return _Common(frequency_hz, found[0], found[1], found[2], rms, np.zeros((0, 0)))
+
+
+def _with_covariance(fitted: _Common, times: Floats, *, free: bool) -> _Common:
+    rms, channels = fitted.rms, fitted.rms.size
+    covariance = np.zeros((1 + 3 * channels,) * 2)
     first = 0 if free else 1
     design = _design(fitted, times)[:, first:] / np.repeat(_floor(rms), times.size)[:, None]
     covariance[first:, first:] = np.linalg.inv(design.T @ design) if (rms > 0.0).any() else 0.0
-    return _Common(frequency_hz, found[0], found[1], found[2], rms, covariance)
+    return replace(fitted, covariance=covariance)
 
 
 def _floor(rms: Floats) -> Floats:

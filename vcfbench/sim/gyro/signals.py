@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
 
 BLOCK = 1 << 20
 FEW_TERMS = 256
+_MANY_TIMES, _EVEN = 256, 1e-7
+"""From so many on, and even so far that no exponential turns by more (rad), times are dealt with in rows."""
 
 
 class ExponentialSum(Struct, frozen=True):
@@ -43,10 +46,23 @@ class ExponentialSum(Struct, frozen=True):
         return np.concatenate([self._summed(part) for part in parts])
 
     def _summed(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+        if times_s.ndim == 1 and len(times_s) >= _MANY_TIMES:
+            step_s = (times_s[-1] - times_s[0]) / (len(times_s) - 1)
+            left_s = float(np.abs(times_s - times_s[0] - step_s * np.arange(len(times_s))).max())
+            if left_s * float(np.abs(self.exponents).max(initial=0.0)) < _EVEN:
+                return self._summed_evenly(float(times_s[0]), float(step_s), len(times_s))
         turned = np.exp(np.multiply.outer(times_s, self.exponents))
         # of many, the product is not left to a library that spreads it over threads
         many = turned.shape[-1] > FEW_TERMS
         return np.asarray((turned * self.amplitudes).sum(axis=-1) if many else turned @ self.amplitudes)
+
+    def _summed_evenly(self, start_s: float, step_s: float, count: int) -> NDArray[np.complex128]:
+        """Return the same at even times: exponentials of rows and of places in them alone, not of all times."""
+        width = math.isqrt(count)
+        rows = np.arange(0, count, width) * step_s + start_s
+        turned = np.exp(np.multiply.outer(rows, self.exponents)) * self.amplitudes
+        within = np.exp(np.multiply.outer(np.arange(width) * step_s, self.exponents))
+        return np.asarray(np.einsum("ik,jk->ij", turned, within).reshape(-1)[:count])
 
     def value(self, time_s: float) -> complex:
         """Return the signal at one time."""

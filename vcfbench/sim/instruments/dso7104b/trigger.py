@@ -7,6 +7,7 @@ what is looked at here has no noise.
 from __future__ import annotations
 
 import math
+from heapq import merge
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from vcfbench.sim.instruments.dso7104b.conditions import Change
 from vcfbench.sim.instruments.dso7104b.filters import LowPass, time_constant_s
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -102,8 +103,8 @@ class _Follower:
         """Return what comes to the filter."""
         return signals.volts(self._channel, times, ac=self.comparator.ac)
 
-    def changes(self, signals: Signals, times: NDArray[np.float64]) -> list[Change]:
-        """Return the changes in a block of evenly spaced samples."""
+    def changes(self, signals: Signals, times: NDArray[np.float64]) -> Iterator[Change]:
+        """Return the changes in a block of evenly spaced samples, each made when it is asked for."""
         heights, settled_s = self._heights(signals, times)
         comparator, new = self.comparator, self.began_high is None
         if new:
@@ -113,7 +114,7 @@ class _Follower:
         places = np.flatnonzero(highs[1:] != highs[:-1])
         if new:
             places = places[times[places] >= times[0] + settled_s]
-        return [self._change(times, heights, int(place), high=bool(highs[place + 1])) for place in places]
+        return (self._change(times, heights, int(place), high=bool(highs[place + 1])) for place in places)
 
     def sines(self, signals: Signals, start_s: float, stop_s: float) -> Sines | None:
         """Return what a filter leaves, in closed form; None without a filter, or where it has none."""
@@ -234,14 +235,14 @@ class TriggerSearch:
 
     def _look(self, signals: Signals, times: NDArray[np.float64]) -> float | None:
         new = self._reached_s is None
-        changes = [change for follower in self._followers.values() for change in follower.changes(signals, times)]
+        changes = [follower.changes(signals, times) for follower in self._followers.values()]
         if new:
             highs = {channel: bool(follower.began_high) for channel, follower in self._followers.items()}
             self._condition.begin(highs, float(times[0]))
         self._reached_s = float(times[-1])
-        return self._fed(signals, sorted(changes, key=_instant), float(times[-1]))
+        return self._fed(signals, merge(*changes, key=_instant), float(times[-1]))
 
-    def _fed(self, signals: Signals, changes: list[Change], stop_s: float) -> float | None:
+    def _fed(self, signals: Signals, changes: Iterable[Change], stop_s: float) -> float | None:
         def exactly(change: Change) -> float:
             return self._refined(signals, change)
 
