@@ -277,10 +277,14 @@ class CapturesWaveforms(Protocol):
 
 @runtime_checkable
 class AveragesWaveforms(Protocol):
-    """Takes the mean of many records by itself."""
+    """Takes means by itself, of many records or of the samples of one: they have more bits than a sample."""
 
     def acquire_mean(self, count: int, *channels: int) -> None:
         """Take the mean of `count` records of `channels`, each from its own trigger, and stop."""
+        ...
+
+    def acquire_fine(self, *channels: int) -> None:
+        """Take one record of `channels` whose points are means of all samples about them, and stop."""
         ...
 
 

@@ -131,6 +131,19 @@ def test_a_ratio_of_ac_volts_has_the_range_of_the_one_in_that_of_the_other() -> 
     assert k_vc_change(then, then).u_ppm < 30.0  # the same meter later
 
 
+def test_a_split_and_a_q_that_are_measured_are_not_in_temperature_again() -> None:
+    """Without a drive frequency temperature is the thermometer's: what it did to split and Q is measured."""
+    then = structs.replace(
+        THEN, drive_hz=None, drive_ppm_k=Kept(value=-30.0, u=0.0), split_hz_k=Kept(value=0.0035, u=0.0)
+    )
+    at = [Kept(value=each, u=0.0) for each in (20.0, 35.0)]
+    q = Kept(value=0.97 * 1224.0, u=0.0)
+    now = Characteristics(temperature_c=at[1], q_anti_phase=q, q_in_phase=q)
+    parts = {each.quantity: each.ppm for each in k_vc_change(structs.replace(then, temperature_c=at[0]), now).parts}
+    assert parts["temperature_c"] == pytest.approx(450.0, abs=4.0)  # with Q's share it would be 441
+    assert parts["q_anti_phase"] == pytest.approx(-8.0, abs=2.0)
+
+
 def test_k_vc_is_refused_where_something_has_changed_that_cannot_be_corrected() -> None:
     larger = checked(THEN, health(scope="DSO7104B no. 2", carrier_amplitude_v=2.4), Characteristics())
     assert "+200000 ppm" in larger.refused[0]

@@ -129,6 +129,11 @@ class Dso7104B(ScpiInstrument):
         self._digitize(channels, count, ":ACQ:TYPE AVER", f":ACQ:COUN {count}")
         self._format = "WORD"  # a mean has more bits than a sample
 
+    def acquire_fine(self, *channels: int) -> None:
+        """Take one record of `channels` whose points are means of all samples about them, and stop."""
+        self._digitize(channels, 1, ":ACQ:TYPE HRES")
+        self._format = "WORD"
+
     def _digitize(self, channels: tuple[int, ...], count: int, *how: str) -> None:
         sources = ",".join(self._source(channel) for channel in channels)
         lasts_s = _AUTO_TRIGGER_S + 2.0 * self._record_s * count

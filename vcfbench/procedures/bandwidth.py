@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from vcfbench.analysis.rate_band import RateBand, Tone
+    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Routine
     from vcfbench.record.devices import Characteristics
@@ -203,11 +204,11 @@ def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[SineRe
 def _split_hz(settings: BandwidthSettings, found: Sequence[tuple[float, SineResponse]]) -> float:
     from vcfbench.analysis.rate_band import split_guess_hz  # noqa: PLC0415  # NumPy, needed here alone
 
-    tones = _tones(settings, found)
+    tones = tones_of(settings, found)
     return split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
 
 
-def _tones(settings: BandwidthSettings, found: Sequence[tuple[float, SineResponse]]) -> list[Tone]:
+def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, SineResponse]]) -> list[Tone]:
     """Fit the sine in every record; records of one interval share the spacing that the strongest of them shows."""
     from vcfbench.analysis.rate_band import fit_tone, true_spacing_s  # noqa: PLC0415  # as above
 
@@ -228,7 +229,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     from vcfbench.analysis.rate_band import Known, fit_rate_band, response_phase_deg  # noqa: PLC0415  # as above
 
     sampled = measured.found(SineResponse)
-    tones = _tones(settings, [(step.frequency_hz, each) for step, each in sampled if isinstance(step, SampleSine)])
+    tones = tones_of(settings, [(step.frequency_hz, each) for step, each in sampled if isinstance(step, SampleSine)])
     drive_hz, u_drive_hz = _drive_hz(settings, measured)
     known = Known(
         drive_hz,

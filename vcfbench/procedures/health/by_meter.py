@@ -1,4 +1,7 @@
-"""What the multimeter tells of what K_Vc depends on: the amplitudes of carrier and drive, its leads moved there."""
+"""What the multimeter tells of what K_Vc depends on.
+
+Split and Q by the response to a few sines on V_Vc; the amplitudes of carrier and drive, its leads moved there.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,27 @@ import math
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.step import answer
-from vcfbench.plans.steps import AcMeasured, ConfigureMeter, MeasureAc, NotChecked, Note, move_leads
+from vcfbench.plans.steps import (
+    AcMeasured,
+    CheckRails,
+    ConfigureMeter,
+    DisableVvc,
+    MeasureAc,
+    NotChecked,
+    Note,
+    SampleSine,
+    SetSine,
+    Settle,
+    SineResponse,
+    move_leads,
+)
+from vcfbench.procedures.bandwidth import tones_of
+from vcfbench.procedures.known.k_vc_change import ASSUMED
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.routines import rails_of, v_vc_level_again, v_vc_on
+from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
 from vcfbench.specifications import AC_VOLTS
 
 if TYPE_CHECKING:
@@ -17,6 +38,11 @@ if TYPE_CHECKING:
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
     from vcfbench.record.devices import Characteristics
 
+_OF_SPLIT, _SINE_V, _SAMPLES = (0.1, 0.6, 0.94, 1.0, 1.06, 1.4), 0.1, 512
+"""Frequencies of the sines over the split that was, their peak, and readings of each."""
+_OF_THE_OTHER = ("drive_hz", "in_phase_split_hz", "in_phase_share")
+_ALIKE = 0.2
+"""Of a change of Q, by which that of the in-phase mode may differ (assumed): gas damps both alike, supports not."""
 _READINGS = 8
 _BETWEEN = 3e-5
 """By which a 34401A may drift between its readings of drive and carrier, in a few minutes (assumed), rectangular."""
@@ -38,6 +64,79 @@ def compared_amplitudes(settings: KnownVvcSettings) -> Routine[None]:
         yield MeasureAc("drive", _READINGS, expected_v, carrier.range_v)
     yield move_leads("multimeter", "output")
     yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+
+
+def split_by_meter(settings: KnownVvcSettings, then: Characteristics) -> Routine[None]:
+    """Have V_Vc a sine of a few frequencies about the split that was, and sample the output; V_Vc is off afterwards."""
+    assert then.split_hz is not None  # noqa: S101  # the caller saw
+    yield Note("Health: split and Q, by a few sines on V_Vc through the multimeter")
+    yield ConfigureMeter(float(settings.meter_range_v), NPLC)
+    yield from v_vc_on()
+    for ratio in _OF_SPLIT:
+        frequency_hz = float(f"{ratio * then.split_hz.value:.4g}")
+        if frequency_hz > HIGHEST_HZ or not stands_off_mains(frequency_hz, settings.station.mains_hz, _SAMPLES):
+            continue
+        yield SetSine(frequency_hz, _SINE_V)
+        yield Settle(settings.settle_s, "gyro settles after the change of frequency")
+        yield SampleSine(frequency_hz, _SINE_V, _SAMPLES, sampled_every_s(frequency_hz), then.split_hz.value)
+    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from v_vc_level_again()
+    yield DisableVvc()
+    yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
+
+
+def found_by_sines(
+    settings: KnownVvcSettings, measured: Measured, then: Characteristics | None
+) -> dict[str, Measurand]:
+    """Return split and both Q as the sines tell them, by name; nothing where there were none.
+
+    Q of the in-phase mode is scaled with the other's: what damps one damps the other.
+
+    Raises:
+        MeasurementError: the response is not that of the two modes, or has too few tones.
+    """
+    sines = [(step.frequency_hz, each) for step, each in measured.found(SineResponse) if isinstance(step, SampleSine)]
+    if not sines or then is None or then.split_hz is None or then.q_anti_phase is None:
+        return {}
+    from vcfbench.analysis.rate_band import Known, NearSplit, fit_near_split  # noqa: PLC0415  # NumPy
+
+    tones = tones_of(settings, sines)
+    drive, far, share = (getattr(then, name) or ASSUMED[name] for name in _OF_THE_OTHER)
+    split, q = then.split_hz.value, then.q_anti_phase.value
+
+    def fitted(
+        *, far_hz: float = far.value, part: float = share.value, lag_deg: float = 0.0, pass_hz: float = 100.0
+    ) -> NearSplit:
+        stiff = [(drive.value - each) ** 2 - drive.value**2 for each in (far_hz, split)]
+        force = part / (1.0 - part) * stiff[0] / stiff[1]
+        known = Known(drive.value, far_hz, low_pass_hz=pass_hz)
+        try:
+            return fit_near_split(tones, known, (split, q), (force, math.radians(lag_deg)))
+        except ConfigError as error:
+            raise MeasurementError(f"split and Q: {error.what}", instrument="multimeter") from error
+
+    found, one = fitted(), 1.0 / math.sqrt(3.0)
+    others = {
+        "in-phase mode": (fitted(far_hz=far.value + 5.0), one),
+        "in-phase share": (fitted(part=share.value + share.u), 1.0),
+        "phase of the demodulator": (fitted(lag_deg=2.0), one),
+        "filter's corner": (fitted(pass_hz=90.0), one),
+    }
+    split_parts = [
+        UncertaintyPart(name, by * abs(each.split_hz - found.split_hz)) for name, (each, by) in others.items()
+    ]
+    q_parts = [UncertaintyPart(name, by * abs(each.q - found.q)) for name, (each, by) in others.items()]
+    q_parts.append(UncertaintyPart("tones", found.u_q))
+    seen = {
+        "split_hz": measurand(found.split_hz, "Hz", [UncertaintyPart("tones", found.u_split_hz), *split_parts]),
+        "q_anti_phase": measurand(found.q, "", q_parts),
+    }
+    if then.q_in_phase is not None:
+        ratio, in_phase = found.q / q, then.q_in_phase
+        alike = UncertaintyPart("damped alike", one * _ALIKE * abs(1.0 - ratio) * in_phase.value)
+        parts = [UncertaintyPart(each.source, each.u * in_phase.value / q) for each in q_parts]
+        seen["q_in_phase"] = measurand(in_phase.value * ratio, "", [alike, *parts])
+    return seen
 
 
 def same_oscilloscope(settings: KnownVvcSettings, then: Characteristics) -> bool:

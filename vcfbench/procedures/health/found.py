@@ -11,7 +11,7 @@ from msgspec import Struct, structs
 
 from vcfbench.errors import MeasurementError
 from vcfbench.plans.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
-from vcfbench.procedures.health.by_meter import carrier_over_drive
+from vcfbench.procedures.health.by_meter import carrier_over_drive, found_by_sines
 from vcfbench.procedures.health.modes import Modes, middle_of, modes_of
 from vcfbench.procedures.health.plan import CaptureFar, level_v
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
@@ -87,14 +87,17 @@ def _again(kept: Kept) -> Measurand:
     return measurand(kept.value, "", parts or [UncertaintyPart("certificate", kept.u, kept.dof)])
 
 
-def health_of(settings: KnownVvcSettings, measured: Measured) -> Health | None:
+def health_of(settings: KnownVvcSettings, measured: Measured, then: Characteristics | None = None) -> Health | None:
     """Return what K_Vc depends on, as the steps of :mod:`.plan` saw it; None where none were done.
+
+    `then` is what the sines of the meter's way rest on.
 
     Raises:
         MeasurementError: only one mode rang down, or V_Vc does not move the sense signal.
     """
     decays = [found for _, found in measured.found(SenseDecay)]
-    found = _by_oscilloscope(settings, measured, decays) if decays else Health()
+    by_meter = found_by_sines(settings, measured, then)
+    found = _by_oscilloscope(settings, measured, decays) if decays else Health(**by_meter)
     found = structs.replace(found, carrier_over_drive=carrier_over_drive(settings, measured))
     return None if found == Health() else found
 
@@ -132,7 +135,7 @@ def _by_oscilloscope(settings: KnownVvcSettings, measured: Measured, decays: Seq
         in_phase_share=share,
         carrier_phase_deg=carrier,
         demodulator_phase_deg=_demodulator(measured, skew),
-        v_vc_feedthrough=_feedthrough(settings, measured, middle, share.value, at_rest),
+        v_vc_feedthrough=_feedthrough(settings, measured, middle, share, at_rest),
         drive_amplitude_v=measurand(drive_v, "V", [gain("drive", drive_v)]),
         carrier_amplitude_v=_mean(carrier_v, "V", gain("carrier", fmean(carrier_v))),
         sense_phase_deg=measurand(beyond_deg, "deg", [unexplained, skew]),
@@ -211,7 +214,7 @@ def _demodulator(measured: Measured, skew: UncertaintyPart) -> Measurand:
 
 
 def _feedthrough(
-    settings: KnownVvcSettings, measured: Measured, modes: Modes, share: float, at_rest: _AtRest
+    settings: KnownVvcSettings, measured: Measured, modes: Modes, share: Measurand, at_rest: _AtRest
 ) -> Measurand:
     """Return what comes through without motion over what the modes answer at rest.
 
@@ -227,10 +230,11 @@ def _feedthrough(
         ]
         for sign in (1.0, -1.0)
     )
-    found = [_through(pair, modes, share, level_v(settings) * at_rest.per_v) for pair in zip(above, below, strict=True)]
-    value = _mean(found, "")
+    at_rest_v, pairs = level_v(settings) * at_rest.per_v, list(zip(above, below, strict=True))
+    value = _mean([_through(pair, modes, share.value, at_rest_v) for pair in pairs], "")
+    moved = fmean(_through(pair, modes, share.value + share.u, at_rest_v) for pair in pairs) - value.value
     flat = UncertaintyPart("the same at all frequencies", _FLAT / math.sqrt(3.0) * abs(value.value))
-    return measurand(value.value, "", [*value.parts, flat])
+    return measurand(value.value, "", [*value.parts, UncertaintyPart("in-phase share", abs(moved), share.dof), flat])
 
 
 def _through(records: tuple[RotationRecord, RotationRecord], modes: Modes, share: float, at_rest_v: float) -> float:

@@ -13,6 +13,7 @@ import math
 from statistics import fmean
 from typing import TYPE_CHECKING
 
+from vcfbench.interfaces import AveragesWaveforms
 from vcfbench.plans.drive_check import one_two_five
 from vcfbench.plans.step import answer
 from vcfbench.plans.steps import (
@@ -32,6 +33,7 @@ from vcfbench.plans.steps import (
     SetVvc,
     SineRecord,
 )
+from vcfbench.procedures.health.by_meter import split_by_meter
 from vcfbench.procedures.health.modes import Modes, modes_of
 from vcfbench.procedures.health.way import way_of
 from vcfbench.procedures.phase.results import CaptureSense
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from vcfbench.interfaces import Oscilloscope
     from vcfbench.plans.step import Routine
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
+    from vcfbench.record.devices import Characteristics
 
 _LEVEL_V = 0.7
 _LARGEST_V = 10.0
@@ -53,6 +56,9 @@ _RING_DOWN_RECORD = (0.02, 5_000)
 """Time base (s/div) and points: a fifth of a second, twice the time constant of a good mode."""
 _MEANS, _PERIODS = 12, 3.0
 """Means of drive and carrier, and periods in their records: short ones come the faster."""
+_HIGHEST = 0.8
+"""Of the drive's amplitude: from so far below zero to so far above means begin, each elsewhere. The converter's steps,
+which no noise of a mean hides, then are others in each; from one place on they would be an error of all, 20 ppm."""
 _STATES = (1.0, -1.0, -1.0, 1.0)
 _RECORDS = 4
 _SPACING_S = 0.5
@@ -65,8 +71,9 @@ _TURNS = 4.0
 _SPLITS_HZ, _Q, _SHARE = (25.0, 150.0), 1200.0, 0.15
 """Of what a dry run answers with: both modes of the paper's class, and the part of the one in phase."""
 _NEAR_RECORDS, _FAR_RECORDS = 2, 3
-_NEAR_POINTS, _FAR_POINTS = 10_000, 20_000
-_FAR_S_PER_DIV = 2e-3
+_A_PERIOD = 2.3
+"""Points in a period of the drive, at least: two would be too few. Oscilloscopes give 1, 2 or 5 times 10^n of them."""
+_FAR_POINTS, _FAR_S_PER_DIV = 10_000, 5e-3
 
 
 class CaptureFar(CaptureRotations, frozen=True):
@@ -79,7 +86,10 @@ class CaptureFar(CaptureRotations, frozen=True):
         from vcfbench.analysis.rotating import fit_rotation  # noqa: PLC0415  # NumPy, needed here alone
 
         first, second, _ = self.channels
-        scope.acquire(first, second)
+        if isinstance(scope, AveragesWaveforms):  # a feed-through that matters is a ten-thousandth of the screen
+            scope.acquire_fine(first, second)
+        else:
+            scope.acquire(first, second)
         drive, sense = (scope.waveform(channel, self.points) for channel in (first, second))
         interval_s = float(drive.time_s[1] - drive.time_s[0])
         found = fit_rotation(drive.voltage_v, sense.voltage_v, drive.voltage_v, interval_s, self.difference_hz)
@@ -100,18 +110,25 @@ def level_v(settings: KnownVvcSettings) -> float:
     return _LEVEL_V if most_v is None else min(_LEVEL_V, 0.5 * most_v)
 
 
-def examined(settings: KnownVvcSettings, *, looked_for: bool, why_not: str = "") -> Routine[None]:
+def examined(
+    settings: KnownVvcSettings, then: Characteristics | None, *, looked_for: bool, source: str = ""
+) -> Routine[None]:
     """Measure what K_Vc depends on, if that is `looked_for` and the bench can; V_Vc is off before and afterwards.
 
-    `why_not` says why there would be no use; empty: there is.
+    `then` is what `source` has of it; a certificate's own calibration has none (None), and needs none.
     """
     if not looked_for:
         return
     way, lacks = way_of(settings)
-    if why_not or way is None:
-        yield NotChecked("what K_Vc depends on", why_not or lacks)
-    else:
+    if way == "oscilloscope" and (not source or (then is not None and then.sense_phase_deg is not None)):
         yield from _by_oscilloscope(settings)
+        return
+    split_and_q = then is not None and source and then.split_hz is not None and then.q_anti_phase is not None
+    if way == "multimeter" and then is not None and split_and_q:
+        yield NotChecked("phases, feed-through and amplitudes", lacks)
+        yield from split_by_meter(settings, then)
+    else:
+        yield NotChecked("what K_Vc depends on", lacks if way != "oscilloscope" else f"{source} does not have it")
 
 
 def _by_oscilloscope(settings: KnownVvcSettings) -> Routine[None]:
@@ -120,11 +137,13 @@ def _by_oscilloscope(settings: KnownVvcSettings) -> Routine[None]:
     split_hz, drive_hz = yield from _ring_downs(settings)
     yield from _at_both_signs(settings)
     near_hz = min(_NEAR_HZ, _OF_SPLIT * split_hz)
-    yield ConfigureScope(one_two_five(_TURNS / near_hz / 10.0), settings.station.channel_of("drive"))
+    near_s_per_div = one_two_five(_TURNS / near_hz / 10.0)
+    points = round(one_two_five(_A_PERIOD * drive_hz * 10.0 * near_s_per_div))
+    yield ConfigureScope(near_s_per_div, settings.station.channel_of("drive"))
     for sign in (1.0, -1.0):
         channels = _channels(settings, "sense", "output")
         shown_v = yield from _turned(settings, drive_hz, sign * near_hz, channels)
-        yield CaptureRotations(channels, shown_v, _NEAR_RECORDS, _NEAR_POINTS, sign * near_hz, drive_hz)
+        yield CaptureRotations(channels, shown_v, _NEAR_RECORDS, points, sign * near_hz, drive_hz)
     yield ConfigureScope(_FAR_S_PER_DIV, settings.station.channel_of("drive"))
     for sign in (1.0, -1.0):
         channels, far_hz = _channels(settings, "sense", "carrier"), sign * _OF_DRIVE * drive_hz
@@ -173,8 +192,10 @@ def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
         shown_v = max(shown_v, found.amplitudes_v[:3], key=lambda seen: seen[2])  # type: ignore[assignment]
     amplitude_v, turned = fmean(drive.amplitude_v), 1j * _expected(drive_hz).answer(_SHARE, 0.0)
     expected = SineRecord(drive_hz, (amplitude_v, amplitude_v), (0.0, -90.0))
-    yield ConfigureScope(one_two_five(_PERIODS / drive_hz / 10.0), channels[0])
-    yield CaptureMeanSines(channels[:2], shown_v[:2], _MEANS, expected)
+    for place in range(_MEANS):
+        level = _HIGHEST * amplitude_v * (2.0 * place / (_MEANS - 1) - 1.0)
+        yield ConfigureScope(one_two_five(_PERIODS / drive_hz / 10.0), channels[0], level)
+        yield CaptureMeanSines(channels[:2], shown_v[:2], 1, expected)
     yield ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
     for sign in _STATES:
         yield SetVvc(sign * level_v(settings))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final, Literal
 
 from vcfbench.errors import ConfigError
-from vcfbench.interfaces import SetsSine, lacking
+from vcfbench.interfaces import SamplesVoltage, SetsSine, lacking
 
 if TYPE_CHECKING:
     from vcfbench.bench.parts import Node
@@ -17,23 +17,25 @@ NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
 """What the oscilloscope must see."""
 
 
-def way_of(settings: KnownVvcSettings) -> tuple[Literal["oscilloscope"] | None, str]:
-    """Return with what the bench measures it; None and why not, where it cannot."""
-    wiring = settings.station.oscilloscope
-    if wiring is None:
-        return None, "the bench has no oscilloscope"
-    unseen = [node for node in NODES if wiring.channel_of(node) is None]
-    if unseen:
-        return None, f"no channel of the oscilloscope sees {' and '.join(unseen)} (wiring.oscilloscope)"
-    if lacking(_driver_class(settings), SetsSine):
+def way_of(settings: KnownVvcSettings) -> tuple[Literal["oscilloscope", "multimeter"] | None, str]:
+    """Return with what the bench measures it; and why not all of it, or nothing (None)."""
+    if lacking(_driver_class(settings, "rate_source"), SetsSine):
         return None, "the generator makes no sines"
-    return "oscilloscope", ""
+    wiring = settings.station.oscilloscope
+    unseen = list(NODES) if wiring is None else [node for node in NODES if wiring.channel_of(node) is None]
+    if not unseen:
+        return "oscilloscope", ""
+    why = f"no channel of the oscilloscope sees {' and '.join(unseen)} (wiring.oscilloscope)"
+    why = "the bench has no oscilloscope" if wiring is None else why
+    if lacking(_driver_class(settings, "multimeter"), SamplesVoltage):
+        return None, f"{why}, and the multimeter takes no readings by itself"
+    return "multimeter", why
 
 
-def _driver_class(settings: KnownVvcSettings) -> type:
+def _driver_class(settings: KnownVvcSettings, role: str) -> type:
     from vcfbench.drivers.registry import find_driver  # noqa: PLC0415  # the drivers are loaded when a run needs them
 
-    placed = settings.station.instruments.get("rate_source")
+    placed = settings.station.instruments.get(role)
     try:
         return type(None) if placed is None else find_driver(placed.model).driver_class
     except ConfigError:

@@ -18,7 +18,7 @@ from vcfbench.record.devices import Characteristics, Measured, Sensitivity
 from vcfbench.report.document import Column, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
 __all__ = [
     "ASSUMED",
@@ -163,12 +163,13 @@ def _moved(values: Mapping[str, float], name: str, by: float) -> dict[str, float
     return {**values, name: min(max(values[name] + by, low), high)}
 
 
-def temperature_coefficient(known: Characteristics) -> tuple[Measured, bool]:
+def temperature_coefficient(known: Characteristics, seen: Collection[str] = ()) -> tuple[Measured, bool]:
     """Return by how much K_Vc changes with temperature, ppm/K, and whether it rests on what was measured.
 
-    As measured on a table, or else by the closed form from the coefficients of drive frequency, split and Q.
+    As measured on a table, or else by the closed form from the coefficients of drive frequency, split and Q. What split
+    and Q do is left out where they are among those `seen`, which have it.
     """
-    if known.k_vc_ppm_k is not None:
+    if known.k_vc_ppm_k is not None and not seen:
         return known.k_vc_ppm_k, True
     inputs = _inputs(known)
     coefficients = {
@@ -180,15 +181,20 @@ def temperature_coefficient(known: Characteristics) -> tuple[Measured, bool]:
 
     def ppm_k(at: Mapping[str, float]) -> float:
         by = sensitivities(_gyroscope(at))
-        of_q = sum(by[name] * at[name] for name in ("q_anti_phase", "q_in_phase"))
-        return -at["drive"] + by["split_hz"] * at["split"] + of_q * at["q"]
+        parts = {name: by[name] * at[name] * at["q"] for name in ("q_anti_phase", "q_in_phase")}
+        parts["split_hz"] = by["split_hz"] * at["split"]
+        if known.k_vc_ppm_k is not None:
+            return known.k_vc_ppm_k.value - math.fsum(part for name, part in parts.items() if name in seen)
+        return -at["drive"] + math.fsum(part for name, part in parts.items() if name not in seen)
 
     moved = [
         0.5 * (ppm_k(_moved(values, name, each.u)) - ppm_k(_moved(values, name, -each.u)))
         for name, each in {**inputs, **coefficients}.items()
         if each.u
     ]
-    return Measured(value=ppm_k(values), u=math.hypot(_LEFT_PPM_K, *moved)), known.drive_ppm_k is not None
+    whole = known.k_vc_ppm_k
+    u = math.hypot(_LEFT_PPM_K if whole is None else whole.u, *moved)
+    return Measured(value=ppm_k(values), u=u), known.drive_ppm_k is not None or whole is not None
 
 
 _LEFT_PPM_K = 0.05
@@ -301,7 +307,7 @@ def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
 def _coefficients(then: Characteristics, now: Characteristics, seen: _Inputs) -> Iterator[KvcPart]:
     """Yield what temperature and rails did, where what they act by was not measured."""
     if "drive_hz" not in seen and then.temperature_c and now.temperature_c:
-        per_k, _ = temperature_coefficient(then)
+        per_k, _ = temperature_coefficient(then, seen)
         yield _step("temperature_c", per_k, then.temperature_c, now.temperature_c)
     if "drive_amplitude_v" not in seen and then.positive_rail_v and now.positive_rail_v:
         yield _step("rails_v", then.k_vc_ppm_v or ASSUMED_PPM_V, then.positive_rail_v, now.positive_rail_v)

@@ -50,7 +50,7 @@ def _matched(settings: KVcSettings) -> Routine[Outcome]:
             driven=DRIVEN,
         ),
     )
-    yield from examined(settings, looked_for=settings.health)
+    yield from examined(settings, None, looked_for=settings.health)
     if settings.ac_volts:
         yield from compared_amplitudes(settings)
     if settings.v_vc_role == "multimeter":

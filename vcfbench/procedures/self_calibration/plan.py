@@ -54,7 +54,8 @@ def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
             yield from _block(settings, rate_deg_s, levels_v)
             yield DisableVvc()
     yield from _at_rest(settings)
-    yield from examined(settings, looked_for=settings.health, why_not=_nothing_to_compare(settings))
+    known = settings.known
+    yield from examined(settings, known.characteristics, looked_for=settings.health, source=known.source)
     if _amplitudes_wanted(settings):
         yield from compared_amplitudes(settings)
     if settings.v_vc_role == "multimeter":
@@ -64,17 +65,12 @@ def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
     return Outcome(f"V_Vc at {2 * len(settings.magnitudes_deg_s)} levels, {settings.cycles} times")
 
 
-def _nothing_to_compare(settings: SelfCalibrationSettings) -> str:
-    then = settings.known.characteristics
-    return "" if then is not None and then.sense_phase_deg is not None else f"{settings.known.source} does not have it"
-
-
 def _amplitudes_wanted(settings: SelfCalibrationSettings) -> bool:
     """Tell whether AC volts serve: the certificate has them, and no oscilloscope tells the amplitudes better."""
     then = settings.known.characteristics
     if not (settings.health and settings.ac_volts) or then is None or then.carrier_over_drive is None:
         return False
-    return way_of(settings)[0] is None or not same_oscilloscope(settings, then)
+    return way_of(settings)[0] != "oscilloscope" or not same_oscilloscope(settings, then)
 
 
 def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:

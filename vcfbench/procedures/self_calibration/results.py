@@ -273,7 +273,8 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
 
 def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Health | None, HealthCheck | None]:
     """Return what was measured of what K_Vc depends on, and what has become of it since the certificate."""
-    health, then = health_of(settings, points), settings.known.characteristics
+    then = settings.known.characteristics
+    health = health_of(settings, points, then)
     if isinstance(points, Foreseen) and health is not None and then is not None:
         health = health.unchanged(then)
     return health, None if health is None or then is None else checked(then, health, _stated_by_hand(settings))
