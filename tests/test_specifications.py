@@ -6,7 +6,20 @@ import pytest
 
 from vcfbench.models import MODELS, resolve
 from vcfbench.procedures import tones
-from vcfbench.specifications import AGILENT_33220A, HP_34401A, KEYSIGHT_34461A, KEYSIGHT_34465A, VoltmeterSpecification
+from vcfbench.specifications import (
+    AGILENT_33220A,
+    HP_34401A,
+    KEITHLEY_2000,
+    KEITHLEY_DMM6500,
+    KEYSIGHT_34461A,
+    KEYSIGHT_34465A,
+    KEYSIGHT_E3631A,
+    KEYSIGHT_E36312A,
+    TEMPERATURE_COEFFICIENTS,
+    SupplySpecification,
+    VoltmeterSpecification,
+    accuracy_at,
+)
 
 METERS = (HP_34401A, KEYSIGHT_34461A, KEYSIGHT_34465A)
 
@@ -70,3 +83,80 @@ def test_every_meter_that_comes_along_has_its_own_sheet(row) -> None:  # type: i
 @pytest.mark.parametrize("row", [row for row in MODELS if "multimeter" in row.roles], ids=lambda row: row.name)
 def test_every_meter_that_comes_along_integrates_as_briefly_as_sines_ask(row) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
     assert {tones.NPLC, 1.0} <= set(resolve(row.driver).integration_times_nplc)
+
+
+PRINTED = {
+    "34401A": """
+        0.1   1: 30 30   90: 40 35   365: 50 35
+        1     1: 20 6    90: 30 7    365: 40 7
+        10    1: 15 4    90: 20 5    365: 35 5
+        100   1: 20 6    90: 35 6    365: 45 6
+        1000  1: 20 6    90: 35 10   365: 45 10
+    """,
+    "34461A": """
+        0.1   1: 30 30   90: 40 35   365: 50 35   730: 65 35
+        1     1: 20 6    90: 30 7    365: 40 7    730: 55 7
+        10    1: 15 4    90: 20 5    365: 35 5    730: 50 5
+        100   1: 20 6    90: 35 6    365: 45 6    730: 60 6
+        1000  1: 20 6    90: 35 10   365: 45 10   730: 60 10
+    """,
+    "34465A": "10    365: 30 4",
+    "2000": """
+        0.1   1: 30 30   90: 40 35   365: 50 35
+        1     1: 15 6    90: 25 7    365: 30 7
+        10    1: 15 4    90: 20 5    365: 30 5
+        100   1: 15 6    90: 30 6    365: 45 6
+        1000  1: 20 6    90: 35 6    365: 45 6
+    """,
+    "DMM6500": "10    365: 25 5",
+}
+"""Volts of a range, then days: ppm of the reading and ppm of the range, typed once more from what `accuracy_source`
+names."""
+
+
+def printed(model: str) -> dict[float, dict[int, tuple[float, float]]]:
+    ranges: dict[float, dict[int, tuple[float, float]]] = {}
+    for line in PRINTED[model].split("\n"):
+        if not (words := line.replace(":", "").split()):
+            continue
+        ages = range(1, len(words), 3)
+        ranges[float(words[0])] = {int(words[k]): (float(words[k + 1]), float(words[k + 2])) for k in ages}
+    return ranges
+
+
+@pytest.mark.parametrize("sheet", [*METERS, KEITHLEY_2000, KEITHLEY_DMM6500], ids=lambda sheet: sheet.model)
+def test_accuracies_are_those_printed(sheet: VoltmeterSpecification) -> None:
+    stated = {
+        range_v: {age: (of.reading * 1e6, of.range * 1e6) for age, of in ages.items()}
+        for range_v, ages in sheet.accuracy.items()
+    }
+    assert {range_v: sorted(ages) for range_v, ages in stated.items()} == {
+        range_v: sorted(ages) for range_v, ages in printed(sheet.model).items()
+    }
+    for range_v, ages in printed(sheet.model).items():
+        for age, ppm in ages.items():
+            assert stated[range_v][age] == pytest.approx(ppm, rel=1e-9), (range_v, age)
+
+
+@pytest.mark.parametrize(
+    ("sheet", "voltage", "current"),
+    [
+        (KEYSIGHT_E3631A, "0.1 5m, 0.05 10m, 0.05 10m", "0.2 10m, 0.15 4m, 0.15 4m"),
+        (KEYSIGHT_E36312A, "0.03 3m, 0.03 5m, 0.03 5m", "0.1 5m, 0.1 2m, 0.1 2m"),
+    ],
+    ids=lambda value: getattr(value, "model", ""),
+)
+def test_read_backs_are_those_printed(sheet: SupplySpecification, voltage: str, current: str) -> None:
+    """Percent of the reading and millivolts or milliamperes: P6V, P25V, N25V."""
+    for stated, words in ((sheet.voltage, voltage), (sheet.current, current)):
+        for output, line in zip(("P6V", "P25V", "N25V"), words.split(","), strict=True):
+            percent, milli = line.replace("m", "").split()
+            assert stated[output] == pytest.approx((float(percent) / 100.0, float(milli) / 1000.0), rel=1e-9)
+
+
+def test_a_kelvin_outside_of_18_to_28_degrees_adds_what_the_34401a_prints() -> None:
+    """User's Guide p. 216, (ppm of the reading + ppm of the range) a kelvin."""
+    assert (TEMPERATURE_COEFFICIENTS[0.1].reading, TEMPERATURE_COEFFICIENTS[0.1].range) == (5e-6, 5e-6)
+    at_10_v = accuracy_at(HP_34401A, 10.0, 365, outside_k=1.0)[0]
+    usual = HP_34401A.accuracy_of(10.0, 365)
+    assert (at_10_v.reading - usual.reading, at_10_v.range - usual.range) == pytest.approx((5e-6, 1e-6))

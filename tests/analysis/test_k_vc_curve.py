@@ -181,3 +181,25 @@ def test_the_parts_of_the_covariance_add_up_to_it() -> None:
     parts = covariance_parts(curve, v, of_rate, of_v)
     assert sum(parts.values()) == pytest.approx(np.array(curve.covariance), rel=1e-6)
     assert parts["gain"][1, 1] ** 0.5 / curve.k_vc == pytest.approx(9e-6, rel=1e-3)
+
+
+def test_the_covariance_of_v_vc_goes_through_the_slope_at_each_level() -> None:
+    curve = fitted(np.random.default_rng(5))
+    v = np.array([0.07, 0.6, 1.2])
+    of_v_vc = covariance_of(v, 1e-4, u_gain=1e-3, u_offset=2e-4)
+    slope = (curve.rate_deg_s(v + 1e-5) - curve.rate_deg_s(v - 1e-5)) / 2e-5
+    added = curve.rate_covariance(v, of_v_vc) - curve.rate_covariance(v, np.zeros((3, 3)))
+    np.testing.assert_allclose(added, np.outer(slope, slope) * of_v_vc, rtol=1e-6)
+
+
+def test_u_of_the_shape_is_what_the_covariance_of_the_coefficients_gives() -> None:
+    curve = fitted(np.random.default_rng(6), u_rate=0.05)
+    shape = curve.curvature()
+    drawn = np.random.default_rng(7).multivariate_normal(curve.coefficients, curve.covariance, 40_000)
+    assert np.std(drawn[:, 2] / drawn[:, 1]) == pytest.approx(shape.u_second_per_v, rel=0.02)
+    assert np.std(drawn[:, 3] / drawn[:, 1]) == pytest.approx(shape.u_third_per_v2, rel=0.02)
+    k, covariance = np.array(curve.coefficients), np.array(curve.covariance)
+    for place, u in ((2, shape.u_second_per_v), (3, shape.u_third_per_v2)):
+        gradient = np.zeros(k.size)
+        gradient[1], gradient[place] = -k[place] / k[1] ** 2, 1.0 / k[1]
+        assert u == pytest.approx(math.sqrt(gradient @ covariance @ gradient), rel=1e-12)

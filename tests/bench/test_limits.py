@@ -62,6 +62,7 @@ def test_the_table_is_not_stopped_with_an_acceleration_that_cannot_stop_it(accel
         table.stop.assert_not_called()
     else:
         assert 0.0 < acceleration <= 200.0
+        table.stop.assert_called_once_with(acceleration)
 
 
 @given(ANY)
@@ -84,6 +85,12 @@ def test_the_peak_of_a_sine_counts_with_its_offset() -> None:
     with pytest.raises(LimitError, match=r"peak voltage 5\.05 V is beyond the bench's limit of 5 V"):
         LimitedGenerator(generator, CHECKS).configure_sine(10.0, 4.1, -3.0)
     generator.configure_sine.assert_called_once_with(10.0, 4.0, -3.0)
+
+
+def test_a_sine_is_around_0_v_where_nothing_is_said() -> None:
+    generator = driver("rate_source")
+    LimitedGenerator(generator, CHECKS).configure_sine(10.0, 4.0)
+    generator.configure_sine.assert_called_once_with(10.0, 4.0, 0.0)
 
 
 @pytest.mark.parametrize(

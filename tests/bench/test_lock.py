@@ -168,3 +168,20 @@ def test_a_station_locks_its_instruments_whatever_it_is_called_and_a_console_its
         pass
     with station(real, None, None, roles=["power"]), pytest.raises(InUse, match="power at"), station(other, None, None):
         pytest.fail("two have it")
+
+
+def test_what_stood_in_a_lock_file_is_gone_when_it_is_signed(folder: Path) -> None:
+    folder.mkdir()
+    lock_path(METER).write_bytes(b"rubbish " * 200)
+    with (
+        instrument_locks("lab-1", {"multimeter": METER}),
+        pytest.raises(InUse, match=rf"process {os.getpid()} of .* for station lab-1"),
+        instrument_locks("lab-2", {"multimeter": METER}),
+    ):
+        pytest.fail("two have it")
+
+
+def test_the_directory_of_the_locks_is_made_however_deep(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(folder / "a" / "b"))
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        assert lock_path(METER).parent == folder / "a" / "b"

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tests.bench.fakes import FakeInstrument
 from vcfbench.bench.safety import LeaveNow, SafeAction, SafetyStack, Stage, not_safe
-from vcfbench.clock import VirtualClock
+from vcfbench.clock import VirtualClock, WallClock
 from vcfbench.errors import NotSafe
 from vcfbench.interfaces import SafeReport, UnprovedCommand
 
@@ -133,6 +133,34 @@ def test_one_whose_read_back_fails_is_not_safe(log: list[str]) -> None:
 def test_the_instrument_is_given_its_deadline(log: list[str]) -> None:
     (report,) = stack_of(action(FakeInstrument("power", log), deadline_s=7.0)).make_safe()
     assert report.detail == "with 7 s left"
+
+
+def test_one_that_takes_its_whole_deadline_and_some_of_the_grace_is_safe(log: list[str]) -> None:
+    class Slow(FakeInstrument):
+        def make_safe(self, deadline: Deadline) -> SafeReport:
+            self.released.wait(0.15)
+            return super().make_safe(deadline)
+
+    stack = SafetyStack(VirtualClock(), patience=0.1, grace_s=0.3)  # 0.1 s of its own
+    stack.register(action(Slow("power", log), deadline_s=1.0))
+    assert [report.safe for report in stack.make_safe()] == [True]
+
+
+def test_telling_takes_half_a_second_however_many_hang(log: list[str]) -> None:
+    over = threading.Event()
+
+    class Stuck(FakeInstrument):
+        def command_safe(self) -> UnprovedCommand:
+            over.wait(30.0)
+            return super().command_safe()
+
+    stack = stack_of(*(action(Stuck(f"power {number}", log)) for number in range(8)))
+    wall = WallClock()
+    try:
+        stack.command_safe()
+    finally:
+        over.set()
+    assert 0.4 < wall.now() < 0.7  # 8 turns of 0.1 s are more
 
 
 @given(st.lists(st.tuples(st.sampled_from(Stage), st.sampled_from(["obeys", "fails", "refuses", "lies"])), max_size=8))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,7 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 from tests.bench.test_holding import SCRIPT, what_is_on
+from vcfbench.bench import safing
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.safing import safe_bench
 from vcfbench.bench.writing import bench_text
@@ -142,3 +145,19 @@ def test_an_instrument_that_is_not_there_keeps_no_other_from_being_proved(lab: S
     done = safe_bench(structs.replace(bench, rate_source=gone))
     assert [each.safe for each in done.instruments] == [True, False, True]
     assert "told upon connecting, if it hears at all, but not proved" in str(done.failure())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a signal to oneself")
+def test_two_signals_do_not_break_it_off(lab: ServedLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """There is nothing to be stopped half-way: interrupts are only counted."""
+    made_safe = safing._made_safe
+
+    def interrupted(*arguments: Any) -> safing.MadeSafe:
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGINT)
+        return made_safe(*arguments)
+
+    monkeypatch.setattr(safing, "_made_safe", interrupted)
+    made = safe_bench(bench_file(lab, tmp_path))
+    assert made.failure() is None
+    assert {report.instrument for report in made.reports} >= {"rate_table", "rate_source", "power"}

@@ -342,3 +342,41 @@ def test_revive_refuses_another_instrument() -> None:
             session.query("READ?")
         with pytest.raises(OutOfSync):
             session.revive(Deadline.after(CLOCK, 0.5))
+
+
+def test_a_connection_cut_amid_resynchronising_is_said_to_be_lost() -> None:
+    """Which is what lets `revive` connect anew."""
+    given_up = threading.Event()
+
+    def cut(connection: socket.socket, line: str) -> bool:
+        if line == "READ?":
+            given_up.wait(PLENTY_S)
+        elif given_up.is_set():
+            connection.shutdown(socket.SHUT_RDWR)
+        return line == "READ?" or given_up.is_set()
+
+    with serving(answering(cut), answering(nothing_special)) as where, opened(where) as session:
+        with pytest.raises(DeadlineExceeded):
+            session.query("READ?", soon())
+        given_up.set()
+        with pytest.raises(LinkLost, match=r"\*IDN\?"):
+            session.resync(Deadline.after(CLOCK, PLENTY_S))
+        assert session.closed
+        session.revive()
+        assert session.query("A?") == "A"
+
+
+def test_a_dead_connection_leaves_time_for_a_new_one() -> None:
+    """Half of what is left is given to the old one."""
+
+    def silent(_connection: socket.socket, line: str) -> bool:
+        return line != "*IDN?" or bool(asked) or bool(asked.append(line))
+
+    asked: list[str] = []
+    with serving(answering(silent), answering(nothing_special)) as where, opened(where) as session:
+        with pytest.raises(DeadlineExceeded):
+            session.query("READ?", soon())
+        begin_s = CLOCK.now()
+        session.revive(Deadline.after(CLOCK, 1.0))
+        assert 0.4 < CLOCK.now() - begin_s < 1.0
+        assert session.query("A?") == "A"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ from vcfbench.plans.replay import is_left, rest_of, start_up_again, taken_over
 from vcfbench.plans.step import Effect, Outcome, abandon
 from vcfbench.plans.steps import (
     Acquire,
+    CheckRails,
     ConfigureMeter,
     ConfigureRail,
     DisableVvc,
@@ -36,8 +38,10 @@ from vcfbench.record.journal import JournalRecord
 from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Plan, Routine
+    from vcfbench.plans.step import Plan, Routine, Step
 
 BEFORE = "20260821T142530Z-before-0a1b2c"
 QUICK: dict[str, Any] = {"rates_deg_s": (100.0, 0.0, -100.0), "samples": 4, "drive": make_settings().drive}
@@ -330,3 +334,59 @@ def test_of_all_that_sets_the_same_the_last_is_done_again() -> None:
         move_leads("multimeter", "v_vc"),
         SetVvc(0.5),
     ]
+
+
+def test_a_kind_of_result_that_is_not_known_is_refused() -> None:
+    line = unbroken("turntable").steps[0] | {"result_kind": "Unheard"}
+    with pytest.raises(PlanError, match="step 1 of the record: a Unheard"):
+        taken_over(record_of([line]), BEFORE)
+
+
+def test_chunks_of_long_windows_are_taken_over_with_their_step() -> None:
+    lines = unbroken("turntable").steps
+    window = next(line["n"] for line in lines if line["result_kind"] == "Window")
+    chunks = [{"type": "readings", "n": window, "readings": [{"voltage_v": v}]} for v in (0.1, 0.2)]
+    taken = taken_over(record_of([*chunks, *lines]), BEFORE)
+    assert taken[window - 1].chunks == tuple({"taken_over": BEFORE, **chunk} for chunk in chunks)
+    assert list(taken[window - 1].readings_v())[:2] == [[0.1], [0.2]]
+    assert not any(each.chunks for each in taken if each.line["n"] != window)
+
+
+def test_a_look_at_the_drive_right_after_the_last_window_is_not_believed() -> None:
+    lines = unbroken("turntable").steps
+    window = next(number for number, line in enumerate(lines) if line["result_kind"] == "Window")
+    look = next(line for line in lines if line["step_kind"] == "FindDrive")
+    taken = taken_over(record_of([*lines[: window + 1], look | {"n": window + 2}]), BEFORE)
+    assert len(taken) == window + 1
+
+
+def repeated(*steps: Step) -> list[Step]:
+    return list(drained(start_up_again(steps, make_settings(warm_up_s=0.0))))
+
+
+def drained(routine: Routine[None]) -> Iterator[Step]:
+    """Each step of a routine, answered by what a dry run answers."""
+    gyro = LinearGyro(36.0)
+    with contextlib.suppress(StopIteration):
+        step = next(routine)
+        while True:
+            yield step
+            step = routine.send(step.predict(gyro))
+
+
+POSITIVE, NEGATIVE = ConfigureRail("positive", "P25V", 10.0, 0.1), ConfigureRail("negative", "N25V", -10.0, 0.1)
+SUPPLY_ON = EnableSupply()
+
+
+def test_the_plans_first_step_is_repeated_too() -> None:
+    assert repeated(POSITIVE, NEGATIVE, SUPPLY_ON) == [POSITIVE, NEGATIVE, SUPPLY_ON]
+
+
+def test_checks_before_power_are_not_repeated_and_those_of_other_rails_neither() -> None:
+    rails = CheckRails((POSITIVE, NEGATIVE), 0.1)
+    assert repeated(POSITIVE, NEGATIVE, rails, SUPPLY_ON) == [POSITIVE, NEGATIVE, SUPPLY_ON]
+    assert repeated(POSITIVE, NEGATIVE, SUPPLY_ON, rails) == [POSITIVE, NEGATIVE, SUPPLY_ON, rails]
+    lower, higher = replace(POSITIVE, voltage_v=5.0), replace(POSITIVE, voltage_v=12.0)
+    lower_rails, higher_rails = CheckRails((lower, NEGATIVE), 0.1), CheckRails((higher, NEGATIVE), 0.1)
+    steps = (POSITIVE, NEGATIVE, SUPPLY_ON, rails, lower, lower_rails, higher, higher_rails)
+    assert repeated(*steps) == [POSITIVE, NEGATIVE, SUPPLY_ON, rails, higher, higher_rails]

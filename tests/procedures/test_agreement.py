@@ -88,3 +88,37 @@ def test_what_is_expected_of_the_gyroscope() -> None:
         require_expected_column(faulty(sweep(1), 0, lambda v: v + 0.5), good)
     with pytest.raises(MeasurementError, match=r"K_Vc is 161 .*\(expected.k_vc_deg_s_per_v\)"):
         require_expected_k_vc(161.0, 150.0, good)
+
+
+def test_what_is_expected_is_the_slope_from_end_to_end() -> None:
+    """Of a curved column; its slope between the first two rates is 4 % larger."""
+    curved = [point(1, rate, K * (rate + rate**3 * 4e-7)) for rate in RATES]
+    ends = K * (1.0 + 200.0**2 * 4e-7)
+    around = (min(ends * 1.001, ends * 0.999), max(ends * 1.001, ends * 0.999))
+    require_expected_column(curved, Expected(scale_factor_v_per_deg_s=around))
+
+
+@pytest.mark.parametrize(("by_v", "found"), [(0.9, False), (1.1, True)])
+def test_a_step_is_allowed_as_far_as_the_noise_of_two_means_goes(by_v: float, *, found: bool) -> None:
+    """Half a step of the line, and eight standard deviations of a difference of means of ten readings each."""
+    bound_v = 0.5 * abs(K) * 10.0 + 8.0 * NOISE_V * 100.0 * (2.0 / 10.0) ** 0.5
+    noisy = [replace(p, std_v=NOISE_V * 100.0) for p in sweep()]
+    moved = [replace(p, output_v=p.output_v + bound_v * by_v) if p.rate_deg_s == 0.0 else p for p in noisy]
+    if found:
+        with pytest.raises(MeasurementError, match="the output moves by"):
+            require_steady_slope(moved)
+    else:
+        require_steady_slope(moved)
+
+
+@pytest.mark.parametrize("step", [2, 4, 6, 7])
+def test_with_the_generator_on_a_point_stands_at_its_v_vc(step: int) -> None:
+    levels = [point(step, 0.0, BIAS_V + K * 150.0 * v, v_vc_v=v) for v in (1.0, 0.5, 0.0, -0.5, -1.0)]
+    require_steady_slope(levels)
+    with pytest.raises(MeasurementError, match="V_Vc of"):
+        require_steady_slope(faulty(levels, 2, lambda _: 0.0))
+
+
+@pytest.mark.parametrize("step", [1, 3, 5])
+def test_with_the_generator_off_a_point_stands_at_its_rate(step: int) -> None:
+    require_steady_slope(sweep(step))

@@ -90,3 +90,11 @@ def test_uncertainty_of_k_vc_counts_every_mean() -> None:
     absolute = match(Match.ABSOLUTE, 0.25, 2)
     relative = 2.0**0.5 * 3e-6 / (0.125 + 0.0517)
     assert absolute.u_k_vc(0.0, 3e-6) / absolute.k_vc == pytest.approx(relative, rel=1e-6)
+
+
+def test_a_table_that_the_output_does_not_follow_gives_no_k_vc() -> None:
+    means = [point(1, 0.0, 0.0, 0.0), point(1, 10.0, 0.0, 0.0), point(2, 0.0, 0.0, 0.0), point(2, 0.0, 0.0, 0.0)]
+    matching = Matching.of([*means, point(2, 0.0, 0.25, -0.125), point(2, 0.0, 0.0, 0.0)], Match.ZERO, 10.0)
+    assert matching.level_v == 0.0
+    with pytest.raises(MeasurementError, match="does not answer to the table's rate"):
+        _ = matching.k_vc

@@ -208,3 +208,14 @@ def test_a_change_of_the_drive_alone_leaves_the_modes_parts() -> None:
     np.testing.assert_allclose(
         chain.handed_over(modal, turn, other), other.modal(chain.state(modal, turn), turn), rtol=1e-9
     )
+
+
+def test_a_change_of_the_modes_writes_the_state_out() -> None:
+    """Two temperatures: the parts of the modes are others in the other chain."""
+    chain, random = locked_chain(PAPER), np.random.default_rng(4)
+    warmer = [replace(mode, natural_rad_s=mode.natural_rad_s * 1.001) for mode in chain.resonances]
+    other = ChainDesign(PAPER).chain(tuple(warmer), chain.drive_rad_s, -1.1e-6 + 2e-8j, -0.05j)
+    modal, turn = random.standard_normal(8) + 1j * random.standard_normal(8), cmath.exp(1.3j)
+    given, written_out = chain.handed_over(modal, turn, other), other.modal(chain.state(modal, turn), turn)
+    np.testing.assert_allclose(given, written_out, rtol=1e-9)
+    assert np.abs(given[:4] - modal[:4]).max() > 1e-6

@@ -279,6 +279,13 @@ def test_one_full_buffer_is_no_deadlock(message: str) -> None:
     assert talk.errors() == []
 
 
+def test_a_message_that_fits_into_the_input_buffer_of_most_models_is_no_deadlock() -> None:
+    lamp = Lamp(GPIB)
+    lamp.write(b"VOLT?;" * 2000 + b"VOLT?\n")  # 32 kB of answers, 12 kB of questions
+    assert lamp.read(1 << 16)[0].count(b"+1.00000000E+00") == 2001
+    assert Conversation(lamp, lamp.clock).errors() == []
+
+
 @pytest.mark.parametrize("interface", [GPIB, USB, VXI11])
 def test_where_answers_are_fetched_there_are_deadlocks(interface: Interface) -> None:
     talk = deadlocking(interface)

@@ -179,6 +179,23 @@ def test_ratio_of_two_inputs() -> None:
     assert made.duration_s("READ?") == pytest.approx(0.02 + 0.0015 + 4 * 0.2)
 
 
+def test_both_inputs_of_a_ratio_are_read_with_their_zero_though_autozero_is_off() -> None:
+    made = bench(MeterErrors(unzeroed_offset_v=0.5), sense="output")
+    made.world.offset_v = 2.5
+    made.talk.write("CONF:VOLT:DC:RAT 10;:ZERO:AUTO OFF")
+    assert made.value() == pytest.approx(1.0)
+
+
+def test_a_current_waits_for_the_trigger_delay() -> None:
+    made = bench()
+    made.talk.write("CONF:CURR:DC 1;:TRIG:DEL 0")
+    made.talk.settle()
+    at_once = made.duration_s("READ?")
+    made.talk.write("TRIG:DEL 2")
+    made.talk.settle()
+    assert made.duration_s("READ?") == pytest.approx(at_once + 2.0)
+
+
 @pytest.mark.parametrize(
     ("query", "limit_a"),
     [("MEAS:CURR?", 2e-4 * 0.01), ("MEAS:CURR? 0.1", 5e-5 * 0.1), ("MEAS:CURR? 1", 1e-4), ("MEAS:CURR? 3", 6e-4)],
