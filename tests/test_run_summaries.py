@@ -101,7 +101,10 @@ def test_what_is_asked_for_is_listed_oldest_first(asked: dict[str, Any], expecte
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"status": "done"}, "status: expected one of complete, aborted, incomplete, damaged, unreadable, came 'done'"),
+        (
+            {"status": "done"},
+            "status: expected one of complete, aborted, running, incomplete, damaged, unreadable, came 'done'",
+        ),
         ({"since": "yesterday"}, "since: expected a date, as in 2026-01-15, came 'yesterday'"),
     ],
 )
@@ -138,7 +141,7 @@ def test_the_command_answers_in_csv_that_reads_back(runs: Path) -> None:
     assert rows[0]["tags"] == "batch=7;wafer=W3"
     assert float(rows[0]["scale_factor"]) == summaries[0].results["scale_factor"].value
     assert (rows[0]["bias_unit"], rows[2]["bias"], rows[2]["status"]) == ("V", "", "incomplete")
-    assert listed(runs, "--csv", "--dut", "G-9").splitlines() == [",".join(list(rows[0])[:13])]
+    assert listed(runs, "--csv", "--dut", "G-9").splitlines() == [",".join(list(rows[0])[:14])]
 
 
 def test_no_text_is_a_formula_in_a_spreadsheet(runs: Path, tmp_path: Path) -> None:

@@ -77,7 +77,8 @@ def resume(name: str, procedure: Path | None, options: RunOptions, ending: Signa
     broken = broken_off(name, options.runs)
     beside = broken.directory.path.parent
     asked = Asked(procedure or broken.procedure, options.bench, runs=beside, speed=options.speed)
-    _carry_out(asked, broken.prepare, options, ending)
+    with broken.directory.alone():
+        _carry_out(asked, broken.prepare, options, ending)
 
 
 def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:

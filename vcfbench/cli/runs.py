@@ -10,7 +10,8 @@ import typer
 from vcfbench.cli.answer import print_json, print_report, print_verdicts
 from vcfbench.cli.completion import run_names
 from vcfbench.errors import ConfigError
-from vcfbench.files import shown
+from vcfbench.files import is_utf8, shown
+from vcfbench.runs.recomputed import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -31,6 +32,9 @@ Index_ = Annotated[
         envvar="VCFBENCH_INDEX",
         help="Database of the index: postgresql://user@host/database. Default: a file beside the records.",
     ),
+]
+Run_ = Annotated[
+    str, typer.Argument(metavar="RUN", autocompletion=run_names, help="Directory of the run, its name, or 'last'.")
 ]
 Json_ = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
 
@@ -151,10 +155,7 @@ def index(
 
 @app.command("export")
 def export(
-    run: Annotated[
-        str,
-        typer.Argument(metavar="RUN", autocompletion=run_names, help="Directory of the run, its name, or 'last'."),
-    ],
+    run: Run_,
     runs: Runs_ = Path("runs"),
     *,
     raw: Annotated[bool, typer.Option("--raw", help="Write every raw reading instead of the points.")] = False,
@@ -182,6 +183,45 @@ def export(
         typer.echo(f"{shown(done.file)}: {done.rows} {done.table}, {len(done.columns)} columns")
 
 
+@app.command("amend")
+def amend(
+    run: Run_,
+    runs: Runs_ = Path("runs"),
+    *,
+    set_: Annotated[
+        list[str],
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="What is amended: dut, operator, note, checked_by, customer, tags.KEY. Repeatable; empty takes away.",
+        ),
+    ],
+    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="Why.")],
+    by: Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who. Default: who is logged in.")] = None,
+    json: Json_ = False,
+) -> None:
+    """Put right what a person said of a run, by a line that is added to its record. No reading can be changed."""
+    from msgspec import to_builtins  # noqa: PLC0415
+
+    from vcfbench.runs.amending import amend_run  # noqa: PLC0415
+
+    changes = dict(_key_and_value(each) for each in set_)
+    done = amend_run(run, changes, reason=reason, by=by, runs=runs)
+    for words in done.stays:
+        typer.echo(f"vcfbench: {words}", err=True)
+    if json:
+        print_json(to_builtins(done))
+    else:
+        typer.echo(f"{shown(done.run)}: {printable(done.amendment.words())}")
+
+
+def _key_and_value(text: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip() or not is_utf8(text):
+        raise ConfigError(f"--set {ascii(text)[1:-1]}: expected KEY=VALUE, as in --set dut=G-018")
+    return key.strip(), value
+
+
 def _progress() -> Callable[[int, int], None] | None:
     """Return what shows on a terminal how far an export is: a spreadsheet of a million rows takes most of a minute."""
     import sys  # noqa: PLC0415
@@ -199,7 +239,7 @@ def _progress() -> Callable[[int, int], None] | None:
 _HEAD = ("run", "procedure", "status", "bench", "seed", "device", "points", "results", "verdict")
 _CSV = (
     *("run", "procedure", "status", "damage", "bench", "seed", "points", "started_utc"),
-    *("dut", "operator", "note", "verdict"),
+    *("dut", "operator", "note", "verdict", "revision"),
 )
 _SHOWN_RESULTS = 2
 """Results of a run in its line; --json and --csv have all of them."""
@@ -208,7 +248,6 @@ _SHOWN_RESULTS = 2
 def _print_list(known: Sequence[RunSummary]) -> None:
     from vcfbench.report.document import Column, Table  # noqa: PLC0415
     from vcfbench.report.text import table_text  # noqa: PLC0415
-    from vcfbench.runs.recomputed import printable  # noqa: PLC0415
 
     rows = [list(map(str, _cells(each))) for each in known]  # a table escapes what would write on the terminal itself
     table = table_text(Table([Column(name) for name in _HEAD], rows))
@@ -223,9 +262,13 @@ def _print_list(known: Sequence[RunSummary]) -> None:
 def _cells(run: RunSummary) -> tuple[object, ...]:
     results = [f"{name} {found.words()}" for name, found in run.results.items()][:_SHOWN_RESULTS]
     return (
-        *(run.run, run.procedure, _status(run.status, run.damage), run.bench, run.seed, run.dut or "-", run.points),
+        *(run.run, run.procedure, _status(run.status, run.damage), run.bench, run.seed, _device(run), run.points),
         *("; ".join(results) or "-", (run.verdict or "-").upper()),
     )
+
+
+def _device(run: RunSummary) -> str:
+    return (run.dut or "-") + (" (amended)" if "dut" in run.amended else "")
 
 
 def _print_csv(known: Sequence[RunSummary]) -> None:
@@ -249,8 +292,6 @@ def _print_csv(known: Sequence[RunSummary]) -> None:
 
 def _inert(text: str) -> str:
     """Return a text as a spreadsheet shows it: what it would take for a formula has an apostrophe before it."""
-    from vcfbench.runs.recomputed import printable  # noqa: PLC0415
-
     return printable(f"'{text}" if text.startswith(("=", "+", "-", "@")) else text)
 
 
@@ -281,6 +322,8 @@ def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[st
         "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
         **{key: members[key] for key in ("resumed", "not_checked") if key in members},
         "metadata": members["metadata"],
+        "revision": run.revision,
+        "amendments": members.get("amendments", []),
         "equipment": members["equipment"],
         "errors": [error.get("error") for error in record.errors],
         "identities": record.header.get("identities", {}),
@@ -306,11 +349,11 @@ def _metadata_lines(run: Run) -> Iterator[str]:
         yield f"note: {metadata.note}"
     for each in overdue_words(run.equipment):
         yield f"overdue: {each}"
+    for amendment in run.amendments:
+        yield amendment.words()
 
 
 def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> None:
-    from vcfbench.runs.recomputed import printable  # noqa: PLC0415
-
     line = _line(directory, record)
     status = _status(line["status"], line["damage"])
     typer.echo(

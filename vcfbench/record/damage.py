@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _WINDOWS = frozenset({"Acquire", "AcquireGapless", "AcquireWithVvc"})
 """Kinds of steps whose point is the mean of their readings."""
+_AFTER_FOOTER = frozenset({"amendment", "signature"})
 
 
 def first_damage(lines: Sequence[Mapping[str, Any]]) -> str | None:
@@ -31,8 +32,9 @@ def _ends(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for kind in ("header", "footer"):
         if kinds.count(kind) > 1:
             yield f"it has {kinds.count(kind)} {kind}s: several runs in one file"
-    if "footer" in kinds and kinds[-1] != "footer":
-        yield f"line {kinds.index('footer') + 2} comes after the footer"
+    if "footer" in kinds:
+        later = range(kinds.index("footer") + 1, len(kinds))
+        yield from (f"line {each + 1} comes after the footer" for each in later if kinds[each] not in _AFTER_FOOTER)
 
 
 def _order(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from msgspec import Struct
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
-from vcfbench.files import shown
+from vcfbench.files import shown, try_lock
 from vcfbench.record.journal import JournalRecord, read_journal, read_start
 
 if TYPE_CHECKING:
@@ -44,6 +44,26 @@ class RunDirectory(Struct, frozen=True):
     def read(self) -> JournalRecord:
         """Read the journal."""
         return read_journal(self.journal)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep others from resuming this run meanwhile, where the file system has locks.
+
+        Raises:
+            ConfigError: another program does so already.
+        """
+        on_windows = os.name == "nt"  # which opens no directory
+        descriptor = None
+        try:
+            with suppress(OSError):
+                path, flags = (self.journal, os.O_RDWR) if on_windows else (self.path, os.O_RDONLY)
+                descriptor = os.open(path, flags)
+                if not try_lock(descriptor):
+                    raise ConfigError(f"{self.run} is being resumed already, by another program")
+            yield
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
 
     def discard(self) -> None:
         """Take the directory away again, if nothing was recorded."""

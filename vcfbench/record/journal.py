@@ -238,16 +238,18 @@ class JournalRecord(Struct, frozen=True):
     restored: tuple[Mapping[str, Any], ...] = ()
     lines: tuple[Mapping[str, Any], ...] = ()
     """All of them, in the order of the file, without their seals."""
+    running: bool = False
+    """Whether its run goes on."""
     seal: str | None = None
     """Of its last whole line: it vouches for all of them. None where the record is of before there were seals."""
 
     @property
     def status(self) -> Status:
-        """How the run ended; a record without a readable last line is incomplete."""
+        """How the run ended; a record without a readable last line is incomplete, or of a run that goes on."""
         if self.damage is not None:
             return Status.DAMAGED
         if self.footer is None or self.torn:
-            return Status.INCOMPLETE
+            return Status.RUNNING if self.running else Status.INCOMPLETE
         return Status(self.footer["status"])
 
     @property
@@ -276,9 +278,10 @@ def read_journal(path: Path) -> JournalRecord:
         ConfigError: the file is not there, is no journal of a known format, or was not written by a Journal.
     """
     with opened(path, _EXPECTED) as file:
+        running = being_written(path)  # asked for before it is read: it may end meanwhile, and then has its last line
         lines, torn, unreadable = _whole_lines(file)
     seal = [line.pop("seal", None) for line in lines][-1:]
-    record = _record(lines, path, torn=torn, seal=seal[0] if seal else None)
+    record = _record(lines, path, torn=torn, running=running, seal=seal[0] if seal else None)
     try:
         _ = record.status, record.points, record.header.get("bench", {}).get("name")
         _ = None if (error := (record.footer or {}).get("error")) is None else error.get("what")
@@ -345,7 +348,9 @@ def lines_of(path: Path) -> Iterator[dict[str, Any]]:
             yield values
 
 
-def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool, seal: object) -> JournalRecord:
+def _record(
+    lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool, running: bool, seal: object
+) -> JournalRecord:
     header = lines[0] if lines and lines[0].get("type") == "header" else {}
     number = header.get("format", FORMAT)
     if type(number) is not int or number not in READABLE:
@@ -361,6 +366,7 @@ def _record(lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool, seal:
         chunks=_of_type(lines, "readings"),
         restored=_of_type(lines, "restored"),
         lines=tuple(lines),
+        running=running,
         seal=seal if isinstance(seal, str) else None,
     )
 

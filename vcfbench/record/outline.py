@@ -18,6 +18,7 @@ from msgspec import Struct, field
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import read_file
+from vcfbench.record.amendments import Amendment, amendments_of, lines_after
 from vcfbench.record.schema import READABLE, SEALED, Status
 from vcfbench.record.seal import holds_whole
 
@@ -59,6 +60,7 @@ class Outline(Struct, frozen=True):
     utc: str | None = None
     metadata: ListedMetadata = field(default_factory=ListedMetadata)
     device: str | None = None
+    amendments: tuple[Amendment, ...] = ()
 
 
 class _Settings(Struct, frozen=True):
@@ -109,14 +111,16 @@ def outline_of(path: Path) -> Outline | None:
     """Return the outline of a whole journal; None for any other, which is to be read in full."""
     try:
         data = read_file(path, "the journal of a run", sys.maxsize)
-        first, last = data.find(b"\n") + 1, data.rfind(b"\n", 0, -1) + 1
+        later, end = lines_after(data)
+        first, last = data.find(b"\n") + 1, data.rfind(b"\n", 0, max(0, end - 1)) + 1
         if not 0 < first < last or not data.endswith(b"\n"):
             return None
-        header, footer = _HEADER.decode(data[:first]), _FOOTER.decode(data[last:])
+        header, footer = _HEADER.decode(data[:first]), _FOOTER.decode(data[last:end])
         sealed = _is_vouched_for(data, last, footer)
         if not sealed and (footer.crc32 is not None or header.format in SEALED or header.seal is not None):
             return None
         between = [] if sealed else _LINE.decode_lines(data[first:last])
+        amendments = amendments_of(map(msgspec.json.decode, later))
     except (ConfigError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
     marks = tuple(line.point for line in between if line.point is not None and line.type == "step")
@@ -125,7 +129,7 @@ def outline_of(path: Path) -> Outline | None:
         return None
     head = (header.procedure, header.bench.name, header.seed, footer.status, footer.points)
     ended = (None if sealed else marks, footer.bench_seconds)
-    return Outline(*head, *ended, header.utc, header.metadata, header.settings.dut)
+    return Outline(*head, *ended, header.utc, header.metadata, header.settings.dut, amendments)
 
 
 def _is_vouched_for(data: bytes, last: int, footer: _Footer) -> bool:

@@ -34,12 +34,13 @@ def fits_one_chunk(count: int, interval_s: float) -> bool:
 class Status(StrEnum):
     """How a run ended.
 
-    A journal without its last line is `INCOMPLETE`, one that was changed since `DAMAGED`, one that is no journal
-    `UNREADABLE`.
+    A journal without its last line is `RUNNING` while its run goes on, else `INCOMPLETE`, one that was changed since
+    `DAMAGED`, one that is no journal `UNREADABLE`.
     """
 
     COMPLETE = "complete"
     ABORTED = "aborted"
+    RUNNING = "running"
     INCOMPLETE = "incomplete"
     DAMAGED = "damaged"
     UNREADABLE = "unreadable"

@@ -85,5 +85,5 @@ def _of_record(run: Run) -> dict[str, str | None]:
         "country": laboratory.get("country"),
         "responsible": run.metadata.operator or laboratory.get("operator"),
         "serial": run.metadata.dut,
-        "identifier": run.name,
+        "identifier": f"{run.name} revision {run.revision}" if run.amendments else run.name,
     }

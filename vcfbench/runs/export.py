@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
+from vcfbench.record.amendments import amended, amendments_at
 from vcfbench.record.damage import own_readings
 from vcfbench.record.journal import lines_of, read_header
 from vcfbench.record.metadata import equipment_of, metadata_from
@@ -233,7 +234,8 @@ def _about(directory: RunDirectory) -> dict[str, str | float]:
     import msgspec  # noqa: PLC0415
 
     header = read_header(directory.journal)
-    metadata = metadata_from(header).as_json()
+    amendments = amendments_at(directory.journal)
+    metadata = amended(metadata_from(header), amendments).as_json()
     tags = {f"tag.{key}": value for key, value in metadata.pop("tags", {}).items()}
     equipment = [each.as_json() for each in equipment_of(header)]
     bench = header.get("bench", {})
@@ -247,6 +249,8 @@ def _about(directory: RunDirectory) -> dict[str, str | float]:
         "seed": header.get("seed"),
         **metadata,
         **tags,
+        **({"revision": len(amendments) + 1} if amendments else {}),
+        **({"amended": "\n".join(each.words() for each in amendments)} if amendments else {}),
         **{f"laboratory.{key}": value for key, value in (bench.get("laboratory") or {}).items()},
         "equipment": msgspec.json.encode(equipment).decode(),
         "settings": msgspec.json.encode(header.get("settings")).decode(),

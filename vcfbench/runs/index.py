@@ -155,6 +155,7 @@ class RunIndex:
             directory=self._runs / directory.name if row["store"] == self._store else directory,
             started=datetime.fromisoformat(row["started_utc"]),
             status=Status(row["status"]),
+            amended=tuple(row["amended"]),
             tags=ReadOnly(row["tags"]),
             results=ReadOnly(
                 {
@@ -162,7 +163,7 @@ class RunIndex:
                     for name, (value, u, unit, said) in row["results"].items()
                 }
             ),
-            **{key: row[key] for key in ("seed", "points", *_TEXTS)},
+            **{key: row[key] for key in ("seed", "points", "revision", *_TEXTS)},
         )
 
     def _checked(self, url: str | None) -> Any:
@@ -364,12 +365,14 @@ def _row(store: str, name: str, seen: str, summary: RunSummary) -> dict[str, Any
     return {
         "store": store,
         "run": name,
-        "fingerprint": seen,
+        "fingerprint": "goes on" if summary.status is Status.RUNNING else seen,  # who is killed changes no file
         "directory": _fit(str(summary.directory.resolve())),
         "started_utc": _instant(summary.started),
         "status": summary.status.value,
         "seed": summary.seed,
         "points": summary.points,
+        "revision": summary.revision,
+        "amended": [*summary.amended],
         **{key: None if value is None else _fit(str(value)) for key, value in texts.items()},
         "tags": {_fit(key): _fit(value) for key, value in summary.tags.items()},
         "results": {name: [each.value, each.u, each.unit, [*each.missing]] for name, each in summary.results.items()},

@@ -9,7 +9,7 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from sqlalchemy import MetaData, Table
 
-SCHEMA: Final = "2"
+SCHEMA: Final = "3"
 """Version of the tables; raised when what stands in them changes, also in how it is made of a record."""
 STATEMENTS_AT_ONCE: Final = 500
 """Rows written, or names asked for, in one statement."""
@@ -50,6 +50,8 @@ def tables() -> Tables:
         Column("verdict", Text),
         Column("damage", Text),
         Column("problem", Text),
+        Column("revision", Integer, nullable=False),
+        Column("amended", JSON, nullable=False),
     )
     Index("vcfbench_runs_by_device", runs.c.dut, runs.c.started_utc)
     Index("vcfbench_runs_by_start", runs.c.started_utc)

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from vcfbench import errors
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.record.amendments import amended, amendments_of
 from vcfbench.record.directory import RunDirectory, find_run
 from vcfbench.record.directory import list_runs as recorded_runs
 from vcfbench.record.metadata import equipment_of, metadata_from
@@ -88,7 +89,7 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
     """Return what `record` in `directory` tells of its run."""
     header, footer = record.header, record.footer or {}
     evaluation, why_none = evaluation_of(directory, record)
-    lost = footer.get("observers_lost", ())
+    lost, amendments = footer.get("observers_lost", ()), amendments_of(record.lines)
     run = Run(
         procedure=str(header.get("procedure")),
         status=record.status,
@@ -107,7 +108,8 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         observers_lost=tuple(lost),
         damage=record.damage,
         not_checked=not_checked(record),
-        metadata=metadata_from(header),
+        metadata=amended(metadata_from(header), amendments),
+        amendments=amendments,
         equipment=equipment_of(header),
         resumed=tuple(map(printable, breaks(header, len(record.points)))),
         _own_report=evaluation.report,

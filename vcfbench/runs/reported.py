@@ -11,6 +11,7 @@ from itertools import chain
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import ConfigError
+from vcfbench.record.amendments import check_of
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Status
 from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.plans.measured import WindowReadings
+    from vcfbench.record.amendments import Amendment
     from vcfbench.record.metadata import Equipment
     from vcfbench.report.document import Part
     from vcfbench.runs.run import Run
@@ -94,6 +96,8 @@ def _identification(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
         ("procedure", run.procedure),
         ("what it is", header.get("title")),
         ("status", run.status.value),
+        ("revision", _revision(run)),
+        ("checked by", _checked(run)),
         ("laboratory", ", ".join(filter(None, map(laboratory.get, ("name", "address", "email")))) or None),
         ("operator", metadata.operator),
         *((f"tag {key}", value) for key, value in metadata.tags.items()),
@@ -101,6 +105,32 @@ def _identification(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
     yield _pairs(rows, verbatim=True)
     if metadata.note is not None:
         yield Text(f"Note: {metadata.note}", verbatim=True)
+    if run.amendments:
+        columns = [Column(name, align="left", verbatim=True) for name in _AMENDED]
+        rows_of = [_amended_rows(each) for each in run.amendments]
+        yield Table(columns, [row for rows in rows_of for row in rows], "Amended since the run")
+
+
+_AMENDED: Final = ("revision", "field", "was", "is", "by", "on", "reason")
+
+
+def _amended_rows(each: Amendment) -> list[tuple[str | None, ...]]:
+    said = (each.by, each.utc[:10], each.reason)
+    return [(str(each.revision), change.field, change.was, change.now, *said) for change in each.changes]
+
+
+def _revision(run: Run) -> str:
+    last = run.amendments[-1] if run.amendments else None
+    return "1" if last is None else f"{last.revision}, of {_clock(last.utc)}: amended since the run"
+
+
+def _checked(run: Run) -> str | None:
+    """Name who checked the run; what was amended since nobody has checked."""
+    check = check_of(run.amendments)
+    if check is None:
+        return None
+    since = "" if check.revision == run.revision else f"; revision {run.revision} is not checked"
+    return f"{check.by}, {_clock(check.utc)}, revision {check.revision}{since}"
 
 
 def _conditions(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:

@@ -12,6 +12,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
 from vcfbench.plans.step import Effect, Outcome
+from vcfbench.record.amendments import amended, amendments_of
 from vcfbench.record.metadata import metadata_from
 from vcfbench.record.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
@@ -82,7 +83,7 @@ def resume(
         operator=operator,
         options={"resume": shown(broken.directory.path), "speed": speed},
     )
-    with StopSignals() as signals:
+    with broken.directory.alone(), StopSignals() as signals:
         return conduct(asked, signals, broken.prepare)
 
 
@@ -103,6 +104,8 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
         raise ConfigError(
             f"{shown(directory.journal)}: the record is damaged, so it cannot be resumed: {record.damage}"
         )
+    if record.status is Status.RUNNING:
+        raise ConfigError(f"{directory.run} goes on: there is nothing to resume before it ends")
     if record.status is Status.COMPLETE:
         raise ConfigError(f"{directory.run} is complete: there is nothing to resume")
     if not record.header:
@@ -147,7 +150,7 @@ class BrokenOff:
 
         header = self.record.header
         checked.name = str(header.get("procedure"))
-        checked.metadata = metadata_from(header)
+        checked.metadata = amended(metadata_from(header), amendments_of(self.record.lines))
         chosen = procedure(asked.procedure) if isinstance(asked.procedure, str | Path) else asked.procedure
         if chosen.name != checked.name:
             raise ConfigError(f"{self.directory.run} is a run of {checked.name!r}, not of {chosen.name!r}")

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.acceptance import Acceptance
     from vcfbench.errors import BenchError
     from vcfbench.plans.measured import Measured
+    from vcfbench.record.amendments import Amendment
     from vcfbench.record.journal import JournalRecord
     from vcfbench.record.metadata import Equipment
     from vcfbench.record.schema import Point, Status
@@ -58,7 +59,7 @@ class Run(Struct, frozen=True, eq=False):
     file in the device store that the run added, None if it added none. `resumed` says, for each time that the run was
     broken off and resumed, what had been measured before. `metadata` is which device it was of, who did it and under
     what conditions (``run.metadata.dut``), `equipment` the instruments that it opened, with the dates of their
-    calibration.
+    calibration. `amendments` say what was amended since, by whom and why; `metadata` has the amended words.
     """
 
     procedure: str
@@ -82,9 +83,15 @@ class Run(Struct, frozen=True, eq=False):
     metadata: RunMetadata = field(default_factory=RunMetadata)
     equipment: tuple[Equipment, ...] = ()
     resumed: tuple[str, ...] = ()
+    amendments: tuple[Amendment, ...] = ()
     _own_report: Report = Report()
     _measured: Any = None
     _header: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def revision(self) -> int:
+        """1, and one more for each time that the record was amended."""
+        return len(self.amendments) + 1
 
     @property
     def measured(self) -> Measured:
@@ -165,6 +172,7 @@ class Run(Struct, frozen=True, eq=False):
             **({"not_checked": list(self.not_checked)} if self.not_checked else {}),
             **({"resumed": list(self.resumed)} if self.resumed else {}),
             **({} if self.device_entry is None else {"device_entry": str(self.device_entry)}),
+            **({"revision": self.revision, "amendments": plain(self.amendments)} if self.amendments else {}),
         }
         return answer if self.error is None else {**answer, "error": str(self.error)}
 

@@ -8,8 +8,10 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+from msgspec import structs
 
 from vcfbench.errors import ConfigError
+from vcfbench.record.amendments import amended, amended_fields, amendments_of
 from vcfbench.record.directory import RunDirectory, began
 from vcfbench.record.metadata import metadata_from
 from vcfbench.record.outline import outline_of
@@ -49,7 +51,8 @@ class RunSummary:
 
     `run` is its name, `directory` where it is, `started` when it began (UTC). `results` are those with a unit, by the
     names that they have in ``result.json``. `verdict` is ``pass``, ``marginal``, ``fail``, or None where nothing was
-    judged. `damage` and `problem` say what is wrong with a record that is damaged, or cannot be read.
+    judged. `damage` and `problem` say what is wrong with a record that is damaged, or cannot be read. `revision` is 1,
+    and one more for each time that the record was amended; `amended` names what is another than the run was told.
     """
 
     run: str
@@ -68,6 +71,8 @@ class RunSummary:
     verdict: str | None = None
     damage: str | None = None
     problem: str | None = None
+    revision: int = 1
+    amended: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``runs list --json`` prints it."""
@@ -86,6 +91,8 @@ class RunSummary:
             "tags": dict(self.tags),
             "results": {name: each.as_json() for name, each in self.results.items()},
             "verdict": self.verdict,
+            "revision": self.revision,
+            "amended": list(self.amended),
         }
 
 
@@ -174,7 +181,8 @@ def summary_of(directory: RunDirectory) -> RunSummary:
 
 def _outlined(directory: RunDirectory, outline: Outline) -> RunSummary:
     verdict, results = stored_outcome(directory.path / "result.json", outline)
-    metadata = outline.metadata
+    as_run = structs.replace(outline.metadata, dut=outline.metadata.dut or outline.device)
+    metadata = amended(as_run, outline.amendments)
     return RunSummary(
         run=directory.run,
         directory=directory.path,
@@ -184,12 +192,14 @@ def _outlined(directory: RunDirectory, outline: Outline) -> RunSummary:
         bench=outline.bench,
         seed=outline.seed,
         points=outline.points,
-        dut=metadata.dut or outline.device,
+        dut=metadata.dut,
         operator=metadata.operator,
         note=metadata.note,
         tags=ReadOnly(metadata.tags),
         results=ReadOnly(dict(_stored_results(results))),
         verdict=None if verdict is None else verdict.word,
+        revision=len(outline.amendments) + 1,
+        amended=amended_fields(outline.amendments),
     )
 
 
@@ -198,7 +208,8 @@ def _read(directory: RunDirectory) -> RunSummary:
     from vcfbench.runs.recomputed import evaluation_of  # noqa: PLC0415  # few records need it
 
     record = directory.read()
-    header, metadata = record.header, metadata_from(record.header)
+    header, amendments = record.header, amendments_of(record.lines)
+    metadata = amended(metadata_from(header), amendments)
     evaluation, _ = evaluation_of(directory, record)
     verdict = evaluation.verdict
     return RunSummary(
@@ -217,6 +228,8 @@ def _read(directory: RunDirectory) -> RunSummary:
         results=ReadOnly(dict(_stored_results(_encoded(evaluation.results)))),
         verdict=None if verdict is None else verdict.word,
         damage=record.damage,
+        revision=len(amendments) + 1,
+        amended=amended_fields(amendments),
     )
 
 
