@@ -112,7 +112,7 @@ class _Calibrated(BenchFileTable, frozen=True, kw_only=True):
     inventory_number: Text | None = None
 
 
-CALIBRATION_KEYS = (*_Calibrated.__struct_fields__, "calibration")
+CALIBRATION_KEYS = (*_Calibrated.__struct_fields__, "calibration", "calibration_dcc")
 """What of a role no driver is told."""
 
 
@@ -141,10 +141,14 @@ class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
 
 
 class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
-    """A voltmeter: of the output V_open, or of V_Vc; `calibration` is what its certificate says."""
+    """A voltmeter: of the output V_open, or of V_Vc; `calibration` is what its certificate says.
+
+    It may stand in a file, the certificate's XML (`calibration_dcc`), which is read with the bench file.
+    """
 
     model: Model
     calibration: tuple[CalibrationPoint, ...] = ()
+    calibration_dcc: Dialect | None = None
 
 
 class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):

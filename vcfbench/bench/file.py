@@ -39,7 +39,8 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
         raise ConfigError(f"bench: expected a bench file or one of {', '.join(EMBEDDED)}, came {path!r}")
     if str(path) in EMBEDDED and (not Path(path).exists() or Path(path).is_dir()):
         return _embedded(str(path))
-    return _beside(parse_bench(read_text(path, "a bench file"), shown(path)), Path(path))
+    source, folder = shown(path), Path(path).parent
+    return _beside(checked_bench(parse_toml(read_text(path, "a bench file"), source), source, folder), Path(path))
 
 
 def described(bench: BenchDescription | Path | str | None) -> BenchDescription:
@@ -73,14 +74,29 @@ def parse_bench(text: str, source: str) -> BenchDescription:
     return checked_bench(parse_toml(text, source), source)
 
 
-def checked_bench(values: Mapping[str, Any], source: str) -> BenchDescription:
-    """Return the bench that nested tables describe; `source` names it in errors (ConfigError)."""
+def checked_bench(values: Mapping[str, Any], source: str, folder: Path | None = None) -> BenchDescription:
+    """Return the bench that nested tables describe; `source` names it in errors (ConfigError).
+
+    Certificates that it names are found from `folder`, None: from where the program runs.
+    """
     from vcfbench.bench.consistency import invalid_values  # noqa: PLC0415  # embedded benches are consistent
 
-    description = _from(values, source)
+    description = _certified(_from(values, source), source, folder or Path())
     for invalid_value in invalid_values(description):
         raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
     resolve(CHECK_OF_PROCEDURES)(description, source)
+    return description
+
+
+def _certified(description: BenchDescription, source: str, folder: Path) -> BenchDescription:
+    """Return the bench with what the certificates of its meters say, in place of the files that they are in."""
+    for role in ("multimeter", "v_vc_meter"):
+        part = getattr(description, role)
+        if part is not None and part.calibration_dcc is not None:
+            from vcfbench.bench.meter_certificate import with_certificate  # noqa: PLC0415  # few benches have one
+
+            part = with_certificate(part, role, source, folder)
+            description = msgspec.structs.replace(description, **{role: part})
     return description
 
 

@@ -275,6 +275,10 @@ def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
     dialect = table.get("rate_table", {}).get("dialect", "") if isinstance(table.get("rate_table"), dict) else ""
     if isinstance(dialect, str) and dialect.endswith(".toml"):
         table = placed(table, "rate_table.dialect", str((file.parent / dialect).resolve()), shown(file))
+    for role in ("multimeter", "v_vc_meter"):
+        part = table.get(role)
+        if isinstance(part, dict) and isinstance(named := part.get("calibration_dcc"), str):
+            table = placed(table, f"{role}.calibration_dcc", str((file.parent / named).resolve()), shown(file))
     return shown(file), table
 
 
