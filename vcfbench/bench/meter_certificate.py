@@ -42,8 +42,8 @@ def _require_same(found: MeterCertificate, part: MultimeterRole, where: str) -> 
     if found.model and not any(each in _plain(found.model) or _plain(found.model) in each for each in models):
         raise refusal(f"{where}.calibration_dcc", f"the certificate of a {part.model}", f"that of {found.said()}")
     serial = None if part.serial_number == "0" else part.serial_number
-    told = {"serial_number": serial, "inventory_number": part.inventory_number}
-    stated = {key: each for key, each in told.items() if each is not None}
+    numbers = {"serial_number": serial, "inventory_number": part.inventory_number}
+    stated = {key: each for key, each in numbers.items() if each is not None}
     if not stated:
         expected = f"the number of the instrument as its certificate has it: {found.said()}"
         raise refusal(f"{where}.inventory_number (or serial_number)", expected, "nothing")

@@ -259,20 +259,20 @@ def _levels_and_corrections(
     if level is None:
         raise _NotUnderstoodError(f"{table.name}: no level (basic_referenceValue or basic_nominalValue)")
     levels = _each(table, level.values, count)
-    told = error or correction
-    if told is None:
+    given = error or correction
+    if given is None:
         if reading is None or "level" not in columns:
             raise _NotUnderstoodError(f"{table.name}: no basic_measurementError, nor reading and reference value")
         readings = _each(table, reading.values, count)
         return levels, [at - read for at, read in zip(levels, readings, strict=True)], reading
     sign = 1.0 if error is None else -1.0
-    added = [sign * each for each in _each(table, told.values, count)]
-    stated = reading if reading is not None and reading.expanded and not told.expanded else told
+    added = [sign * each for each in _each(table, given.values, count)]
+    stated = reading if reading is not None and reading.expanded and not given.expanded else given
     if reading is not None and "level" in columns:
         room = [0.5 * each for each in _each(table, stated.expanded or (0.0,), count)]
         pairs = zip(levels, _each(table, reading.values, count), added, room, strict=True)
         if any(abs(at - read - by) > near + 1e-9 * abs(at) for at, read, by, near in pairs):
-            raise _NotUnderstoodError(f"{table.name}: its {told.name} is not that of reading and reference value")
+            raise _NotUnderstoodError(f"{table.name}: its {given.name} is not that of reading and reference value")
     elif error is not None and _CORRECTION.search(error.name):
         raise _NotUnderstoodError(f"{table.name}: refType says error, its name {error.name}: which sign has it?")
     return levels, added, stated
