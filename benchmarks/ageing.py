@@ -3,6 +3,7 @@
     python benchmarks/ageing.py --check                              the truth, against an integration at carrier level
     python benchmarks/ageing.py --seeds 0:100 --lines first.jsonl    all causes of ageing
     python benchmarks/ageing.py --seeds 0:300 --cause leak,all_seen --lines leak.jsonl
+    python benchmarks/ageing.py --no-oscilloscope --not-measured 0 --cause nothing,leak,split    by the multimeter
     python benchmarks/ageing.py --summary first.jsonl leak.jsonl
 
 Each seed draws a laboratory and calibrates a gyroscope on its table (`run kvc --dut`). Then, for every cause, that
@@ -409,6 +410,8 @@ class How:
     with_oscilloscope: bool
     sets: Mapping[str, Any]
     """Settings of the self-calibration."""
+    not_measured_ppm: float | None = None
+    """What the file in the field says of what may have become of K_Vc unmeasured; None: nothing."""
 
 
 @dataclass(frozen=True)
@@ -463,13 +466,19 @@ def in_the_field(life: Life, cause: Cause) -> tuple[Station, float]:
         room_c = old["thermal"]["ambient_c"] + float(rng.uniform(*cause.apart_k) * rng.choice([-1.0, 1.0]))
         gyroscope = merged(gyroscope, {"thermal": {"ambient_c": room_c}})
     file, days = field_file(with_oscilloscope=how.with_oscilloscope), 0.0
+    if how.not_measured_ppm is not None:
+        file["uncertainty"]["k_vc_not_measured_ppm"] = how.not_measured_ppm
     if cause.unseen:
         file["uncertainty"]["k_vc_drift_ppm_per_year"], days, drifted = unseen_drift(seed)
         for drift in cause.unseen:
             gyroscope = merged(gyroscope, drift(drifted, merged(old, gyroscope)))
+    specimens = {role: others[role] if role in cause.other else each for role, each in lab.specimens.items()}
+    for role, each in specimens.items():  # the same instrument does not make the same noise again
+        if "noise_seed" in each:
+            specimens[role] = {**each, "noise_seed": int(rng.integers(1 << 31))}
     station = Station(
         file,
-        {role: others[role] if role in cause.other else each for role, each in lab.specimens.items()},
+        specimens,
         {role: numbers[role] if role in cause.other else each for role, each in lab.numbers.items()},
         {},
         gyroscope,
@@ -712,6 +721,9 @@ def main() -> None:
         "--gyroscopes", choices=["paper", "drawn"], default="paper", help="one for all seeds, or one each"
     )
     parser.add_argument("--no-oscilloscope", action="store_true", help="the bench in the field has none")
+    parser.add_argument(
+        "--not-measured", type=float, metavar="PPM", help="k_vc_not_measured_ppm of the bench in the field"
+    )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the self-calibration")
     parser.add_argument("--lines", type=Path, help="file that keeps a line for each seed and cause")
     parser.add_argument("--summary", type=Path, nargs="+", metavar="FILE", help="run nothing, sum up such files")
@@ -727,7 +739,7 @@ def main() -> None:
     sets = {
         name: tomllib.loads(f"value = {value}")["value"] for name, value in (each.split("=", 1) for each in asked.set)
     }
-    how = How(asked.gyroscopes == "drawn", not asked.no_oscilloscope, sets)
+    how = How(asked.gyroscopes == "drawn", not asked.no_oscilloscope, sets, asked.not_measured)
     print("\n".join(summary(study(range(first, last), asked.cause.split(","), how, asked.lines))))
 
 

@@ -28,6 +28,7 @@ from self_calibration import LAB, SIMULATION, ageing_of, bench_of
 
 import vcfbench
 from tests.procedures.test_k_vc import truth, warm
+from tests.procedures.test_self_calibration import looked_after
 from vcfbench.bench.simulated import physical_parameters
 
 
@@ -36,6 +37,7 @@ def with_known_k_vc(seed: int, seconds: float) -> dict[str, list[float]]:
     errors = structs.replace(SIMULATION.errors, rate_source="drawn")
     bench = structs.replace(LAB, simulation=structs.replace(SIMULATION, errors=errors))
     scale_factor, k_vc = truth(warm(physical_parameters(bench)))
+    bench = looked_after(bench)
     settings: dict[str, Any] = {"warm_up_s": 7200.0, "k_vc": repr(k_vc), "duration_s": seconds, **_believed(seed)}
     with tempfile.TemporaryDirectory() as runs:
         found = vcfbench.run("online", bench, seed=seed, settings=settings, runs=runs).results
@@ -56,7 +58,7 @@ def _believed(seed: int) -> dict[str, float]:
 
 def aged(seed: int, seconds: float) -> dict[str, list[float]]:
     """Return the z of a run with a certificate, of one after ageing, and of the drift that the second finds."""
-    fresh, old = bench_of(seed, "drawn", {}), bench_of(seed, "drawn", ageing_of(seed))
+    fresh, old = (looked_after(bench_of(seed, "drawn", each)) for each in ({}, ageing_of(seed)))
     (before, _), (after, _) = (truth(warm(physical_parameters(each))) for each in (fresh, old))
     with tempfile.TemporaryDirectory() as where:
         settings: dict[str, Any] = {"dut": "G", "devices": f"{where}/devices", "warm_up_s": 1800.0}

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
+from tests.procedures.test_self_calibration import looked_after
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
@@ -47,7 +48,7 @@ FAST: dict[str, Any] = {"warm_up_s": 7200.0, "nplc": 1, "modulation_hz": 2.0, "w
 
 
 def run(bench: BenchDescription, where: Path, seed: int = 1, **settings: Any) -> Any:
-    done = vcfbench.run("online", bench, seed=seed, settings={"k_vc": repr(K_VC), **settings}, runs=where)
+    done = vcfbench.run("online", looked_after(bench), seed=seed, settings={"k_vc": repr(K_VC), **settings}, runs=where)
     assert done.error is None
     return done
 
@@ -75,6 +76,16 @@ def test_without_noise_and_errors_the_scale_factor_comes_out(tmp_path: Path) -> 
     assert found.compression_ppm == pytest.approx(0.75e6 * 0.0145 * found.v_vc_amplitude_v**2, rel=0.05)
     assert found.virtual_rate_deg_s == pytest.approx(50.0, rel=1e-4)
     assert found.response_ppm == pytest.approx(87.0, abs=2.0)
+
+
+def test_what_nobody_looked_at_widens_or_is_named(tmp_path: Path) -> None:
+    """`online` measures none of K_Vc's causes, so it states no more than a self-calibration without health."""
+    asked = {**FAST, "k_vc": repr(K_VC), "warm_up_s": 0.0, "duration_s": 10.0}
+    found = vcfbench.run("online", LAB, settings=asked, runs=tmp_path).results
+    parts = {part.source: part.u for part in found.scale_factor.parts}
+    assert parts["not measured: Q (to 50 %, assumed)"] > 1e-4 * abs(SCALE_FACTOR)
+    assert found.scale_factor.missing == ("carrier over drive, amplitudes",)
+    assert any("inventory_number" in each for each in found.holds_not)
 
 
 def test_what_is_measured_while_it_turns_is_within_its_uncertainty(turning: Any) -> None:

@@ -74,6 +74,7 @@ def device(
     else:
         _print_table(known, rows)
         _print_certificate(known.certificate)
+        _print_health(known)
 
 
 def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
@@ -201,6 +202,20 @@ def _print_certificate(known: Certificate | None) -> None:
         when = "before its certificate was out"
     typer.echo(f"\nU95 of K_Vc comes to {known.wanted_u95_ppm:g} ppm {when} ({drift})\n")
     typer.echo(table_text(sensitivity_table(known.sensitivities)))
+
+
+def _print_health(known: Device) -> None:
+    """Print what the last self-calibration found of what K_Vc depends on, beside its certificate's."""
+    from vcfbench.procedures.health.check import checked, health_parts  # noqa: PLC0415
+    from vcfbench.report.document import Report  # noqa: PLC0415
+    from vcfbench.report.text import text_of  # noqa: PLC0415
+
+    last = known.self_calibrations[-1] if known.self_calibrations else None
+    named = {each.name: each.record for each in known.entries}
+    certificate = None if last is None or last.certificate is None else named.get(last.certificate)
+    then = getattr(certificate, "characteristics", None)
+    if last is not None and last.characteristics is not None and then is not None:
+        typer.echo("\n" + text_of(Report(health_parts(checked(then, last.characteristics)))))
 
 
 def _drawn(rows: list[dict[str, Any]]) -> list[str]:

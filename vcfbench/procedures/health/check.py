@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from msgspec import Struct, structs
 
-from vcfbench.procedures.known.k_vc_change import ASSUMED, KvcChange, KvcPart, k_vc_change
+from vcfbench.procedures.health.unmeasured import AMPLITUDES, MAY_HAVE
+from vcfbench.procedures.known.k_vc_change import KvcChange, KvcPart, k_vc_change
 from vcfbench.procedures.known.k_vc_since import charging_warning
-from vcfbench.procedures.measurand import UncertaintyPart
 from vcfbench.record.devices import Characteristics
 from vcfbench.record.devices import Measured as Kept
 from vcfbench.report.document import Column, Table, Text
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
-
-    from vcfbench.procedures.health.found import Health
+    from collections.abc import Iterator
 
 AMPLITUDES_WORTH_PPM = 1000.0
 """A ratio of amplitudes that is known to less than this corrects K_Vc; else it is worse than nothing."""
@@ -25,9 +23,6 @@ SEEN = 3.0
 """A change by so many of its standard uncertainties is one."""
 UNEXPLAINED_DEG = 0.15
 """Of the sense signal's phase: so much more than carrier, splits and Q explain is something that nobody knows."""
-AMPLITUDES = "carrier over drive, amplitudes"
-NOT_MEASURED = "not measured"
-CARRIER_PHASE = "phase of the carrier"
 STILL_UNSEEN = (
     "the force of the feedback combs a volt (gap, overlap, charges), and how unequal they are",
     "the modulator's gain of small signals",
@@ -52,16 +47,6 @@ _NAMES: Final = {
 }
 TEMPERATURES: Final = (_NAMES["drive_hz"], _NAMES["temperature_c"])
 """The causes that temperature is seen by."""
-_MAY_HAVE: Final[tuple[tuple[str, Mapping[str, float], str], ...]] = (
-    ("Q", {"q_anti_phase": -0.5, "q_in_phase": -0.5}, "to 50 %"),
-    ("mode split", {"split_hz": 0.5}, "by 0.5 Hz"),
-    ("in-phase mode", {"in_phase_split_hz": 5.0}, "by 5 Hz"),
-    (CARRIER_PHASE, {"carrier_phase_deg": 1.0}, "by 1 deg"),
-    ("phase of the demodulator", {"demodulator_phase_deg": 1.0}, "by 1 deg"),
-    ("V_Vc that comes through", {"v_vc_feedthrough": 5e-4}, "by 500 ppm"),
-)
-"""What may have changed where nobody looks, as wide as a leak and ageing of electronics go (assumed); of Q a share."""
-
 Done = Literal["corrected", "left to its drift", "refused", "explained"]
 
 
@@ -99,18 +84,19 @@ class HealthCheck(Struct, frozen=True, kw_only=True):
         return KvcChange(self.ppm, self.u_ppm, (), self.together_ppm)
 
 
-def checked(then: Characteristics, now: Health, by_hand: Characteristics) -> HealthCheck:
-    """Return what of K_Vc's causes has changed, and what is done about each; `by_hand` is what was stated of now."""
-    seen = structs.replace(
-        now.beside(by_hand), in_phase_share=None
-    )  # force and pick-off of either mode stay as they were
+def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
+    """Return what of K_Vc's causes has changed, and what is done about each."""
+    seen = structs.replace(now, in_phase_share=None)  # force and pick-off of either mode stay as they were
     then, seen, amplitudes = min(_with_amplitudes(then, seen), key=lambda each: each[2].u_ppm)
     worth = amplitudes.u_ppm <= AMPLITUDES_WORTH_PPM
     whole = k_vc_change(
         then, seen if worth else structs.replace(seen, drive_amplitude_v=None, carrier_amplitude_v=None)
     )
     causes = [_of_part(part) for part in whole.parts if part.quantity not in {_CARRIER, _DRIVE}]
-    causes += [*_of_amplitudes(then, seen, amplitudes, worth=worth), *_of_phase(then.sense_phase_deg, now)]
+    causes += [
+        *_of_amplitudes(then, seen, amplitudes, worth=worth),
+        *_of_phase(then.sense_phase_deg, now.sense_phase_deg),
+    ]
     return HealthCheck(
         causes=tuple(sorted(causes, key=lambda cause: -abs(cause.ppm))),
         ppm=whole.ppm,
@@ -118,7 +104,7 @@ def checked(then: Characteristics, now: Health, by_hand: Characteristics) -> Hea
         together_ppm=whole.together_ppm,
         refused=tuple(_why(cause) for cause in causes if cause.done == "refused"),
         warning=_charged(then, seen),
-        measured=tuple(name for name, moved, _ in _MAY_HAVE if all(getattr(now, each) for each in moved)),
+        measured=tuple(name for name, moved, _ in MAY_HAVE if all(getattr(now, each) for each in moved)),
     )
 
 
@@ -172,9 +158,8 @@ def _ratio(of: Characteristics) -> float:
     return carrier.value / drive.value if carrier and drive else math.nan
 
 
-def _of_phase(then: Kept | None, now: Health) -> Iterator[Cause]:
+def _of_phase(then: Kept | None, phase: Kept | None) -> Iterator[Cause]:
     """Yield what of the sense signal's phase nothing explains: K_Vc would change by the tangent of what it is."""
-    phase = now.sense_phase_deg
     if then is None or phase is None:
         return
     moved_deg, u_deg = phase.value - then.value, math.hypot(phase.u, then.u)
@@ -193,33 +178,6 @@ def _why(cause: Cause) -> str:
         f"the carrier's amplitude over the drive's has changed: K_Vc by {cause.ppm:+.0f} ppm, which another scope "
         f"than the certificate's tells to {cause.u_ppm:.0f} ppm (u) alone"
     )
-
-
-def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> list[UncertaintyPart]:
-    """Return what may have become of K_Vc where nothing was measured now, relative parts by cause, as far as `but`.
-
-    Each is the limit of what may have changed times what the device makes of it; what the certificate does not know of
-    the device counts as wide as its class.
-    """
-    known = {name: getattr(then, name, None) or each for name, each in ASSUMED.items()}
-    device = structs.replace(Characteristics(), **known)
-    found = []
-    for name, moved, by in _MAY_HAVE:
-        if name not in but:
-            ends = [k_vc_change(device, _moved(known, moved, sign)) for sign in (1.0, -1.0)]
-            worst = max(ends, key=lambda end: abs(end.ppm))
-            u = 1e-6 * math.hypot(worst.ppm / math.sqrt(3.0), worst.u_ppm)
-            found.append(UncertaintyPart(f"{NOT_MEASURED}: {name} ({by}, assumed)", u, rectangular=True))
-    return found
-
-
-def _moved(known: Mapping[str, Kept], moved: Mapping[str, float], sign: float) -> Characteristics:
-    """Return what has moved, as surely known as before; a leak has one direction."""
-    values = {
-        name: known[name].value * (1.0 + by) if name.startswith("q_") else known[name].value + sign * by
-        for name, by in moved.items()
-    }
-    return structs.replace(Characteristics(), **{name: Kept(value=value, u=0.0) for name, value in values.items()})
 
 
 def health_parts(found: HealthCheck) -> list[Table | Text]:

@@ -39,6 +39,7 @@ _GAIN = 0.02
 _FLAT = 0.05
 """By which a feed-through may differ between the frequencies where it shows and that of the drive (assumed)."""
 _ROUNDS = 5
+_SHARE = "shares of the modes, as the certificate has them"
 
 
 class Health(Struct, frozen=True, kw_only=True):
@@ -97,12 +98,14 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     """
     decays = [found for _, found in measured.found(SenseDecay)]
     by_meter = found_by_sines(settings, measured, then)
-    found = _by_oscilloscope(settings, measured, decays) if decays else Health(**by_meter)
+    found = _by_oscilloscope(settings, measured, decays, then) if decays else Health(**by_meter)
     found = structs.replace(found, carrier_over_drive=carrier_over_drive(settings, measured))
     return None if found == Health() else found
 
 
-def _by_oscilloscope(settings: KnownVvcSettings, measured: Measured, decays: Sequence[SenseDecay]) -> Health:
+def _by_oscilloscope(
+    settings: KnownVvcSettings, measured: Measured, decays: Sequence[SenseDecay], then: Characteristics | None
+) -> Health:
     placed = settings.station.instruments["oscilloscope"]
     scope = placed.owner
     pairs = [modes_of(each) for each in decays]
@@ -135,7 +138,7 @@ def _by_oscilloscope(settings: KnownVvcSettings, measured: Measured, decays: Seq
         in_phase_share=share,
         carrier_phase_deg=carrier,
         demodulator_phase_deg=_demodulator(measured, skew),
-        v_vc_feedthrough=_feedthrough(settings, measured, middle, share, at_rest),
+        v_vc_feedthrough=_feedthrough(settings, measured, middle, _share_of(then, middle) or share.kept(), at_rest),
         drive_amplitude_v=measurand(drive_v, "V", [gain("drive", drive_v)]),
         carrier_amplitude_v=_mean(carrier_v, "V", gain("carrier", fmean(carrier_v))),
         sense_phase_deg=measurand(beyond_deg, "deg", [unexplained, skew]),
@@ -183,6 +186,22 @@ def _share(pairs: Sequence[Modes], at_rest: _AtRest, level: float, carrier_deg: 
     return _mean(shares, ""), left_deg
 
 
+def _share_of(then: Characteristics | None, now: Modes) -> Kept | None:
+    """Return the part of the in-phase mode as the certificate had it, with the splits of now; None where unknown.
+
+    Force and pick-off of either mode stay as they were, so that an error of their shares is one of then and of now.
+    """
+    if then is None or not (then.in_phase_share and then.split_hz and then.in_phase_split_hz):
+        return None
+    stiffer = [
+        (now.drive_hz - mode.frequency_hz) / split.value
+        for mode, split in ((now.anti_phase, then.split_hz), (now.in_phase, then.in_phase_split_hz))
+    ]
+    kept = then.in_phase_share
+    forces = (1.0 - kept.value) / stiffer[0], kept.value / stiffer[1]
+    return Kept(value=forces[1] / sum(forces), u=kept.u, dof=kept.dof)
+
+
 def _one_share(pair: Modes, sign: float, at_rest_v: float) -> float:
     answers, modes = pair.answers(0.0), (pair.anti_phase, pair.in_phase)
     late_s = 0.0
@@ -214,7 +233,7 @@ def _demodulator(measured: Measured, skew: UncertaintyPart) -> Measurand:
 
 
 def _feedthrough(
-    settings: KnownVvcSettings, measured: Measured, modes: Modes, share: Measurand, at_rest: _AtRest
+    settings: KnownVvcSettings, measured: Measured, modes: Modes, share: Kept, at_rest: _AtRest
 ) -> Measurand:
     """Return what comes through without motion over what the modes answer at rest.
 
@@ -234,7 +253,9 @@ def _feedthrough(
     value = _mean([_through(pair, modes, share.value, at_rest_v) for pair in pairs], "")
     moved = fmean(_through(pair, modes, share.value + share.u, at_rest_v) for pair in pairs) - value.value
     flat = UncertaintyPart("the same at all frequencies", _FLAT / math.sqrt(3.0) * abs(value.value))
-    return measurand(value.value, "", [*value.parts, UncertaintyPart("in-phase share", abs(moved), share.dof), flat])
+    return measurand(
+        value.value, "", [*value.parts, UncertaintyPart("in-phase share", abs(moved), share.dof, _SHARE), flat]
+    )
 
 
 def _through(records: tuple[RotationRecord, RotationRecord], modes: Modes, share: float, at_rest_v: float) -> float:

@@ -20,6 +20,7 @@ from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.plans.steps import ModulatedRecord, SampleModulated
 from vcfbench.procedures.budget.phases import PhaseErrors
+from vcfbench.procedures.health.unmeasured import gaps_of, missing_of, unmeasured
 from vcfbench.procedures.known.certificate import Drift, drift_of, shares_of
 from vcfbench.procedures.known.k_vc_since import k_vc_since
 from vcfbench.procedures.known.v_vc import (
@@ -335,8 +336,9 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     since = k_vc_since(settings)
     k_vc = settings.known.k_vc.coefficients[1] * since.factor
     own, common = _parts(settings, gain, k_vc)
-    common += [replace(part, u=abs(gain.value / k_vc) * part.u) for part in since.parts]
-    scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], settings.missing_without_table)
+    common += [replace(part, u=abs(gain.value / k_vc) * part.u) for part in (*since.parts, *unmeasured(settings))]
+    missing = missing_of(settings)
+    scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], missing)
     u_readings, u_common = gain.u_readings / abs(k_vc), math.sqrt(math.fsum(each.u**2 for each in (own[1], *common)))
     factors = gain.windows * run.sign / k_vc
     started_s, window_s = run.begin_s[0], settings.window_readings * settings.aperture_s
@@ -375,7 +377,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         v_vc_by=v_vc_error(settings).name,
         since=since.said,
         unseen=settings.known.unseen,
-        holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.own_gaps())),
+        holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *gaps_of(settings, missing)),
         drift=drift_of(scale_factor, settings.known, settings.acceptance),
     )
 

@@ -21,17 +21,21 @@ from vcfbench.plans.measured import Foreseen
 from vcfbench.procedures.budget import phases
 from vcfbench.procedures.budget.at_rest import as_rate
 from vcfbench.procedures.health.check import (
-    AMPLITUDES,
-    CARRIER_PHASE,
-    NOT_MEASURED,
     STILL_UNSEEN,
     TEMPERATURES,
     HealthCheck,
     checked,
     health_parts,
-    not_measured,
 )
-from vcfbench.procedures.health.found import Health, health_of
+from vcfbench.procedures.health.found import health_of
+from vcfbench.procedures.health.unmeasured import (
+    AMPLITUDES,
+    CARRIER_PHASE,
+    NOT_MEASURED,
+    gaps_of,
+    missing_of,
+    unmeasured,
+)
 from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
 from vcfbench.procedures.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
 from vcfbench.procedures.known.v_vc import (
@@ -71,7 +75,7 @@ from vcfbench.record.devices import Measured as Kept
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -228,7 +232,7 @@ class _Measured:
 def self_calibration_results(settings: SelfCalibrationSettings, points: Measured) -> SelfCalibrationResult | NotStated:
     """Return scale factor, bias, non-linearity and drift from the levels; why not, where K_Vc cannot be stated."""
     seen, known = _measured(settings, points), settings.known
-    health, check = _health(settings, points)
+    characteristics, check = _health(settings, points)
     at_rest = [place for place, point in enumerate(points) if point.step == AT_REST]
     if check is not None and check.refused:
         roughly = float(seen.estimates(np.array(known.k_vc.coefficients), seen.v_vc_v, seen.output_v)[0])
@@ -240,9 +244,14 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     parts = _parts(
-        settings, seen, coefficients, [*since.parts, *_by_phases(settings, check), *_not_measured(settings, check)]
+        settings,
+        seen,
+        coefficients,
+        [*since.parts, *_by_phases(settings, check), *unmeasured(settings, () if check is None else check.measured)],
     )
-    units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": _missing(settings, check), "ppm": ()}
+    amplitudes = () if check is None else (each for each in check.causes if each.cause == AMPLITUDES)
+    without = missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
+    units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": without, "ppm": ()}
     scale_factor, line, nonlinearity = (
         measurand(float(value), unit, [_signed(part, of, place) for part, of in parts], missing[unit])
         for place, (value, unit) in enumerate(zip(values, units, strict=True))
@@ -255,7 +264,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         line=line,
         bias=bias,
         health=check,
-        characteristics=None if health is None else health.beside(_stated_by_hand(settings)),
+        characteristics=characteristics,
         modulator=None if seen.output_orders is None else (float(curve[2] / curve[1]), float(curve[3] / curve[1])),
         bias_deg_s=as_rate(bias, scale_factor.value, scale_factor.u),
         nonlinearity=nonlinearity,
@@ -266,36 +275,19 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         v_vc_by=v_vc_error(settings).name,
         unseen=STILL_UNSEEN if check is not None and CARRIER_PHASE in check.measured else known.unseen,
         since=since.said,
-        holds_not=(*known.holds_not, *_HOLDS_NOT, *_gaps(settings)),
+        holds_not=(*known.holds_not, *_HOLDS_NOT, *gaps_of(settings, without)),
         drift=drift_of(scale_factor, known, settings.acceptance),
     )
 
 
-def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Health | None, HealthCheck | None]:
+def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Characteristics | None, HealthCheck | None]:
     """Return what was measured of what K_Vc depends on, and what has become of it since the certificate."""
     then = settings.known.characteristics
     health = health_of(settings, points, then)
     if isinstance(points, Foreseen) and health is not None and then is not None:
         health = health.unchanged(then)
-    return health, None if health is None or then is None else checked(then, health, _stated_by_hand(settings))
-
-
-def _gaps(settings: SelfCalibrationSettings) -> Iterator[str]:
-    """Yield what nothing is known of, in words."""
-    yield from (f"MISSING {gap.words}" for gap in settings.own_gaps() if gap.name not in _COUNTED)
-
-
-def _missing(settings: SelfCalibrationSettings, check: HealthCheck | None) -> tuple[str, ...]:
-    """Return what a scale factor is incomplete without: also the ratio of amplitudes, for which no figure stands."""
-    measured = check is not None and any(each.cause == AMPLITUDES and each.done == "corrected" for each in check.causes)
-    missing = tuple(name for name in settings.missing_without_table if name not in _COUNTED)
-    if measured or settings.station.sources.k_vc_not_measured_ppm is not None:
-        return missing
-    return (*missing, AMPLITUDES)
-
-
-_COUNTED = frozenset({phases.CARRIER_PHASE, phases.DEMODULATOR_PHASE})
-"""What is measured by health here, or counted as not measured: not missing, though no bench file says it."""
+    now = None if health is None else health.beside(_stated_by_hand(settings))
+    return now, None if now is None or then is None else checked(then, now)
 
 
 def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcSince:
@@ -316,25 +308,6 @@ def _by_phases(settings: SelfCalibrationSettings, check: HealthCheck | None) -> 
     measured = check is not None and CARRIER_PHASE in check.measured
     of_phases = errors.u_scale_factor if measured else errors.u_self_calibrated
     return [UncertaintyPart(name, u) for name, u in of_phases.items()]
-
-
-def _not_measured(settings: SelfCalibrationSettings, check: HealthCheck | None) -> list[UncertaintyPart]:
-    """Return what may have become of K_Vc unmeasured; limits of the phases that the bench file has count elsewhere."""
-    stated, known = settings.station.sources, settings.known
-    measured = () if check is None else check.measured
-    if CARRIER_PHASE in measured:
-        return []
-    if stated.k_vc_not_measured_ppm is not None:
-        u = 1e-6 * stated.k_vc_not_measured_ppm / math.sqrt(3.0)
-        return (
-            [UncertaintyPart(f"{NOT_MEASURED} (uncertainty.k_vc_not_measured_ppm)", u, rectangular=True)] if u else []
-        )
-    limits = {
-        "phase of the carrier": stated.carrier_phase_deg,
-        "phase of the demodulator": stated.demodulator_phase_deg,
-    }
-    but = [*measured, *(name for name, limit in limits.items() if limit is not None)]
-    return not_measured(known.characteristics, but=but)
 
 
 def _stated_by_hand(settings: SelfCalibrationSettings) -> Characteristics:
