@@ -430,6 +430,8 @@ class FaultyDevice:
 
     def wake_at(self) -> float | None:
         """Do what is due; return when something next happens by itself."""
+        if not (self._planned or self._active or self._underway):  # as nearly always
+            return self.device.wake_at()
         self._advance()
         coming = [
             self.device.wake_at(),
@@ -462,6 +464,8 @@ class FaultyDevice:
 
         What it says while earlier words are under way comes after them, whether or not the fault is over.
         """
+        if not (self._planned or self._active or self._underway):
+            return
         now = self._clock.now()
         while self._planned and self._planned[0].at_s <= now:
             self._begin(self._planned.pop(0))

@@ -224,6 +224,7 @@ class LineEnd:
         self._to_instrument = _Traffic()
         self._to_controller = _Traffic()
         self._arrived = bytearray()
+        self._cut: ConnectionResetError | None = None
 
     # --- the controller's end -----------------------------------------------------------------------------
 
@@ -287,10 +288,12 @@ class LineEnd:
         if sent:
             self._to_instrument.add(sent, len(data) * self._controller.character_s)
         self._advance()
+        self._require_link()
 
     def read(self, limit: int) -> tuple[bytes, bool]:
         """Return what has arrived by now; it never has an END."""
         self._advance()
+        self._require_link()
         part = bytes(self._arrived[:limit])
         del self._arrived[:limit]
         return part, False
@@ -317,6 +320,19 @@ class LineEnd:
 
     # --- what goes on -------------------------------------------------------------------------------------
 
+    def _require_link(self) -> None:
+        """Tell the controller of a link that was lost: nobody else, who may be waiting when it is noticed."""
+        error, self._cut = self._cut, None
+        if error is not None:
+            raise error
+
+    def _tell(self, data: bytes) -> None:
+        """Give the instrument what has arrived; without a link it is lost."""
+        try:
+            self._far.write(data)
+        except ConnectionResetError as error:
+            self._cut = error
+
     def _advance(self) -> None:
         """Let everything arrive that has by now."""
         now = self._clock.now()
@@ -330,14 +346,21 @@ class LineEnd:
 
     def _answer(self) -> None:
         """Put an answer that is ready on the line."""
-        answer, _ = self._far.read(_WHOLE)
+        try:
+            answer, _ = self._far.read(_WHOLE)
+        except ConnectionResetError as error:
+            self._cut = error
+            return
         sent = heard(answer, self.frame, self._controller) if answer else []
         if sent:
             self._to_controller.add(sent, len(answer) * self.frame.character_s)
 
     def _clear(self) -> None:
         self._to_controller.drop()
-        self._far.clear()
+        try:
+            self._far.clear()
+        except ConnectionResetError as error:
+            self._cut = error
 
     @property
     def _takes(self) -> bool:
@@ -365,7 +388,7 @@ class ThreeWireLine(LineEnd):
 
     def _receive(self, character: ReceivedCharacter) -> None:
         if not character.error:
-            self._far.write(bytes([character.byte]))
+            self._tell(bytes([character.byte]))
 
     def _go_on(self, now_s: float) -> None:
         self._answer()
@@ -417,7 +440,7 @@ class HandshakeLine(LineEnd):
         self._fetch()
         while self._buffer and (message := self._next_message()):
             del self._buffer[: len(message)]
-            self.instrument.write(message)
+            self._tell(message)
             self._fetch()
         if self._dtr:
             self._to_controller.go_on(now_s)
