@@ -13,6 +13,7 @@ from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
 from vcfbench.plans.step import Effect, Outcome
 from vcfbench.record.amendments import amended, amendments_of
+from vcfbench.record.journal import being_written
 from vcfbench.record.metadata import metadata_from
 from vcfbench.record.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
@@ -99,6 +100,8 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
     if path is None:
         raise ConfigError("the run has no record, so it cannot be resumed")
     directory = directory_of(path, runs)
+    if being_written(directory.journal):
+        raise ConfigError(f"{directory.run} goes on in another process: it can be resumed once that has ended")
     record = directory.read()
     if record.damage is not None:
         raise ConfigError(
@@ -110,7 +113,18 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
         raise ConfigError(f"{directory.run} is complete: there is nothing to resume")
     if not record.header:
         raise ConfigError(f"{shown(directory.journal)}: the record has no whole line, so nothing tells what to resume")
+    if (earlier := _not_taken_over(record)) is not None:
+        return broken_off(earlier)
     return BrokenOff(directory, record)
+
+
+def _not_taken_over(record: JournalRecord) -> Path | None:
+    """Return the earlier record of one that was cut before it had taken that over: it has more; None: it has not."""
+    resumed_from = record.header.get("resumed_from")
+    if not isinstance(resumed_from, dict) or len(record.steps) >= resumed_from.get("steps", 0):
+        return None
+    earlier = Path(str(resumed_from.get("directory")))
+    return earlier if (earlier / "journal.jsonl").is_file() else None
 
 
 @dataclass(frozen=True, slots=True)
