@@ -13,7 +13,7 @@ import re
 import stat
 import sys
 import tomllib
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import IO, TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
@@ -157,6 +157,16 @@ else:
     def unlock(descriptor: int) -> None:
         """Let a file go before it is closed."""
         fcntl.flock(descriptor, fcntl.LOCK_UN)
+
+
+def synchronise_names(directory: Path | str) -> None:
+    """Have the names in a directory on the disk as well, where the system can do that; those below are others."""
+    with suppress(OSError):  # Windows opens no directories
+        descriptor = os.open(directory, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def shown(path: Path | str) -> str:

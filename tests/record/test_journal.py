@@ -93,7 +93,7 @@ def test_a_line_without_end_is_not_read_to_its_end(tmp_path: Path, monkeypatch: 
 
 def test_an_existing_journal_is_never_opened_for_writing(tmp_path: Path) -> None:
     data = write(tmp_path / "j")
-    with pytest.raises(FileExistsError):
+    with pytest.raises(BenchError, match="cannot be written: File exists"):
         Journal(tmp_path / "j")
     assert (tmp_path / "j").read_bytes() == data
 

@@ -20,7 +20,7 @@ import msgspec
 from msgspec import Meta, Struct, structs
 
 from vcfbench.errors import ConfigError
-from vcfbench.files import MOST_SETTINGS, read_text, shown
+from vcfbench.files import MOST_SETTINGS, read_text, shown, synchronise_names
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
@@ -650,7 +650,8 @@ def _placed(directory: Path, text: str) -> Path:
             path = directory / f"{number:04d}.json"
             with suppress(FileExistsError):  # another program took the number meanwhile
                 _name(draft, path)
-                _synchronise(directory)
+                for each in (directory, directory.parent, directory.parent.parent):  # they may be new
+                    synchronise_names(each)
                 return path
     finally:
         with suppress(OSError):
@@ -663,13 +664,3 @@ def _name(draft: Path, path: Path) -> None:
         draft.rename(path)  # which refuses there what it would replace elsewhere
     else:
         path.hardlink_to(draft)
-
-
-def _synchronise(directory: Path) -> None:
-    """Have the new name on the disk as well, where the system can do that."""
-    with suppress(OSError):  # Windows opens no directories
-        descriptor = os.open(directory, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

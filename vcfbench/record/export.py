@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
@@ -45,12 +46,16 @@ def result_text(values: Mapping[str, Any]) -> str:
 def write_text(path: Path, text: str) -> None:
     """Write a derived file, newlines as they are: all of it or nothing, for half a table looks like a short one.
 
+    That holds for a power cut too: its bytes are on the disk before its name is.
+
     Raises:
         BenchError: the file cannot be written; the journal is not concerned.
     """
     draft = path.with_name(f".{path.name}.part")
     try:
         draft.write_bytes(text.encode())
+        with draft.open("r+b") as file:
+            os.fsync(file.fileno())
         draft.replace(path)
     except OSError as error:
         with suppress(OSError):

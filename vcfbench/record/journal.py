@@ -25,7 +25,7 @@ from msgspec.structs import replace
 
 from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.files import opened, shown, try_lock, unlock
+from vcfbench.files import opened, shown, synchronise_names, try_lock, unlock
 from vcfbench.record.damage import first_damage, own_readings
 from vcfbench.record.schema import FORMAT, READABLE, SEALED, Point, Status
 from vcfbench.record.seal import SealChecker, Sealer
@@ -39,7 +39,6 @@ _LONGEST_LINE = 1 << 24
 """Bytes: a window of 100 000 readings, which format 1 wrote in one line, has some 5 MB."""
 _INSTANT_S = 0.2
 
-_sync = os.fsync if sys.platform in {"darwin", "win32"} else os.fdatasync
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
@@ -47,7 +46,7 @@ class Journal:
     """An append-only file; never opens one that is there already.
 
     Raises:
-        BenchError: a line could not be written whole (disk full, file system gone).
+        BenchError: the file cannot be made, or a line not be written whole (disk full, file system gone).
     """
 
     __slots__ = ("_descriptor", "_sealer", "_size", "path")
@@ -56,12 +55,16 @@ class Journal:
         self.path = path
         self._size = 0
         self._sealer = Sealer()
-        self._descriptor = os.open(path, _FLAGS, 0o644)
+        try:
+            self._descriptor = os.open(path, _FLAGS, 0o644)
+        except OSError as error:
+            raise BenchError(f"the record {path} cannot be written: {error.strerror}") from error
         _locked(self._descriptor)  # without locks nobody is kept from anything
 
     def header(self, values: Mapping[str, Any]) -> None:
-        """Write the first line."""
+        """Write the first line, and see that the record is found after a power cut: the names above it may be new."""
         self._append({"type": "header", "format": FORMAT, "utc": _stamp(), **values})
+        self._see_names_to_disk()
 
     def step(self, values: Mapping[str, Any]) -> None:
         """Write one performed step."""
@@ -94,6 +97,11 @@ class Journal:
     def _see_to_disk(self) -> None:
         """Have what was written on the disk before anything else happens."""
         _sync(self._descriptor)
+
+    def _see_names_to_disk(self) -> None:
+        """Have the name of the record on the disk, and those of the directories that it lies in."""
+        for directory in self.path.absolute().parents[:3]:
+            synchronise_names(directory)
 
     def _append(self, line: Mapping[str, Any]) -> None:
         """Write one line with one system call, so that no other can come between, and see it to the disk.
@@ -131,10 +139,15 @@ class SimulatedJournal(Journal):
     def footer(self, values: Mapping[str, Any]) -> None:
         """Write the last line, and see all of them to the disk."""
         super().footer(values)
-        _sync(self._descriptor)
+        try:
+            _sync(self._descriptor)
+        except OSError as error:
+            raise BenchError(f"the record {self.path} may be lost by a power cut: {error.strerror}") from error
 
     def _see_to_disk(self) -> None:
         """Leave it to the system: steps follow each other faster than a disk takes them."""
+
+    _see_names_to_disk = _see_to_disk
 
 
 class MemoryJournal(Journal):
@@ -152,8 +165,18 @@ class MemoryJournal(Journal):
     def close(self) -> None:
         """Nothing to give back: what was written can still be read."""
 
+    def _see_names_to_disk(self) -> None:
+        """Nothing has a name."""
+
     def _append(self, line: Mapping[str, Any]) -> None:
         self._written.append(msgspec.json.encode(line))
+
+
+def _sync(descriptor: int) -> None:
+    if sys.platform in {"darwin", "win32"}:
+        os.fsync(descriptor)
+    else:
+        os.fdatasync(descriptor)
 
 
 def _stamp() -> str:
