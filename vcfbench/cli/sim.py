@@ -10,6 +10,7 @@ import typer
 from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.sim_new import new
+from vcfbench.cli.soak import soak
 
 if TYPE_CHECKING:
     from vcfbench.bench.inventory import InventoryRow
@@ -63,4 +64,5 @@ def _shown(value: Any) -> str:
 
 
 app.command("new")(new)
+app.command("soak")(soak)
 serve.register(app)

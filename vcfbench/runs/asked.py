@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.bench.station import Builder
     from vcfbench.plans.dry_run import PlannedStep
     from vcfbench.plans.executor import Event, Execution, Executor, Observer
     from vcfbench.plans.step import Operator, Plan
@@ -57,7 +58,7 @@ class Asked(Struct, frozen=True):
     `operator` does what only hands can do, on any bench; `person` is asked where there are real hands only.
     `metadata` is what the record shall say of the run beside what is measured. `warn` tells in a line what keeps no run
     from beginning.
-    `runs` is where the record goes; None keeps none, on a simulated bench.
+    `runs` is where the record goes; None keeps none, on a simulated bench. `build` is as of `open_bench`.
     """
 
     procedure: str | Path | AnyProcedure
@@ -73,6 +74,7 @@ class Asked(Struct, frozen=True):
     options: Mapping[str, Any] = field(default_factory=dict)
     metadata: RunMetadata = field(default_factory=RunMetadata)
     warn: Callable[[str], None] = warned
+    build: Builder | None = None
 
 
 class Beginning(Struct, frozen=True):

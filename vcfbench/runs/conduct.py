@@ -231,7 +231,15 @@ def _perform(course: _Course, signals: StopSignals) -> None:
             seed, speed = course.checked.seed, asked.speed
             needs = roles_of(prepared.procedure, prepared.description)
             now_s = prepared.now_s()
-            opened = open_bench(prepared.description, seed=seed, speed=speed, signals=signals, needs=needs, now_s=now_s)
+            opened = open_bench(
+                prepared.description,
+                seed=seed,
+                speed=speed,
+                signals=signals,
+                build=asked.build,
+                needs=needs,
+                now_s=now_s,
+            )
             bench = watching.enter_context(opened)
             for each in sorted(set(bench.left_by.values())):
                 asked.warn(f"{each} died with this bench and nothing made it safe; its table stands now")

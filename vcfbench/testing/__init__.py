@@ -17,22 +17,29 @@ if TYPE_CHECKING:
         model_case,
         scpi_case,
     )
+    from vcfbench.testing.disk import Disk, DiskState
     from vcfbench.testing.exchange import Exchange, ScriptedWire, expected_exchange, over_serial, over_visa
     from vcfbench.testing.replay import ReplayWire, read_trace, replay_trace
+    from vcfbench.testing.soaking import Draw, Verdict, drawn, shrunk, soak, tried
     from vcfbench.testing.wire_faults import WIRE_FAULTS, FaultyWire, WireFault, faulty_wire
 
 __all__ = [
     "WIRE_FAULTS",
     "ConformanceCase",
+    "Disk",
+    "DiskState",
+    "Draw",
     "Exchange",
     "FaultyWire",
     "ReplayWire",
     "ScriptedWire",
     "ServedLab",
     "SimulatedLab",
+    "Verdict",
     "WireFault",
     "conformance_cases",
     "conformance_problems",
+    "drawn",
     "expected_exchange",
     "faulty_wire",
     "model_case",
@@ -43,7 +50,10 @@ __all__ = [
     "replay_trace",
     "scpi_case",
     "serve_simulated",
+    "shrunk",
     "simulated",
+    "soak",
+    "tried",
 ]
 
 _MODULES = {
@@ -55,8 +65,10 @@ _MODULES = {
         "model_case",
         "scpi_case",
     ),
+    "vcfbench.testing.disk": ("Disk", "DiskState"),
     "vcfbench.testing.exchange": ("Exchange", "ScriptedWire", "expected_exchange", "over_serial", "over_visa"),
     "vcfbench.testing.replay": ("ReplayWire", "read_trace", "replay_trace"),
+    "vcfbench.testing.soaking": ("Draw", "Verdict", "drawn", "shrunk", "soak", "tried"),
     "vcfbench.testing.wire_faults": ("WIRE_FAULTS", "FaultyWire", "WireFault", "faulty_wire"),
 }
 

@@ -1,0 +1,56 @@
+"""Faults drawn by seed: what is drawn holds, what is broken is found, made small, and repeated by one line."""
+
+from __future__ import annotations
+
+import pytest
+from msgspec.structs import replace
+from typer.testing import CliRunner
+
+from vcfbench.cli.main import app
+from vcfbench.sim.faults import Fault, FaultyDevice
+from vcfbench.testing import drawn, shrunk, soak, tried
+from vcfbench.testing.soaking import trial
+from vcfbench.testing.soaking.draw import Happening
+
+LATE = Happening(0, 0.5, "fault", fault=Fault("rate_table", "late", count=2, delay_s=3.64))
+
+
+def test_a_seed_draws_the_same_again_and_another_seed_another() -> None:
+    assert drawn(5) == drawn(5)
+    assert drawn(5) != drawn(6)
+    whats = {each.what for seed in range(200) for each in drawn(seed).happenings}
+    assert whats == {"fault", "kill", "power cut", "signal", "starter", "clock", "disk full", "sync fails"}
+
+
+def advance(self: FaultyDevice) -> None:
+    """As it was once: what is said behind a late answer is left with the device, which wakes its reader for ever."""
+    now_s = self._clock.now()
+    while self._planned and self._planned[0].at_s <= now_s:
+        self._begin(self._planned.pop(0))
+    self._end([each for each in self._active if each.ends_s is not None and each.ends_s <= now_s])
+    if self._spoiling():
+        self._spoil_what_is_said()
+
+
+@pytest.mark.exhaustive
+def test_a_freeze_of_bench_time_is_found_and_made_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trial, "_STILL", 1000)
+    draw = replace(drawn(2), language="atl", wires="direct", happenings=(LATE, Happening(0, 0.2, "clock", size=5.0)))
+    assert tried(draw).wrong == ()
+    monkeypatch.setattr(FaultyDevice, "_advance", advance)
+    found = tried(draw)
+    assert "bench time stands still" in found.wrong[0]
+    assert shrunk(found).draw.happenings == (LATE,)
+
+
+def test_the_command_repeats_a_seed_and_says_what_it_draws() -> None:
+    answer = CliRunner().invoke(app, ["sim", "soak", "--seeds", "2:3", "-v"])
+    assert answer.exit_code == 0
+    assert answer.stdout.startswith("seed 2: ")
+    assert "1 seeds from 2 in" in answer.stdout
+    assert CliRunner().invoke(app, ["sim", "soak", "--seeds", "3:3"]).exit_code != 0
+
+
+@pytest.mark.exhaustive
+def test_seeds_hold() -> None:
+    assert [(each.draw.seed, each.wrong) for each in soak(range(1000, 1012)) if each.wrong] == []

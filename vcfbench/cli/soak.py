@@ -1,0 +1,62 @@
+"""``vcfbench sim soak``: runs under faults drawn by seed; each seed that breaks one is a line to repeat."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from vcfbench.clock import WallClock
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from vcfbench.testing.soaking import Verdict
+
+
+def soak(
+    seeds: Annotated[
+        str, typer.Option("--seeds", metavar="A:B", help="Seeds from A up to, not including, B.")
+    ] = "0:100",
+    minutes: Annotated[
+        float | None, typer.Option("--minutes", metavar="N", min=0.0, help="Begin no further seed after so long.")
+    ] = None,
+    *,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Say of each seed what it draws, and its end.")
+    ] = False,
+) -> None:
+    """Try runs on simulated benches under faults, kills and full disks that seeds draw.
+
+    What breaks is said with the smallest part of its draw that still breaks it; the exit code is then 1.
+    """
+    from vcfbench.testing.soaking import shrunk, soak  # noqa: PLC0415  # loads all that a run loads
+
+    first, last = _range(seeds)
+    clock, broken, tried = WallClock(), list[int](), 0
+    for verdict in soak(range(first, last)):
+        tried += 1
+        if verbose or verdict.wrong:
+            typer.echo("\n".join([*verdict.draw.describe(), *_words(verdict)]))
+        if verdict.wrong:
+            broken.append(verdict.draw.seed)
+            least = shrunk(verdict)
+            typer.echo("\n".join(["the smallest that still breaks it:", *least.draw.describe(), *_words(least)]))
+        if minutes is not None and clock.now() >= 60.0 * minutes:
+            break
+    typer.echo(f"{tried} seeds from {first} in {clock.now():.0f} s: {len(broken)} broken")
+    for seed in broken:
+        typer.echo(f"vcfbench sim soak --seeds {seed}:{seed + 1} -v")
+    if broken:
+        raise typer.Exit(1)
+
+
+def _words(verdict: Verdict) -> list[str]:
+    ends = (f"  start {number}: {end}" for number, end in enumerate(verdict.ends, start=1))
+    return [*ends, *(f"  BROKEN: {each}" for each in verdict.wrong)]
+
+
+def _range(seeds: str) -> tuple[int, int]:
+    first, colon, last = seeds.partition(":")
+    if not (colon and first.isdecimal() and last.isdecimal() and int(first) < int(last)):
+        raise ConfigError(f"--seeds: expected A:B, whole numbers with A below B, came {seeds!r}")
+    return int(first), int(last)

@@ -1,0 +1,150 @@
+"""Runs under faults drawn by seed, on simulated benches in virtual time: what breaks is one line to repeat.
+
+::
+
+    for verdict in soak(range(129, 130)):
+        print(verdict.draw.describe(), verdict.wrong)
+
+A seed draws a bench, a procedure, and up to five faults, kills, signals, clocks that are set and disks that are full
+(`draw`). Its clean run comes first, then the program is started, killed and started again (`trial`), and after the last
+fault once more. What must be true after each is in `judge`.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from vcfbench.errors import ConfigError
+from vcfbench.record.journal import JournalRecord, read_journal
+from vcfbench.record.schema import Status
+from vcfbench.testing.soaking.draw import Draw, drawn
+from vcfbench.testing.soaking.judge import VALUE_FAULTS, values_of, wrong_of, wrong_record, wrong_values
+from vcfbench.testing.soaking.trial import Clean, Ended, start
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+__all__ = ["Draw", "Verdict", "drawn", "shrunk", "soak", "tried"]
+
+_MEMORY = Path("/dev/shm")  # noqa: S108  # Linux has it, and directories in it are made by tempfile
+_IN_ONE_PIECE, _SAME_END = "cannot be resumed: a warm-up", "it would end again as it did"
+
+
+class Verdict(Struct, frozen=True):
+    """What was wrong with a draw; nothing: it held. `ends` says in words how each start ended."""
+
+    draw: Draw
+    wrong: tuple[str, ...]
+    ends: tuple[str, ...] = ()
+
+
+def soak(seeds: Iterable[int]) -> Iterator[Verdict]:
+    """Yield what each seed came to."""
+    return (tried(drawn(seed)) for seed in seeds)
+
+
+def tried(draw: Draw) -> Verdict:
+    """Try a draw: its clean run, then all its starts, then once more without a fault."""
+    with tempfile.TemporaryDirectory(prefix="soak", dir=_MEMORY if _MEMORY.is_dir() else None) as name:
+        folder = Path(name)
+        (folder / "clean").mkdir()
+        (folder / "runs").mkdir()
+        first = start(replace(draw, happenings=()), 0, Clean(0.0, 0), folder / "clean", None)
+        wrong = [f"without a fault: {each}" for each in wrong_of(first, Clean(first.end_s, 0))]
+        if wrong or first.run is None:
+            return Verdict(draw, tuple(wrong))
+        clean, values = Clean(first.end_s, first.operations), values_of(first.run.results)
+        ends = _Lives(draw, clean, values, folder / "runs")
+        ends.go_through()
+        return Verdict(draw, tuple(ends.wrong), tuple(ends.said))
+
+
+class _Lives:
+    """The starts of one draw, one after the other."""
+
+    def __init__(self, draw: Draw, clean: Clean, values: Mapping[str, tuple[float, float]], folder: Path) -> None:
+        self.wrong: list[str] = []
+        self.said: list[str] = []
+        self._draw, self._clean, self._values, self._folder = draw, clean, values, folder
+        self._earlier: Path | None = None
+        """The record to go on with."""
+        self._spoilt = self._lost = False
+
+    def go_through(self) -> None:
+        """Start the program as often as drawn; then, unless that is over, once without a fault: that must end it."""
+        for life in range(self._draw.lives):
+            if self._is_over(life):
+                return
+        if not self._is_over(self._draw.lives):
+            self.wrong.append("it is not complete after a start without a fault")
+
+    def _is_over(self, life: int) -> bool:
+        """Start the program once; tell whether nothing is left to be done, or nothing can be."""
+        earlier, known = self._earlier, set(self._folder.iterdir())
+        before = self._read(earlier)
+        ended = start(self._draw, life, self._clean, self._folder, earlier)
+        self.said.append(_words(ended))
+        if before is not None and isinstance(ended.error, ConfigError) and not ended.began:
+            return self._refused(ended, before)
+        made = [each for each in self._folder.iterdir() if each not in known and (each / "journal.jsonl").exists()]
+        record = self._read(made[0]) if made else None
+        wrong = [*wrong_of(ended, self._clean), *wrong_values(ended, self._values)]
+        if made and record is not None and record.header and not _is_short(record):
+            if before is not None:
+                ended.points[:0] = [each.as_json() for each in before.points]
+            self._earlier = made[0]
+        if record is None or not _is_short(record):
+            wrong += wrong_record(ended, record, self._draw)
+        self.wrong += [f"start {life + 1}: {each}" for each in wrong]
+        self._lost = ended.died == "power cut" and not self._draw.synchronised
+        kinds = {each.fault.kind for each in ended.faults if each.fault is not None}
+        self._spoilt = self._spoilt or bool(kinds & VALUE_FAULTS)
+        complete = record is not None and record.status is Status.COMPLETE
+        return complete or bool(self.wrong) or (ended.error is None and not ended.died)
+
+    def _refused(self, ended: Ended, before: JournalRecord) -> bool:
+        """Judge why nothing can be gone on with."""
+        said = str(ended.error)
+        fine = _IN_ONE_PIECE in said or (self._spoilt and _SAME_END in said)
+        if not (fine or (self._lost and before.damage is not None) or ended.disk_troubles):
+            self.wrong.append(f"it cannot be resumed: {said}")
+        return not ended.disk_troubles
+
+    def _read(self, directory: Path | None) -> JournalRecord | None:
+        with suppress(ConfigError):
+            return None if directory is None else read_journal(directory / "journal.jsonl")
+        return None
+
+
+def _is_short(record: JournalRecord) -> bool:
+    """Tell whether a record was cut before it had taken over the one that it goes on with, which counts then."""
+    resumed_from = record.header.get("resumed_from") or {}
+    return len(record.steps) < int(resumed_from.get("steps", 0))
+
+
+def _words(ended: Ended) -> str:
+    if ended.died:
+        return f"{ended.died} at {ended.end_s:.2f} s"
+    if ended.error is not None:
+        return f"{type(ended.error).__name__} at {ended.end_s:.2f} s: {ended.error}"
+    return f"complete at {ended.end_s:.2f} s"
+
+
+def shrunk(verdict: Verdict) -> Verdict:
+    """Return the smallest draw that still fails: happenings are taken away one by one as long as one can be."""
+    smaller = True
+    while smaller:
+        smaller = False
+        for number in range(len(verdict.draw.happenings)):
+            left = (*verdict.draw.happenings[:number], *verdict.draw.happenings[number + 1 :])
+            again = tried(replace(verdict.draw, happenings=left))
+            if again.wrong:
+                verdict, smaller = again, True
+                break
+    return verdict

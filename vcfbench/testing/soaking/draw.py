@@ -1,0 +1,189 @@
+"""What a seed draws: a bench, a procedure with short settings, and what happens to the run."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from vcfbench.bench.file import load_bench
+from vcfbench.sim.faults import Fault, Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.bench.description import BenchDescription
+
+What = Literal["fault", "kill", "power cut", "signal", "starter", "clock", "disk full", "sync fails"]
+_ENDS = frozenset({"kill", "power cut"})
+"""What a program does not survive."""
+
+LANGUAGES = ("acl", "zaber", "atl", "esp", "dd16", "mn_as", "ruya", "aaaa")
+_SPARE = frozenset({"ruya", "aaaa"})
+"""Tables whose rate follows from angles."""
+_METERS = ("34401A", "34461A", "34465A", "2000", "DMM6500")
+_WIRES: Mapping[str, Mapping[str, str]] = {
+    "direct": {},
+    "table on RS-232": {"rate_table": "/dev/ttyS0"},
+    "all on RS-232": {"rate_table": "/dev/ttyS0", "power": "ASRL1::INSTR", "multimeter": "ASRL2::INSTR"},
+    "sockets": {"power": "TCPIP0::10.0.0.1::5025::SOCKET", "multimeter": "TCPIP0::10.0.0.2::5025::SOCKET"},
+}
+_RS232_METERS = ("34401A", "2000")
+_OF_ROLE: Mapping[str, frozenset[str]] = {
+    "power": frozenset({"current_limit"}),
+    "multimeter": frozenset({"overload", "offset"}),
+    "rate_table": frozenset({"interlock", "door", "emergency_stop", "drive_fault", "jam"}),
+}
+_OF_ONE = frozenset().union(*_OF_ROLE.values())
+_SCPI_ONLY = frozenset({"error", "identity", "power_cycle"})
+_ROLES = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table", "rate_table")
+
+
+class Happening(Struct, frozen=True):
+    """Something that happens to the program or to its bench after its start number `life`, from 0.
+
+    `at` is when: the part of the clean run, in bench time, or, with `by_writes`, in operations of its disk. `size` is
+    by how much a clock jumps (s), for how many operations a disk is full, how often synchronising fails.
+    """
+
+    life: int
+    at: float
+    what: What
+    by_writes: bool = False
+    size: float = 0.0
+    fault: Fault | None = None
+
+    @property
+    def ends(self) -> bool:
+        """Whether the program does not survive it."""
+        return self.what in _ENDS
+
+    def describe(self) -> str:
+        """Return in words what happens and when."""
+        where = f"start {self.life + 1}, {self.at:.1%} of its {'writes' if self.by_writes else 'time'}: "
+        if self.fault is not None:
+            return where + self.fault.describe()
+        sizes = {"clock": f" {self.size:+.0f} s", "disk full": f" for {self.size:.0f} operations"}
+        return where + self.what + sizes.get(self.what, f", {self.size:.0f} times" if self.size else "")
+
+
+class Draw(Struct, frozen=True):
+    """What a seed draws; without what happens it is its clean run."""
+
+    seed: int
+    language: str
+    wires: str
+    meter: str
+    procedure: str
+    settings: dict[str, Any]
+    synchronised: bool
+    """Whether each line of the journal is synchronised, as on a real bench."""
+    happenings: tuple[Happening, ...] = ()
+
+    @property
+    def lives(self) -> int:
+        """How often the program is started."""
+        return 1 + max((each.life + each.ends for each in self.happenings), default=0)
+
+    def bench(self) -> BenchDescription:
+        """Return the bench."""
+        paper = load_bench("paper")
+        assert paper.rate_table is not None  # noqa: S101  # its file has one
+        assert paper.multimeter is not None  # noqa: S101
+        steps = 16_000.0 / 9.0 if self.language == "zaber" else None
+        roles: dict[str, Any] = {
+            "rate_table": replace(paper.rate_table, dialect=self.language, steps_per_deg=steps),
+            "multimeter": replace(paper.multimeter, model=self.meter),
+            "power": paper.power,
+        }
+        for role, resource in _WIRES[self.wires].items():
+            roles[role] = replace(roles[role], resource=resource)
+        return replace(paper, **roles, limits=replace(paper.limits, max_acceleration_deg_s2=1000.0))
+
+    def describe(self) -> list[str]:
+        """Return it in lines for a reader."""
+        settings = ", ".join(f"{key} {value}" for key, value in self.settings.items())
+        journal = "synchronised" if self.synchronised else "as simulated"
+        bench = f"{self.procedure} on {self.language}, meter {self.meter}, wires {self.wires}, journal {journal}"
+        return [f"seed {self.seed}: {bench}", f"  {settings}", *(f"  {each.describe()}" for each in self.happenings)]
+
+
+def drawn(seed: int) -> Draw:
+    """Return what `seed` draws."""
+    random = Random(f"soak {seed}")  # noqa: S311  # faults, no secrets
+    language = random.choice(LANGUAGES)
+    wires = random.choices(tuple(_WIRES), (12, 2, 1, 5))[0]  # each character on RS-232 takes its time
+    meter = random.choice(_RS232_METERS if wires == "all on RS-232" else _METERS)
+    procedure, settings = _work(random, language, 0.5 if wires == "all on RS-232" else random.choice((0.1, 0.5)))
+    lives = random.choices((1, 2, 3), (5, 4, 1))[0]
+    happenings = [_fault(random, life=random.randrange(lives)) for _ in range(random.randrange(6))]
+    happenings += [_end(random, life) for life in range(lives - 1)]
+    happenings += [_besides(random, random.randrange(lives)) for _ in range(random.choice((0, 0, 1, 1, 2, 3)))]
+    happenings.sort(key=lambda each: (each.life, each.at))
+    return Draw(seed, language, wires, meter, procedure, settings, random.random() < 0.5, tuple(happenings))
+
+
+def _work(random: Random, language: str, interval_s: float) -> tuple[str, dict[str, Any]]:
+    """Return a procedure and settings with which it is short; a reading every `interval_s`."""
+    procedure = random.choices(("turntable", "virtual-coriolis", "zero", "polarity", "power"), (10, 7, 1, 1, 1))[0]
+    if procedure == "zero":
+        return procedure, {"duration_s": 200.0, "powered_s": 10.0}
+    if procedure in {"polarity", "power"}:
+        return procedure, {"rate_tolerance_deg_s": 5.0} if language in _SPARE else {}
+    rates = (20.0, 10.0, 0.0, -10.0, -20.0) if language == "aaaa" else (60.0, 20.0, 0.0, -20.0, -60.0)
+    few = random.random() < 0.5
+    settings: dict[str, Any] = {
+        "rates_deg_s": list(rates[1:-1] if few else rates),
+        "samples": random.randrange(3, 7),
+        "sample_interval_s": interval_s,
+        "settle_s": 0.7,
+        "order": random.choice(("paper", "alternate", "abba", "loop")),
+        "zeros": random.choice(("none", "ends", "bracket")),
+    }
+    settings |= {"nplc": 1} if interval_s < 0.5 else {}
+    settings |= {"match_rate_deg_s": 12.0} if procedure == "virtual-coriolis" else {}
+    settings |= {"rate_tolerance_deg_s": 5.0} if language in _SPARE else {}
+    return procedure, settings
+
+
+def _fault(random: Random, life: int) -> Happening:
+    role = random.choice(_ROLES)
+    known = [
+        kind
+        for kind in get_args(Kind)
+        if (kind not in _OF_ONE or kind in _OF_ROLE.get(role, ())) and (kind not in _SCPI_ONLY or role != "rate_table")
+    ]
+    kind = random.choice(known)
+    lasts = random.choice((None, random.uniform(0.05, 2.0), random.uniform(2.0, 20.0)))
+    counted = kind in {"silent", "late", "garbled", "garbage", "truncated"} and random.random() < 0.5
+    size_v = random.choice((20e-3, 0.1, 0.5)) * random.choice((1.0, -1.0))
+    fault = Fault(
+        role,
+        kind,
+        duration_s=lasts,
+        delay_s=random.choice((0.3, 1.5, 3.0, 8.0)),
+        count=random.randrange(1, 4) if counted else None,
+        number=random.choice((-222, -410, -113)),
+        offset=size_v if kind == "offset" else 0.0,
+        load_ohm=random.choice((1.0, 50.0)),
+    )
+    return Happening(life, random.uniform(0.0, 1.05), "fault", fault=fault)
+
+
+def _end(random: Random, life: int) -> Happening:
+    what: What = random.choice(("kill", "kill", "power cut"))
+    return Happening(life, random.uniform(0.02, 1.0), what, by_writes=random.random() < 0.6)
+
+
+def _besides(random: Random, life: int) -> Happening:
+    what: What = random.choice(("signal", "signal", "starter", "clock", "disk full", "sync fails"))
+    writes = what in {"disk full", "sync fails"}
+    sizes = {
+        "clock": random.choice((-86400.0, -3600.0, -1.5, 1.5, 3600.0, 86400.0)),
+        "disk full": random.choice((1.0, 3.0, 1e9)),
+        "sync fails": random.choice((1.0, 1e9)),
+        "signal": random.choice((1.0, 1.0, 2.0, 3.0)),
+    }
+    return Happening(life, random.uniform(0.0, 1.05), what, by_writes=writes, size=sizes.get(what, 0.0))

@@ -1,0 +1,120 @@
+"""What must be true of a start, and of what all starts of a seed came to: each rule says what is wrong, or nothing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
+from vcfbench.procedures.measurand import Measurand
+from vcfbench.record.schema import Status
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from vcfbench.record.journal import JournalRecord
+    from vcfbench.testing.soaking.draw import Draw
+    from vcfbench.testing.soaking.trial import Clean, Ended
+
+_RATE_DEG_S, _V_VC_V, _RAIL_V = 0.05, 0.01, 0.5
+"""Beyond these something turns or is on."""
+_LONGEST_S = 600.0
+"""Bench time by which faults may lengthen a run that takes twice as long as the clean one."""
+VALUE_FAULTS = frozenset({"offset", "overload", "current_limit", "power_cycle", "jam", "drive_fault"})
+"""What changes what is measured: of what was recorded with it a resumed run may say that it is refused."""
+
+
+def values_of(results: Any) -> dict[str, tuple[float, float]]:
+    """Return every value that results state with an uncertainty: value and U95."""
+    if statement := getattr(results, "uncertainty", None):
+        return {each.name: (each.value, each.u95) for each in statement.values}
+    names = getattr(results, "__struct_fields__", None) or getattr(results, "__dataclass_fields__", {})
+    found = ((name, getattr(results, name)) for name in names)
+    return {name: (each.value, each.expanded_u) for name, each in found if isinstance(each, Measurand)}
+
+
+def wrong_of(ended: Ended, clean: Clean) -> Iterator[str]:
+    """Yield what is wrong with one start."""
+    yield from ended.wrong
+    if ended.died:
+        return
+    error = ended.error
+    if error is not None and not isinstance(error, BenchError):
+        yield f"raised {type(error).__name__}: {error}"
+        return
+    yield from _left_live(ended)
+    yield from _not_safe(ended)
+    yield from _code(ended)
+    if ended.end_s > 2.0 * clean.duration_s + _LONGEST_S:
+        yield f"it took {ended.end_s:.0f} s of bench time, without faults {clean.duration_s:.0f} s"
+
+
+def _left_live(ended: Ended) -> Iterator[str]:
+    said = {each.instrument for each in getattr(ended.error, "reports", ()) if not each.safe}
+    if abs(ended.rate_deg_s) > _RATE_DEG_S and "rate_table" not in said:
+        yield f"left turning at {ended.rate_deg_s:.3g} deg/s, and nobody says so"
+    if abs(ended.v_vc_v) > _V_VC_V and "rate_source" not in said:
+        yield f"V_Vc left at {ended.v_vc_v:.3g} V, and nobody says so"
+    if max(map(abs, ended.rails_v)) > _RAIL_V and "power" not in said:
+        yield f"rails left at {ended.rails_v[0]:.3g} V and {ended.rails_v[1]:.3g} V, and nobody says so"
+
+
+def _not_safe(ended: Ended) -> Iterator[str]:
+    """Check that what is said not to be safe has a fault that goes on, or was broken off by a third signal."""
+    if not isinstance(ended.error, NotSafe) or ended.signals >= 3:
+        return
+    ill = {
+        each.fault.instrument
+        for each in ended.faults
+        if each.fault is not None and each.fault.at_s <= ended.end_s and each.fault.kind not in {"error", "identity"}
+    }
+    for each in ended.error.reports:
+        if not each.safe and each.instrument not in ill:
+            yield f"NOT SAFE without a cause: {each.instrument}: {each.detail}"
+
+
+def _code(ended: Ended) -> Iterator[str]:
+    error = ended.error
+    if isinstance(error, Aborted) and not ended.signals:
+        yield f"stopped by nobody: {error}"
+    if isinstance(error, ConfigError) and ended.began and not ended.disk_troubles:
+        yield f"exit code 2 from an open bench: {error}"
+    if error is None and ended.run is not None and ended.run.status != Status.COMPLETE:
+        yield f"exit code 0 of a run that is {ended.run.status.value}"
+    if error is not None and not ended.faults and not ended.signals and not ended.disk_troubles:
+        yield f"refused without a cause: {type(error).__name__}: {error}"
+    if isinstance(error, BenchError) and "mistake" in str(error):
+        yield f"a mistake: {error}"
+
+
+def wrong_record(ended: Ended, record: JournalRecord | None, draw: Draw) -> Iterator[str]:
+    """Yield what is wrong with what a start left on the disk; None: nothing."""
+    lost = ended.died == "power cut" and not draw.synchronised
+    if record is None:
+        if ended.points and not lost:
+            yield f"{len(ended.points)} points were shown, and there is no record"
+        return
+    if record.damage is not None and not lost:
+        yield f"the record is damaged: {record.damage}"
+        return
+    kept = [each.as_json() for each in record.points]
+    if not lost and kept[: len(ended.points)] != ended.points:
+        yield f"of {len(ended.points)} points that were shown the record has {len(kept)}, not the same"
+    if not ended.died and not ended.disk_troubles:
+        if record.footer is None:
+            yield "the record has no last line"
+        elif (record.footer["error"] or {}).get("what") != (None if ended.error is None else str(ended.error)):
+            yield f"the record's last line says {record.footer['error']}, the run {ended.error}"
+
+
+def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+    """Yield what a complete run states that is off by more than its U95 from the clean run."""
+    if ended.run is None or ended.error is not None or ended.died:
+        return
+    stated = values_of(ended.run.results)
+    # of a line that is straight there is a bound alone
+    if missing := {name for name in clean.keys() - stated.keys() if not name.endswith("nonlinearity")}:
+        yield f"complete without {', '.join(sorted(missing))}"
+    for name in clean.keys() & stated.keys():
+        value, u95 = stated[name]
+        if abs(value - clean[name][0]) > u95 + clean[name][1]:
+            yield f"{name} is {value:.9g}, without a fault {clean[name][0]:.9g}, U95 {u95:.2g}"
