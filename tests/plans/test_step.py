@@ -10,10 +10,10 @@ import pytest
 from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench.bench.description import Limits, RailWiring
 from vcfbench.bench.limits import LimitChecks
-from vcfbench.errors import LimitError
+from vcfbench.errors import LimitError, PlanError
 from vcfbench.plans import steps
 from vcfbench.plans.dry_run import dry_run
-from vcfbench.plans.step import Effect, Outcome, Step, StepResult
+from vcfbench.plans.step import _OF_PROCEDURES, Effect, Outcome, Step, StepResult
 from vcfbench.plans.steps import Done, SetRate, Settle
 from vcfbench.procedures.catalogue import PROCEDURES
 
@@ -77,6 +77,24 @@ def test_a_step_of_ones_own_needs_nothing_but_itself() -> None:
     (planned,) = dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)
     assert planned.step.describe() == "lamp blinks 3 times"
     assert Step.kinds["Blink"] is Blink
+
+
+@pytest.mark.parametrize(("base", "name"), [(Step, "Settle"), (StepResult, "Window"), (StepResult, "SwitchedOn")])
+def test_a_class_of_ones_own_cannot_take_the_name_of_one_that_comes_along(
+    base: type[Step | StepResult], name: str
+) -> None:
+    before = {**base.kinds}
+    with pytest.raises(PlanError, match=f"a step or result called {name} comes along"):
+        type(name, (base,), {})
+    assert base.kinds == before
+
+
+def test_the_names_that_come_along_with_procedures_are_all_of_them() -> None:
+    for procedure in PROCEDURES:
+        assert PROCEDURES[procedure]
+    kinds = [*Step.kinds.values(), *StepResult.kinds.values()]
+    ours = {kind.__name__ for kind in kinds if kind.__module__.startswith("vcfbench.procedures")}
+    assert ours == _OF_PROCEDURES
 
 
 @pytest.mark.parametrize("name", CALIBRATIONS)

@@ -56,6 +56,16 @@ def test_values_can_be_paired() -> None:
     )
 
 
+def test_a_grid_is_counted_before_it_is_made() -> None:
+    """A hundred million cases took 8 GB before the number was looked at."""
+    vary = {"settings.samples": list(range(3, 10_003)), Q: {"from": 1.0, "to": 2.0, "steps": 10_000}}
+    assert "at most 10000 cases, came 100000000 cases of 2 seeds, 200000000 runs" in refused(vary=vary)
+    many = refused(seeds={"count": 10_001})
+    assert "at most 10000 runs, came 1 cases of 10001 seeds, 10001 runs; most_runs of the study file" in many
+    assert len(study_of({**SMALL, "seeds": {"count": 10_001}, "most_runs": 20_000}).seeds) == 10_001
+    assert "most_runs: expected" in refused(most_runs=2_000_000)
+
+
 def test_drawn_values_depend_on_seed_and_path_alone() -> None:
     vary = {"settings.samples": [3, 5], Q: {"uniform": [1000.0, 1001.0]}, "settings.settle_s": {"choice": [0.5, 1.0]}}
     study = study_of({**SMALL, "vary": vary})

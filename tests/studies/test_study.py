@@ -17,6 +17,7 @@ import pytest
 
 import vcfbench
 from tests.cells import few
+from tests.ports import free_port
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.studies.asked import Study, read_study
 from vcfbench.studies.conduct import Quiet
@@ -40,6 +41,7 @@ settings.samples = [3, 4]
 "simulation.override.table.rate_error" = { uniform = [-1e-5, 1e-5], label = "rate error" }
 """
 PARQUET = [] if find_spec("pyarrow") is None else ["t.parquet"]
+QUICK = {"rates_deg_s": [10, 0, -10], "settle_s": 0.5, "samples": 4}
 FILES = ("t.csv", "t.summary.json", "t.svg", *PARQUET)
 
 
@@ -227,6 +229,45 @@ def test_a_cluster_gives_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     assert of(tmp_path) == of(whole)
     with pytest.raises(vcfbench.ConnectFailed, match="no Dask scheduler answers"):
         again(whole, tmp_path, scheduler="tcp://127.0.0.1:9", restart=True)
+
+
+@pytest.mark.exhaustive
+def test_a_scheduler_that_dies_is_one_message(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    pytest.importorskip("distributed")
+    begin = [sys.executable, "-m"]
+    port = free_port()
+    address = f"tcp://127.0.0.1:{port}"
+    scheduler = [*begin, "distributed.cli.dask_scheduler", "--port", str(port), "--dashboard-address", ":0"]
+    worker = [*begin, "distributed.cli.dask_worker", address, "--no-dashboard", "--no-nanny", "--death-timeout", "30"]
+    quiet: Any = {"stderr": subprocess.DEVNULL}
+
+    class Ends(Quiet):
+        def done(self, row: RunRow) -> None:  # noqa: ARG002
+            first.kill()
+
+    with (
+        subprocess.Popen(scheduler, **quiet) as first,  # noqa: S603  # this Python, what is installed
+        subprocess.Popen(worker, **quiet) as second,  # noqa: S603  # as above
+    ):
+        try:
+            with pytest.raises(vcfbench.LinkLost, match="the cluster answers no more"):
+                vcfbench.study(
+                    {"procedure": "turntable", "seeds": {"count": 50}, "settings": QUICK},
+                    output=tmp_path / "t.csv",
+                    scheduler=address,
+                    progress=Ends(),
+                )
+        finally:
+            first.kill()
+            second.kill()
+    assert not caplog.records
+
+
+def test_names_that_fit_no_metric_are_refused_after_one_run(tmp_path: Path) -> None:
+    asked = {"procedure": "turntable", "seeds": {"count": 50}, "settings": QUICK, "metrics": ["nothing.*"]}
+    with pytest.raises(vcfbench.ConfigError, match=r"study: metrics: expected .*scale_factor, .*came nothing\.\*"):
+        vcfbench.study(asked, output=tmp_path / "t.csv", workers=1)
+    assert not (tmp_path / "t.csv").exists()
 
 
 DEADLY = """

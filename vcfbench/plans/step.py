@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
 from enum import Enum
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, TypeVar
 
 from msgspec import Struct, field, to_builtins
 from msgspec.structs import replace
@@ -225,17 +225,46 @@ def problem(instrument: Instrument, what: str) -> MeasurementError:
     return MeasurementError(what, instrument=instrument.name, resource=instrument.resource)
 
 
+_OURS: Final = f"{__name__.partition('.')[0]}."
+_OF_PROCEDURES: Final = frozenset(
+    {
+        *("AtTemperature", "BeginPart", "CaptureDecay", "CaptureFar", "CaptureSense", "DriveDecay", "MeasureRails"),
+        *("RailOnAndLog", "RailsDrawn", "RailsLogged", "ReadScaleFactor", "ReleaseDrive", "ScaleFactorRead"),
+        *("SenseDecay", "SuppliedAndLogged", "SwitchOnAndLog", "SwitchedOn"),
+    }
+)
+"""Steps and results that come along beside `vcfbench.plans.steps`, in modules that are loaded when they are needed."""
+
+
+def _make_known(kinds: dict[str, type[_T]], kind: type[_T]) -> None:
+    """Keep `kind` by its name, by which records know it; one's own, defined once more, replaces what it was.
+
+    Raises:
+        PlanError: it is one's own, and has the name of one that comes along.
+    """
+    name = kind.__name__
+    if not kind.__module__.startswith(_OURS):
+        from vcfbench.plans import steps  # noqa: F401, PLC0415  # all that come along are known then
+
+        if name in _OF_PROCEDURES or (name in kinds and kinds[name].__module__.startswith(_OURS)):
+            raise PlanError(
+                f"{kind.__module__}: a step or result called {name} comes along, and records know it by its name",
+                hint="call yours otherwise",
+            )
+    kinds[name] = kind
+
+
 class StepResult:
-    """Result of a step. Records know your own subclass, a frozen dataclass or struct, by its name."""
+    """Result of a step. Records know your own subclass, a frozen dataclass or struct, by its name: one of its own."""
 
     __slots__ = ()
 
     kinds: ClassVar[dict[str, type[StepResult]]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make the kind known, so that a record can be read into values again."""
+        """Make the kind known, so that a record can be read into values again; PlanError where its name is taken."""
         super().__init_subclass__(**options)
-        StepResult.kinds[cls.__name__] = cls
+        _make_known(StepResult.kinds, cls)
 
     @property
     def recorded_point(self) -> Point | None:
@@ -281,9 +310,9 @@ class Step:
     """Whether it may take any time."""
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make the kind known, so that a record can be read into values again."""
+        """Make the kind known, so that a record can be read into values again; PlanError where its name is taken."""
         super().__init_subclass__(**options)
-        Step.kinds[cls.__name__] = cls
+        _make_known(Step.kinds, cls)
 
     def describe(self) -> str:
         """Say what the step does, as the work instruction would."""

@@ -14,7 +14,7 @@ from vcfbench.bench.layering import Layer, merged
 from vcfbench.bench.strict import converted, refusal
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, require_numbers, shown
-from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, placed, varied
+from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, count, placed, varied
 from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _MOST_CASES = 10_000
 _MOST_RUNS = 1_000_000
+_UNASKED_RUNS = 10_000
+"""A study of more, which takes a quarter of an hour and more, says so itself (`most_runs`)."""
 
 
 class _Seeds(Struct, frozen=True, forbid_unknown_fields=True):
@@ -47,6 +49,7 @@ class _File(Struct, frozen=True, forbid_unknown_fields=True):
     vary: dict[str, Any] = field(default_factory=dict)
     combine: Literal["grid", "paired"] = "grid"
     metrics: Annotated[tuple[str, ...], Meta(min_length=1)] = ("*",)
+    most_runs: Annotated[int, Meta(ge=1, le=_MOST_RUNS)] = _UNASKED_RUNS
 
 
 class Case(Struct, frozen=True):
@@ -233,10 +236,8 @@ def _study(said: _File, source: str, folder: Path) -> Study:
     changed = merged(table, said.change)
     paths = varied(said.vary, source)
     axes = [each for each in paths if isinstance(each, Listed)]
+    _require_few(said, count(axes, said.combine), source)
     cases = tuple(Case(number, values) for number, values in enumerate(combined(axes, said.combine, source)))
-    if len(cases) > _MOST_CASES or len(cases) * said.seeds.count > _MOST_RUNS:
-        expected = f"at most {_MOST_CASES} cases and {_MOST_RUNS} runs"
-        raise refusal(f"{source}: vary", expected, f"{len(cases)} cases of {said.seeds.count} seeds")
     study = Study(
         source=source,
         title=said.title,
@@ -253,6 +254,17 @@ def _study(said: _File, source: str, folder: Path) -> Study:
     _require_simulated(study)
     _loaded(study.procedure)
     return study
+
+
+def _require_few(said: _File, cases: int, source: str) -> None:
+    """See that the study has no more cases and runs than are meant, before any is made."""
+    came = f"{cases} cases of {said.seeds.count} seeds, {cases * said.seeds.count} runs"
+    if cases > _MOST_CASES:
+        raise refusal(f"{source}: vary", f"at most {_MOST_CASES} cases", came)
+    if cases * said.seeds.count > said.most_runs:
+        error = refusal(f"{source}: vary and seeds", f"at most {said.most_runs} runs", came)
+        error.hint = f"most_runs of the study file says how many are meant, at most {_MOST_RUNS}"
+        raise error
 
 
 def _require_simulated(study: Study) -> None:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import nullcontext
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
+from vcfbench.bench.strict import refusal
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import shown
 from vcfbench.studies.asked import Study, read_study, study_of
 from vcfbench.studies.journal import Begun, kept, rows_of
+from vcfbench.studies.metrics import PARTS
 from vcfbench.studies.one_run import PlannedRun, perform
 from vcfbench.studies.result import beside, of_rows
 from vcfbench.studies.table import require_writable
@@ -137,7 +140,8 @@ def conduct(asked: Study, how: StudyOptions, progress: Progress) -> StudyResult:
         rows = {key: had[key] for key in wanted if key in had}
         progress.begun(len(rows), len(wanted))
         missing = [key for key in wanted if key not in rows]
-        for row in _kept(_rows(asked, missing, how), journal):
+        first = [] if rows else _require_metrics(asked, missing, how)
+        for row in _kept(chain(first, _rows(asked, missing[len(first) :], how)), journal):
             rows[row.case, row.seed] = row
             progress.done(row)
     drawn = begun.drawn_for(asked.seeds)
@@ -165,7 +169,7 @@ def plan_of(asked: Study, how: StudyOptions, progress: Progress) -> Plan:
         rows, _ = rows_of(journal_of(how.output), begun_by(asked))
         had = sum(key in rows for key in asked.runs)
     work = PlannedRun(asked.of(0), asked.seeds[0])
-    perform(work)  # what a process loads once
+    _require_some_metrics(asked, perform(work))  # it also loads what a process loads once
     clock = WallClock()
     perform(work)
     return Plan(asked, had, _workers(how), clock.now())
@@ -221,6 +225,27 @@ def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -
         yield from in_processes(works, workers)
     else:
         yield from here(works)
+
+
+def _require_metrics(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -> list[RunRow]:
+    """Do the first run here, if the study names what it keeps, and return its row: a word that fits nothing is seen.
+
+    Raises:
+        ConfigError: no metric of it has such a name.
+    """
+    if "*" in asked.metrics or not missing:
+        return []
+    row = perform(_work(asked, *missing[0], how.keep_records))
+    _require_some_metrics(asked, row)
+    return [row]
+
+
+def _require_some_metrics(asked: Study, row: RunRow) -> None:
+    if row.status != "complete" or row.metrics:
+        return
+    known = perform(PlannedRun(structs.replace(asked.of(row.case), metrics=("*",)), row.seed)).metrics
+    names = ", ".join(name for name in known if not name.endswith(PARTS))
+    raise refusal(f"{asked.source}: metrics", f"patterns that fit some of {names}", ", ".join(asked.metrics))
 
 
 def _work(asked: Study, case: int, seed: int, keep: Path | None) -> PlannedRun:

@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -171,6 +172,12 @@ def _spaced(said: _Range, where: str) -> tuple[float, ...]:
     else:
         between = [said.begin + (said.end - said.begin) * part for part in parts]
     return (said.begin, *between[1:-1], said.end)
+
+
+def count(axes: Sequence[Listed], how: str) -> int:
+    """Return how many cases :func:`combined` would make; none is made for it."""
+    numbers = [len(axis.values) for axis in axes]
+    return math.prod(numbers) if how == "grid" else max(numbers, default=1)
 
 
 def combined(axes: Sequence[Listed], how: str, source: str) -> tuple[dict[str, Any], ...]:

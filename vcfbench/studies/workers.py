@@ -163,12 +163,31 @@ def on_cluster(works: Iterable[PlannedRun], address: str) -> Iterator[RunRow]:
     except (OSError, ValueError) as error:
         words = f"--scheduler {address}: no Dask scheduler answers"
         raise ConnectFailed(words, hint="dask scheduler begins one") from error
-    with client, client.as_current():
+    cancelled = distributed.client.FutureCancelledError
+    with _silent("distributed.client"), client, client.as_current():
         _require_version(client, address)
         try:
             yield from _clustered(client, distributed, iter(works))
-        except (OSError, TimeoutError) as error:
-            raise LinkLost(f"--scheduler {address}: the cluster answers no more: {error}") from error
+        except (OSError, TimeoutError, cancelled) as error:
+            what = "its scheduler is gone" if isinstance(error, cancelled) else str(error)
+            raise LinkLost(
+                f"--scheduler {address}: the cluster answers no more: {what}",
+                hint="the same command goes on where it was, with a scheduler that lives",
+            ) from error
+
+
+@contextmanager
+def _silent(logger: str) -> Iterator[None]:
+    """Let `logger` say nothing: what it would say is told as an error, once."""
+    import logging  # noqa: PLC0415  # few studies are done on a cluster
+
+    said = logging.getLogger(logger)
+    before = said.level
+    said.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        said.setLevel(before)
 
 
 def _clustered(client: Any, distributed: Any, works: Iterator[PlannedRun]) -> Iterator[RunRow]:
