@@ -11,8 +11,10 @@ if TYPE_CHECKING:
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
     from vcfbench.bench.acceptance import Acceptance, Verdict
     from vcfbench.bench.bench import Bench, open_bench
+    from vcfbench.bench.control import RunControl, RunState
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.file import load_bench
+    from vcfbench.bench.limits import LimitChecks
     from vcfbench.bench.safing import MadeSafe, safe_bench
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.clock import Clock, Deadline, PacedClock, ScaledClock, VirtualClock, WallClock, sleep
@@ -58,9 +60,18 @@ if TYPE_CHECKING:
         Waveform,
     )
     from vcfbench.plans.dry_run import PlannedStep
-    from vcfbench.plans.executor import Observer, ReadingTaken, StepFailed, StepFinished, StepStarted
+    from vcfbench.plans.executor import (
+        Event,
+        Observer,
+        Paused,
+        ReadingTaken,
+        StepFailed,
+        StepFinished,
+        StepStarted,
+        WentOn,
+    )
     from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Outcome, Plan, Routine, Step, StepResult
+    from vcfbench.plans.step import Context, Outcome, Plan, Routine, Step, StepResult
     from vcfbench.plans.steps import Note, Settle
     from vcfbench.procedures.catalogue import PROCEDURES
     from vcfbench.procedures.procedure import Procedure
@@ -81,6 +92,7 @@ if TYPE_CHECKING:
     from vcfbench.runs.recorded import list_runs, load_run
     from vcfbench.runs.resumed import resume
     from vcfbench.runs.run import RawReading, Run
+    from vcfbench.runs.started import StartedRun, start
     from vcfbench.runs.summary import RunSummary
     from vcfbench.runs.written import write_certificate, write_report
     from vcfbench.studies.conduct import study
@@ -107,11 +119,13 @@ __all__ = [
     "Comparison",
     "ConfigError",
     "ConnectFailed",
+    "Context",
     "Deadline",
     "DeadlineExceeded",
     "Device",
     "DryRun",
     "Equipment",
+    "Event",
     "Exported",
     "Figure",
     "FramingError",
@@ -121,6 +135,7 @@ __all__ = [
     "Instrument",
     "InstrumentError",
     "InterlockError",
+    "LimitChecks",
     "LimitError",
     "LinkLost",
     "MadeSafe",
@@ -137,6 +152,7 @@ __all__ = [
     "OutOfSync",
     "Outcome",
     "PacedClock",
+    "Paused",
     "Plan",
     "PlanError",
     "PlannedStep",
@@ -156,7 +172,9 @@ __all__ = [
     "Routine",
     "Run",
     "RunComparison",
+    "RunControl",
     "RunMetadata",
+    "RunState",
     "RunSummary",
     "SafeReport",
     "SamplesVoltage",
@@ -167,6 +185,7 @@ __all__ = [
     "SetsSine",
     "SetsVoltage",
     "Settle",
+    "StartedRun",
     "Status",
     "Step",
     "StepFailed",
@@ -185,6 +204,7 @@ __all__ = [
     "VirtualCoriolisResult",
     "WallClock",
     "Waveform",
+    "WentOn",
     "WrongInstrument",
     "__version__",
     "allan_deviation",
@@ -210,6 +230,7 @@ __all__ = [
     "safe_bench",
     "set_v_vc",
     "sleep",
+    "start",
     "study",
     "take",
     "text_of",
@@ -219,6 +240,15 @@ __all__ = [
 ]
 
 _HOMES = {
+    "runs.started": (
+        "StartedRun",
+        "start",
+    ),
+    "bench.limits": ("LimitChecks",),
+    "bench.control": (
+        "RunControl",
+        "RunState",
+    ),
     "analysis.allan": (
         "AllanPoint",
         "allan_deviation",
@@ -301,11 +331,14 @@ _HOMES = {
     "procedures.catalogue": ("PROCEDURES",),
     "plans.dry_run": ("PlannedStep",),
     "plans.executor": (
+        "Event",
         "Observer",
+        "Paused",
         "ReadingTaken",
         "StepFailed",
         "StepFinished",
         "StepStarted",
+        "WentOn",
     ),
     "plans.measured": ("Measured",),
     "procedures.procedure": ("Procedure",),
@@ -322,6 +355,7 @@ _HOMES = {
     "procedures.virtual_coriolis.results": ("VirtualCoriolisResult",),
     "bench.settings": ("ProcedureSettings",),
     "plans.step": (
+        "Context",
         "Outcome",
         "Plan",
         "Routine",

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from msgspec import Struct
 
@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 
 
 class Clock(Protocol):
-    """Bench time in seconds since the clock was made."""
+    """Bench time in seconds since the clock was made.
+
+    One whose waits take wall time has a `pace`: so many seconds of bench time a second of the wall.
+    """
 
     def now(self) -> float:
         """Return the bench time, s."""
@@ -62,6 +65,8 @@ class WallClock:
 
     __slots__ = ("_start",)
 
+    pace: ClassVar[float] = 1.0
+
     def __init__(self) -> None:
         self._start = time.monotonic()
 
@@ -99,11 +104,11 @@ class PacedClock:
     It gives the same instants as a :class:`VirtualClock`, hence the same results.
     """
 
-    __slots__ = ("_now", "_speed", "_start")
+    __slots__ = ("_now", "_start", "pace")
 
     def __init__(self, speed: float) -> None:
         self._now = 0.0
-        self._speed = speed
+        self.pace = speed
         self._start = time.monotonic()
 
     def now(self) -> float:
@@ -114,7 +119,7 @@ class PacedClock:
         """Jump to `instant_s` once the wall clock has come as far."""
         if instant_s <= self._now:
             return
-        remaining = self._start + instant_s / self._speed - time.monotonic()
+        remaining = self._start + instant_s / self.pace - time.monotonic()
         if remaining > 0:
             time.sleep(remaining)
         self._now = instant_s
@@ -127,10 +132,10 @@ class ScaledClock:
     thread at a time holds it.
     """
 
-    __slots__ = ("_depth", "_held_s", "_lock", "_speed", "_start")
+    __slots__ = ("_depth", "_held_s", "_lock", "_start", "pace")
 
     def __init__(self, speed: float = 1.0) -> None:
-        self._speed = speed
+        self.pace = speed
         self._start = time.monotonic()
         self._lock = threading.RLock()
         self._depth = 0
@@ -138,7 +143,7 @@ class ScaledClock:
 
     def now(self) -> float:
         """Return the scaled seconds since the clock was made."""
-        return self._held_s if self._depth else (time.monotonic() - self._start) * self._speed
+        return self._held_s if self._depth else (time.monotonic() - self._start) * self.pace
 
     def __enter__(self) -> Self:
         self._lock.acquire()
@@ -154,7 +159,7 @@ class ScaledClock:
 
     def sleep_until(self, instant_s: float) -> None:
         """Sleep until `instant_s`."""
-        remaining = (instant_s - self.now()) / self._speed
+        remaining = (instant_s - self.now()) / self.pace
         if remaining > 0:
             time.sleep(remaining)
 

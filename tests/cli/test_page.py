@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests import warm
+from vcfbench.bench.control import RunControl
 from vcfbench.errors import ConfigError
 from vcfbench.page.server import LivePage
 
@@ -137,15 +138,15 @@ def test_without_its_extra_it_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ConfigError, match=f"the page in a browser needs {library}") as raised:
-        LivePage(tmp_path, tmp_path, 0, lambda: None)
+        LivePage(tmp_path, tmp_path, 0, RunControl())
     assert raised.value.hint == "pip install 'vcfbench[page]'"
 
 
 def test_it_listens_on_this_machine_alone(tmp_path: Path) -> None:
-    page = LivePage(tmp_path, tmp_path, 0, lambda: None)
+    page = LivePage(tmp_path, tmp_path, 0, RunControl())
     with page:
         assert page._socket.getsockname()[0] == "127.0.0.1"
         first = page.address.split("#")[1]
-    with LivePage(tmp_path, tmp_path, 0, lambda: None) as other:
+    with LivePage(tmp_path, tmp_path, 0, RunControl()) as other:
         assert other.address.split("#")[1] != first
     assert len(first) >= 16

@@ -27,7 +27,7 @@ class Terminal(io.StringIO):
 
 def asked(monkeypatch: pytest.MonkeyPatch, stdin: io.StringIO, *, yes: bool = False) -> Callable[[Request], str] | None:
     monkeypatch.setattr("sys.stdin", stdin)
-    return at_the_terminal(StopSignals(), yes=yes)
+    return at_the_terminal(StopSignals(), None, yes=yes)
 
 
 def test_a_person_presses_enter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -66,7 +66,7 @@ def test_ctrl_c_while_it_waits_stops_the_run_at_once(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr("sys.stdin", Pressed())
     with StopSignals() as signals:
-        person = at_the_terminal(signals, yes=False)
+        person = at_the_terminal(signals, None, yes=False)
         assert person is not None
         with pytest.raises(Aborted, match="stopped by SIGINT"):
             person(MOVE)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import vcfbench
+from vcfbench.bench.control import RunControl
 from vcfbench.page.view import View
 
 pytest.importorskip("starlette", reason="pip install 'vcfbench[page]'")
@@ -165,20 +166,29 @@ def test_the_assets_are_no_way_to_other_files(client: Client) -> None:
 
 
 class Going:
-    """A run that goes, and how often it was stopped."""
+    """A run that goes, and what was wanted of it."""
 
     def __init__(self, shown: PageContent) -> None:
-        self.stops = 0
-        shown.live, shown.token, shown.stop = View(about={"run": "it"}), "secret", self.stop
-
-    def stop(self) -> None:
-        self.stops += 1
+        self.control = RunControl()
+        self.wanted: list[tuple[str, str]] = []
+        self.control.tell(lambda state, by: self.wanted.append((state.value, by)))
+        shown.live, shown.token, shown.control = View(about={"run": "it"}), "secret", self.control
 
 
 def test_who_knows_the_token_stops_the_run(client: Client, shown: PageContent) -> None:
     going = Going(shown)
     assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": "secret"}).status_code == 200
-    assert going.stops == 1
+    assert going.wanted == [("stopping", "the page")]
+
+
+def test_who_knows_the_token_has_it_pause_and_go_on(client: Client, shown: PageContent) -> None:
+    going = Going(shown)
+    secret = {"X-Vcfbench-Token": "secret"}
+    assert client.post("/run/live/go-on", headers=secret).json() == {"state": "beginning"}
+    assert client.post("/run/live/pause", headers=secret).json() == {"state": "pausing"}
+    assert client.post("/run/live/pause", headers=secret).json() == {"state": "pausing"}
+    client.post("/run/live/go-on", headers=secret)
+    assert going.wanted == [("pausing", "the page"), ("beginning", "the page")]
 
 
 @pytest.mark.parametrize(
@@ -195,8 +205,9 @@ def test_who_knows_the_token_stops_the_run(client: Client, shown: PageContent) -
 )
 def test_nobody_else_does(client: Client, shown: PageContent, headers: dict[str, str]) -> None:
     going = Going(shown)
-    assert client.post("/run/live/stop", headers=headers).status_code == 403
-    assert going.stops == 0
+    for what in ("stop", "pause", "go-on"):
+        assert client.post(f"/run/live/{what}", headers=headers).status_code == 403
+    assert going.wanted == []
 
 
 def test_looking_changes_nothing(client: Client, shown: PageContent) -> None:
@@ -204,7 +215,7 @@ def test_looking_changes_nothing(client: Client, shown: PageContent) -> None:
     for method in ("GET", "HEAD", "PUT", "DELETE", "OPTIONS"):
         answer = client.request(method, "/run/live/stop", headers={"X-Vcfbench-Token": "secret"})
         assert answer.status_code in {404, 405}
-    assert going.stops == 0
+    assert going.wanted == []
 
 
 def test_a_run_that_is_over_cannot_be_stopped(client: Client, shown: PageContent) -> None:
@@ -212,7 +223,7 @@ def test_a_run_that_is_over_cannot_be_stopped(client: Client, shown: PageContent
     assert shown.live is not None
     shown.live.finished({"status": "complete", "parts": []})
     assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": "secret"}).status_code == 409
-    assert going.stops == 0
+    assert going.wanted == []
 
 
 def test_without_a_token_of_the_run_none_is_right(client: Client, shown: PageContent) -> None:
@@ -248,7 +259,7 @@ def test_connections_are_few_and_must_ask(monkeypatch: pytest.MonkeyPatch, tmp_p
     """Idle connections took every file descriptor of the run, which then could not make its bench safe."""
     monkeypatch.setattr(connections, "_MOST", 3)
     monkeypatch.setattr(connections, "_ASKING_S", 0.2)
-    with LivePage(tmp_path, tmp_path, 0, lambda: None) as page, ExitStack() as stack:
+    with LivePage(tmp_path, tmp_path, 0, RunControl()) as page, ExitStack() as stack:
         port = int(page.address.split(":")[2].split("/")[0])
         opened = [stack.enter_context(socket.create_connection(("127.0.0.1", port), 5.0)) for _ in range(6)]
         for each in opened:

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from typer.testing import CliRunner
 
 from tests.plans.test_long_window import acquire, plan
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
-from vcfbench.cli.main import app
+from tests.test_pause import Presser
 from vcfbench.plans.decode import result_of, step_of
 from vcfbench.plans.executor import Executor
 from vcfbench.plans.replay import start_up_again
@@ -40,10 +39,9 @@ def rows(title: str) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def lines(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
-    """Return lines of every type: those of a run of the command, of a long window, and of one that fails."""
+    """Return lines of every type: those of a run that pauses, of a long window, and of one that fails."""
     runs = tmp_path_factory.mktemp("runs")
-    result = CliRunner().invoke(app, ["run", "turntable", "--quiet", "--json", "--runs", str(runs)])
-    assert result.exit_code == 0, result.output
+    Presser(36).run("turntable", runs=runs)
     [journal] = runs.glob("*/journal.jsonl")
     memory, made = MemoryJournal(), FakeBench()
     made.multimeter.overload_at = 70
@@ -55,7 +53,7 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     return [*map(json.loads, journal.read_text(encoding="utf-8").splitlines()), *memory.lines]
 
 
-@pytest.mark.parametrize("kind", ["header", "step", "readings", "restored", "error", "footer"])
+@pytest.mark.parametrize("kind", ["header", "step", "readings", "restored", "paused", "went_on", "error", "footer"])
 def test_each_field_of_a_line_is_described(kind: str, lines: list[dict[str, Any]]) -> None:
     described = rows(kind)
     always = {name for name, words in described.items() if "only where" not in words}

@@ -8,6 +8,7 @@ or to switch off, without waiting for any answer, and what is not proved to be s
 from __future__ import annotations
 
 import _thread
+import math
 import signal
 import threading
 from contextlib import contextmanager
@@ -30,6 +31,9 @@ _WATCHED = (
     "SIGHUP",
     "SIGBREAK",
 )  # a closed terminal stops the bench as well; the last is Windows'
+
+_HEARD_S = 0.1
+"""Wall time after which a wait looks whether another thread has stopped the bench."""
 
 _AT_ONCE = 2
 """The signal that waits for no safe point."""
@@ -80,10 +84,12 @@ class StopSignals:
     def stop(self, by: str) -> None:
         """Stop the bench from another thread as the first signal that is watched does; `by` says who wants it.
 
-        The main thread is woken by that signal. It changes nothing where none is watched, as in a thread of Python's.
+        The main thread is woken by that signal. Where none is watched, as in a thread of Python's, every wait looks
+        whether it is to end.
         """
         number = next(iter(self._previous), None)
         if number is None:
+            self._count, self._name = self._count + 1, by
             return
         self._by = by
         main = threading.main_thread().ident
@@ -98,7 +104,13 @@ class StopSignals:
             raise self._aborted()
 
     def wait(self, clock: Clock, instant_s: float) -> None:
-        """Wait on `clock`; the wait as a whole is a safe point."""
+        """Wait on `clock`; the wait as a whole is a safe point, and is heard of from other threads too."""
+        heard_s = _HEARD_S * getattr(clock, "pace", math.inf)
+        while instant_s - (now_s := clock.now()) > heard_s:
+            self._wait(clock, now_s + heard_s)
+        self._wait(clock, instant_s)
+
+    def _wait(self, clock: Clock, instant_s: float) -> None:
         if self._acts_while_waiting(clock):
             self._wait_asleep(clock, instant_s)
             return

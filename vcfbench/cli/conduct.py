@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,9 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from contextlib import AbstractContextManager
 
+    from vcfbench.bench.control import RunControl
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.signals import StopSignals
     from vcfbench.cli.ending import SignalsWithoutBench
+    from vcfbench.cli.keys import Keys
     from vcfbench.page.server import LivePage
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.report.shielded import NoProgress
@@ -84,11 +86,12 @@ def resume(name: str, procedure: Path | None, options: RunOptions, ending: Signa
 def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
 
+    control = _control(options)
     with (
         StopSignals() as signals,  # until all is written: a second Ctrl-C shall not cost the results
-        _page(asked, options, signals) as page,
+        _page(asked, options, control) as page,
     ):
-        run = _conducted(asked, preparing, options, signals, page)
+        run = _conducted(structs.replace(asked, control=control), preparing, options, signals, page)
         if page is not None:
             page.ended(run)
         unwritten = given(lambda: _show(run, options))
@@ -103,15 +106,47 @@ def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: 
         raise unwritten
 
 
-def _page(asked: Asked, options: RunOptions, signals: StopSignals) -> AbstractContextManager[LivePage | None]:
+def _control(options: RunOptions) -> RunControl | None:
+    """Return what stops and pauses the run, None where nobody is there who could want that."""
+    if not options.page and not _has_keys(options):
+        return None
+    from vcfbench.bench.control import RunControl  # noqa: PLC0415
+
+    return RunControl()
+
+
+def _page(asked: Asked, options: RunOptions, control: RunControl | None) -> AbstractContextManager[LivePage | None]:
     """Return the page of the run, which goes when it is left; None where none was asked for."""
-    if not options.page:
+    if not options.page or control is None:
         return nullcontext()
     from vcfbench.page.server import LivePage  # noqa: PLC0415  # few look at one
 
-    page = LivePage(asked.runs or options.runs, Path("devices"), options.port, lambda: signals.stop("the page"))
+    page = LivePage(asked.runs or options.runs, Path("devices"), options.port, control)
     typer.echo(f"page: {page.address}", err=True)
     return page
+
+
+def _has_keys(options: RunOptions) -> bool:
+    """Tell whether a person can press keys here, and sees what comes of it; Windows has no such terminal."""
+    return (
+        os.name == "posix"
+        and not options.quiet
+        and sys.stdin is not None
+        and sys.stdin.isatty()
+        and sys.stderr.isatty()
+    )
+
+
+@contextmanager
+def _keys(options: RunOptions, control: RunControl | None) -> Iterator[Keys | None]:
+    """Hear keys of the terminal while the run goes, where a person can press them."""
+    if control is None or not _has_keys(options):
+        yield None
+        return
+    from vcfbench.cli.keys import Keys  # noqa: PLC0415  # few look
+
+    with Keys(control) as keys:
+        yield keys
 
 
 def _conducted(
@@ -121,16 +156,17 @@ def _conducted(
     from vcfbench.cli.person import at_the_terminal  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct as conducted  # noqa: PLC0415
 
-    watched = structs.replace(
-        asked,
-        display=lambda beginning: _progress(options, beginning, page),
-        observers=() if page is None else (page,),
-        person=at_the_terminal(signals, yes=options.yes),
-        options=structs.asdict(options),
-        warn=lambda words: _warn(words, page),
-    )
     try:
-        return conducted(watched, signals, preparing)
+        with _keys(options, asked.control) as keys:
+            watched = structs.replace(
+                asked,
+                display=lambda beginning: _progress(options, beginning, page, asked.control),
+                observers=() if page is None else (page,),
+                person=at_the_terminal(signals, keys, yes=options.yes),
+                options=structs.asdict(options),
+                warn=lambda words: _warn(words, page),
+            )
+            return conducted(watched, signals, preparing)
     except BenchError as error:
         if error.run is None:  # a signal outside of the run
             raise
@@ -144,7 +180,16 @@ def _warn(words: str, page: LivePage | None) -> None:
         page.view.say(0.0, words, "warning")
 
 
-def _progress(options: RunOptions, beginning: Beginning, page: LivePage | None) -> NoProgress:
+def _progress(
+    options: RunOptions, beginning: Beginning, page: LivePage | None, control: RunControl | None
+) -> NoProgress:
+    shown = _display(options, beginning, page)
+    if control is not None:
+        control.tell(shown.hear)
+    return shown
+
+
+def _display(options: RunOptions, beginning: Beginning, page: LivePage | None) -> NoProgress:
     if page is not None:
         page.begin(beginning)
     estimate_s = beginning.planned.bench_seconds

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import Aborted
 
 if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
+    from vcfbench.cli.keys import Keys
     from vcfbench.plans.step import Operator, Request
 
 
-def at_the_terminal(signals: StopSignals, *, yes: bool) -> Operator | None:
+def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Operator | None:
     """Return who does what hands must do on a real bench; None where nobody can be asked.
 
-    With `yes` all is taken as done, and said on stderr; else a person presses Enter on a terminal. Signals stop the
-    run while it waits, and so does the end of the input.
+    With `yes` all is taken as done, and said on stderr; else a person presses Enter on a terminal, which `keys` leave
+    alone meanwhile. Signals stop the run while it waits, and so does the end of the input.
     """
     if yes:
         return _taken_as_done
-    return (lambda request: _asked(request, signals)) if sys.stdin is not None and sys.stdin.isatty() else None
+    if sys.stdin is None or not sys.stdin.isatty():
+        return None
+
+    def ask(request: Request) -> str:
+        with nullcontext() if keys is None else keys.left_alone():
+            return _asked(request, signals)
+
+    return ask
 
 
 def _taken_as_done(request: Request) -> str:

@@ -1,4 +1,4 @@
-"""The page as an ASGI application: what can be looked at, and the one thing that can be done."""
+"""The page as an ASGI application: what can be looked at, and what can be done: stop a run, have it pause, go on."""
 
 from __future__ import annotations
 
@@ -29,11 +29,10 @@ from vcfbench.page.view import BrowserPosition
 from vcfbench.record.journal import being_written
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from starlette.requests import Request
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+    from vcfbench.bench.control import RunControl
     from vcfbench.page.station import StationDirectories
     from vcfbench.page.view import View
 
@@ -49,6 +48,7 @@ _ALIVE_S: Final = 10.0
 _MOST_BROWSERS: Final = 32
 _MOST_VIEWS: Final = 8
 _MOST_POINTS: Final = 20_000
+_BY: Final = "the page"
 
 _DRAWING: Final = Lock()
 """Matplotlib draws one figure at a time."""
@@ -69,12 +69,13 @@ _HEADERS: Final = {
 class PageContent:
     """What the page shows: a station, and the run of this process, if there is one.
 
-    `live` is that run, `stop` what stops it, `token` what whoever stops must know. `closing` ends what browsers follow.
+    `live` is that run, `control` what stops and pauses it, `token` what whoever does must know. `closing` ends what
+    browsers follow.
     """
 
     station: StationDirectories
     live: View | None = None
-    stop: Callable[[], None] | None = None
+    control: RunControl | None = None
     token: str = ""
     closing: bool = False
     browsers: int = 0
@@ -218,6 +219,8 @@ def application(shown: PageContent) -> Starlette:
             Route("/run/{name}/readings", routes.readings),
             Route("/run/{name}/report", routes.report),
             Route("/run/live/stop", routes.stop, methods=["POST"]),
+            Route("/run/live/pause", routes.pause, methods=["POST"]),
+            Route("/run/live/go-on", routes.go_on, methods=["POST"]),
             Mount("/assets", StaticFiles(directory=_HERE / "assets")),
             Mount("/vendor", StaticFiles(directory=_HERE / "vendor")),
         ],
@@ -277,13 +280,27 @@ class _Routes:
         return Response(text, media_type="text/html", headers={"content-security-policy": _OF_REPORTS})
 
     async def stop(self, request: Request) -> Response:
+        self._control(request).stop(_BY)
+        return _json({"stopping": True})
+
+    async def pause(self, request: Request) -> Response:
+        control = self._control(request)
+        control.pause(_BY)
+        return _json({"state": control.state})
+
+    async def go_on(self, request: Request) -> Response:
+        control = self._control(request)
+        control.go_on(_BY)
+        return _json({"state": control.state})
+
+    def _control(self, request: Request) -> RunControl:
+        """Return what stops and pauses the run, for who may; HTTPException for anybody else."""
         shown = self._shown
         if not _same_origin(request) or not _knows(request.headers.get("x-vcfbench-token"), shown.token):
-            raise HTTPException(403, "this address cannot stop the run: open the one that the terminal shows")
-        if shown.stop is None or shown.live is None or shown.live.end is not None:
+            raise HTTPException(403, "this address can only look: open the one that the terminal shows")
+        if shown.control is None or shown.live is None or shown.live.end is not None:
             raise HTTPException(409, "no run goes here any more")
-        shown.stop()
-        return _json({"stopping": True})
+        return shown.control
 
 
 def _same_origin(request: Request) -> bool:

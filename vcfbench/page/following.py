@@ -12,7 +12,7 @@ from msgspec import Struct
 from vcfbench.files import shown
 from vcfbench.page.view import View
 from vcfbench.plans.decode import result_of, step_of
-from vcfbench.plans.executor import ReadingTaken, StepFailed, StepFinished, StepStarted
+from vcfbench.plans.executor import Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
 from vcfbench.plans.steps import Note
 from vcfbench.typed import typed
 
@@ -61,6 +61,10 @@ class RunFollower:
                 self._view.finish(event.number, event.t_s, event.step, event.result, event.asked_again)
             case StepFailed():
                 self._view.fail(event.number, event.t_s, event.step, str(event.error))
+            case Paused():
+                self._view.paused(event.t_s, f"paused ({event.by}): table at rest, V_Vc off, rails on")
+            case WentOn():
+                self._view.went_on(event.t_s, event.describe(), event.pause_s)
 
 
 class _Reading(Struct, frozen=True, gc=False):
@@ -113,6 +117,10 @@ class JournalFollower:
                 self._read(typed(_readings(values), list[_Reading]))
                 step, result = step_of(values), result_of(values)
                 self.view.finish(values["n"], values["end_s"], step, result, values.get("asked_again", ()))
+            case "paused":
+                self.view.paused(values["t_s"], f"paused ({values['by']}): table at rest, V_Vc off, rails on")
+            case "went_on":
+                self.view.went_on(values["t_s"], f"goes on ({values['by']})", values["t_s"] - self.view.t_s)
             case "error":
                 self.view.fail(values["n"], values["t_s"], step_of(values), str(values["error"]))
             case "footer":

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Any
 
+    from vcfbench.bench.control import RunControl
     from vcfbench.page.app import PageContent
     from vcfbench.plans.executor import Event
     from vcfbench.runs.asked import Beginning
@@ -78,16 +79,17 @@ def _server(shown: PageContent) -> Any:
 class LivePage:
     """The page of the run of this process, in a thread of its own that nothing of the run waits for.
 
-    `stop` is called when somebody who knows the token stops the run.
+    Somebody who knows the token has `control` of the run: stops it, has it pause and go on.
 
     Raises:
         ConfigError: the port is taken, or what the page needs is not installed.
     """
 
-    def __init__(self, runs: Path, devices: Path, port: int, stop: Callable[[], None]) -> None:
+    def __init__(self, runs: Path, devices: Path, port: int, control: RunControl) -> None:
         self.view = View()
         self._shown = _shown(runs, devices)
-        self._shown.live, self._shown.stop, self._shown.token = self.view, stop, secrets.token_urlsafe(12)
+        self._shown.live, self._shown.control, self._shown.token = self.view, control, secrets.token_urlsafe(12)
+        control.tell(self.view.hear)
         self._server = _server(self._shown)
         self._socket = _bound(port)
         self._beginning: Beginning | None = None

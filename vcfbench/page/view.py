@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.analysis.running_fit import line_so_far
+from vcfbench.bench.control import RunState
 from vcfbench.plans.step import Effect
 from vcfbench.plans.steps import NotChecked, Note
 from vcfbench.report.bench_state import BenchState
@@ -37,7 +38,8 @@ class View:
 
     `about` says which run it is; `planned_s` is the estimate of its bench time, None where none is known; `headings`
     are those of the plan. `version` rises with everything that is told. `t_s` is the bench time, `began_s` that at
-    which the first step began that was seen. `end` is what it came to, None while it goes.
+    which the first step began that was seen; a pause puts it off. `control` is how the run is (running, pausing,
+    paused, stopping), empty where nobody knows. `end` is what it came to, None while it goes.
     """
 
     about: Mapping[str, Any] = field(default_factory=dict)
@@ -51,6 +53,7 @@ class View:
     state: BenchState = field(default_factory=BenchState)
     t_s: float = 0.0
     began_s: float | None = None
+    control: str = ""
     end: Mapping[str, Any] | None = None
     _reading_t_s: array[float] = field(default_factory=lambda: array("d"))
     _reading_v: array[float] = field(default_factory=lambda: array("d"))
@@ -103,6 +106,24 @@ class View:
         self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "result": error, "kind": "failed"})
         self.say(t_s, error, "error")
 
+    def hear(self, state: RunState, by: str) -> None:
+        """Take in what somebody wants of the run."""
+        self.control = state.value
+        if state in {RunState.PAUSING, RunState.STOPPING}:
+            self.say(self.t_s, f"{state.value}, as {by} wants", "warning")
+        self.version += 1
+
+    def paused(self, t_s: float, words: str) -> None:
+        """Take in that the run pauses."""
+        self.t_s, self.doing = t_s, None
+        self.say(t_s, words, "warning")
+
+    def went_on(self, t_s: float, words: str, pause_s: float) -> None:
+        """Take in that it goes on: the pause is no time that was planned."""
+        self.t_s = t_s
+        self.began_s = None if self.began_s is None else self.began_s + pause_s
+        self.say(t_s, words, "warning")
+
     def say(self, t_s: float, words: str, kind: str) -> None:
         """Write a line of the log."""
         self.log.append({"t_s": t_s, "what": words, "kind": kind})
@@ -153,6 +174,7 @@ class View:
             "last_v": self._reading_v[-1] if self.readings else None,
             "steps": self.steps[seen.steps : steps],
             "log": self.log[seen.log : log],
+            "control": self.control,
             "end": self.end,
         }
         if self.about and not seen.introduced:

@@ -7,9 +7,10 @@ the bench's safety stack makes all safe once more, and proves it.
 
 from __future__ import annotations
 
+import math
 from contextlib import nullcontext, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from msgspec import Struct, to_builtins
 
@@ -20,11 +21,15 @@ from vcfbench.record.schema import Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Set as AbstractSet
     from contextlib import AbstractContextManager
 
     from vcfbench.plans.replay import TakenOver
     from vcfbench.plans.step import OpenBench, Operator, Plan, Reading, Routine, Step, StepResult
+    from vcfbench.plans.steps import Window
     from vcfbench.record.schema import Point
+
+_T = TypeVar("_T")
 
 _AGAIN = "starting up again"
 
@@ -63,7 +68,60 @@ class StepFailed(Struct, frozen=True):
     error: BenchError
 
 
-Event = StepStarted | ReadingTaken | StepFinished | StepFailed
+class Moved(Struct, frozen=True):
+    """By how much the output at rest moved in a pause: read before and after, V; `u_v` is the u of the difference.
+
+    More than `allowed_v` is no drift; None where the procedure is about drift itself, and nothing ends it.
+    """
+
+    before_v: float
+    after_v: float
+    u_v: float
+    allowed_v: float | None
+
+    @property
+    def moved_v(self) -> float:
+        """After less before, V."""
+        return self.after_v - self.before_v
+
+    def describe(self) -> str:
+        """Say by how much, and by how many u."""
+        return (
+            f"the output at rest moved by {self.moved_v:+.2g} V, {abs(self.moved_v) / self.u_v:.1f} u "
+            f"(from {self.before_v:+.6g} to {self.after_v:+.6g} V)"
+        )
+
+
+class Paused(Struct, frozen=True):
+    """After step `number` the run pauses, as `by` wanted: table at rest, V_Vc 0, rails on."""
+
+    number: int
+    t_s: float
+    by: str
+
+
+class WentOn(Struct, frozen=True):
+    """The run goes on, as `by` wanted; all is as it was before the pause.
+
+    `waited_s` is how long somebody had it wait, wall time, `pause_s` what all of the pause took, bench time. `moved` is
+    None where nothing had been measured that would show it.
+    """
+
+    number: int
+    t_s: float
+    by: str
+    waited_s: float
+    pause_s: float
+    moved: Moved | None
+
+    def describe(self) -> str:
+        """Say who, after how long, and by how much the output moved."""
+        moved = "nothing had been measured to compare" if self.moved is None else self.moved.describe()
+        return f"goes on ({self.by}) after {self.waited_s:.0f} s; {moved}"
+
+
+Event = StepStarted | ReadingTaken | StepFinished | StepFailed | Paused | WentOn
+"""What an observer is told."""
 
 
 class Observer(Protocol):
@@ -90,7 +148,44 @@ class StepJournal(Protocol):
         ...
 
     def restored(self, values: Mapping[str, Any]) -> None:
-        """Write one step that brings the bench to where it was when the run was broken off."""
+        """Write one step that brings the bench to rest for a pause, or to where it was before a break or a pause."""
+        ...
+
+    def paused(self, values: Mapping[str, Any]) -> None:
+        """Write that the run is to pause, and who wants it."""
+        ...
+
+    def went_on(self, values: Mapping[str, Any]) -> None:
+        """Write that the run goes on, and by how much the output moved."""
+        ...
+
+
+class Pauses(Protocol):
+    """Who may have a run pause; what is done around that, and how long it takes."""
+
+    @property
+    def by(self) -> str:
+        """Who wants a pause after the step under way; empty: nobody."""
+        ...
+
+    def wait(self) -> tuple[str, float]:
+        """Wait until somebody wants the run to go on; return who, and how long that took, s of wall time."""
+        ...
+
+    def to_rest(self, done: Sequence[Step]) -> Routine[Window | None]:
+        """Bring the bench to rest after the steps `done`, and look at the output, where that can be compared."""
+        ...
+
+    def looked_at(self, done: Sequence[Step]) -> Routine[Window]:
+        """Look at the output again."""
+        ...
+
+    def moved(self, done: Sequence[Step], before: Window, after: Window) -> Moved:
+        """Return by how much it moved."""
+        ...
+
+    def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
+        """Bring the bench to where it was before the pause, in which `disturbed` was set."""
         ...
 
 
@@ -100,7 +195,7 @@ class Execution(Struct, frozen=True):
     `physical_minimum_s` is the sum of the averaging windows, ramps and settling of the steps performed: the time
     below which no controller can come with this table and this settling. `asked_again` says which answers could not be
     believed, and in which step, so that they were asked for once more. `not_checked` says what the plan would have
-    checked on another bench.
+    checked on another bench. `bench_seconds` has no pauses in it; `pauses` says what came of each.
     """
 
     status: Status
@@ -110,12 +205,14 @@ class Execution(Struct, frozen=True):
     physical_minimum_s: float
     asked_again: tuple[str, ...] = ()
     not_checked: tuple[str, ...] = ()
+    pauses: tuple[str, ...] = ()
 
 
 class Executor:
     """Performs plans on one open bench; `began_s` is the bench time at which they began, None: now.
 
-    What is done in `undivided` no signal breaks off: a line of the journal and what is counted of it.
+    What is done in `undivided` no signal breaks off: a line of the journal and what is counted of it. `pausing` is who
+    may have the run pause.
     """
 
     def __init__(
@@ -127,6 +224,7 @@ class Executor:
         began_s: float | None = None,
         *,
         undivided: Callable[[], AbstractContextManager[None]] = nullcontext,
+        pausing: Pauses | None = None,
     ) -> None:
         self.bench = bench
         self.journal = journal
@@ -143,6 +241,12 @@ class Executor:
         self._physical_s = 0.0
         self._error: BenchError | None = None
         self._walked = False
+        self._pausing = pausing
+        self._performed: list[Step] = []
+        self._moved: tuple[float, float] | None = None  # by how much the output did in pauses, and its u, V
+        self._disturbed: set[str] = set()  # what was set beside the plan
+        self._pauses: list[str] = []
+        self._paused_s = 0.0
 
     def execute(self, plan: Plan) -> Execution:
         """Perform `plan` to its end or to its first error, and tell how it went.
@@ -167,7 +271,10 @@ class Executor:
                 self.journal.step(each.line)
                 self._number = self._written = self._number + 1
                 self._physical_s += each.step.physical_s
+                self._performed.append(each.step)
                 self._count(each.step, each.result, each.line.get("asked_again", ()))
+                if (point := each.result.recorded_point) is not None and point.moved_u_v:
+                    self._moved = point.moved_v, point.moved_u_v
 
     def restore(self, steps: Routine[None]) -> None:
         """Perform what brings the bench to where it was when the run was broken off; none of it is a step of the run.
@@ -175,29 +282,92 @@ class Executor:
         Raises:
             BenchError: it did not come to that; what brings it to rest is up to the safety stack.
         """
+        try:
+            self._beside(steps, _AGAIN, self._context)
+        except BenchError as error:
+            self._keep(error)
+            raise
+
+    def _beside(self, steps: Routine[_T], why: str, context: Context) -> _T:
+        """Perform `steps` that are none of the run; return what they come to."""
         advance: Callable[[], Step] = partial(next, steps)
-        with suppress(StopIteration):
+        try:
             while True:
                 step = advance()
                 try:
-                    result = self._again(step)
+                    result = self._again(step, why, context)
                 except BenchError as error:
                     if error.step is None:
-                        error.step = f"{_AGAIN} ({step.describe()})"
-                    self._keep(error)
+                        error.step = f"{why} ({step.describe()})"
                     raise
                 advance = partial(steps.send, result)
+        except StopIteration as end:
+            done: _T = end.value
+            return done
 
-    def _again(self, step: Step) -> StepResult:
+    def _again(self, step: Step, why: str, context: Context) -> StepResult:
         start_s = self._now()
         self._tell(StepStarted(self._number, start_s, step))
-        self._context.begin()
-        result = step.perform(self._context)
+        context.begin()
+        result = step.perform(context)
+        self._disturbed.update(step.sets)
         self._physical_s += step.physical_s
-        self.journal.restored(self._done(step, result, start_s))
-        self._asked_again += (f"{_AGAIN}: {said}" for said in self._context.asked_again)
-        self._tell(StepFinished(self._number, self._now(), step, result, tuple(self._context.asked_again)))
+        self.journal.restored({**self._done(step, result, start_s), **({} if why == _AGAIN else {"why": why})})
+        self._asked_again += (f"{why}: {said}" for said in context.asked_again)
+        self._tell(StepFinished(self._number, self._now(), step, result, tuple(context.asked_again)))
         return result
+
+    def _pause_if_wanted(self) -> None:
+        """Pause, where somebody wants that: the bench at rest until somebody wants the run to go on, then as it was.
+
+        Raises:
+            BenchError: something did not let it, or the output is not where it was.
+        """
+        pausing = self._pausing
+        if pausing is None or not pausing.by or self._error is not None:
+            return
+        why, done, begun_s = f"pause after step {self._number}", self._performed, self._now()
+        context, physical_s = Context(self.bench, self._heard, undivided=self._undivided), self._physical_s
+        self._disturbed.clear()
+        self.journal.paused({"n": self._number, "t_s": begun_s, "by": pausing.by})
+        before = self._beside(pausing.to_rest(done), why, context)
+        self._tell(Paused(self._number, self._now(), pausing.by))
+        try:
+            by, waited_s = pausing.wait()
+        except BenchError as error:
+            error.step = f"{self._number}, in the pause after it"
+            raise
+        moved = None
+        if before is not None:
+            moved = pausing.moved(done, before, self._beside(pausing.looked_at(done), why, context))
+        line = {"n": self._number, "t_s": self._now(), "by": by, "waited_s": waited_s}
+        self.journal.went_on({**line, **({} if moved is None else {"moved": to_builtins(moved)})})
+        self._count_from(moved)
+        self._beside(pausing.as_before(done, frozenset(self._disturbed)), why, context)
+        pause_s = self._now() - begun_s
+        self._paused_s, self._physical_s = self._paused_s + pause_s, physical_s
+        went_on = WentOn(self._number, self._now(), by, waited_s, pause_s, moved)
+        self._pauses.append(f"after step {self._number}: {went_on.describe()}")
+        self._tell(went_on)
+
+    def _count_from(self, moved: Moved | None) -> None:
+        """Count what is measured from now on from where the output is now.
+
+        Raises:
+            MeasurementError: it is not where noise and drift could have brought it.
+        """
+        if moved is None or moved.allowed_v is None:
+            return
+        if abs(moved.moved_v) > moved.allowed_v:
+            raise MeasurementError(
+                f"{moved.describe()}; at most {moved.allowed_v:.2g} V are noise and drift",
+                instrument="multimeter",
+                step=f"{self._number}, in the pause after it",
+                hint="look at leads and contacts, and at what was done in the pause; expected.zero_drift_v of the "
+                "bench file is what may drift",
+            )
+        before_v, before_u_v = self._moved or (0.0, 0.0)
+        self._moved = before_v + moved.moved_v, math.hypot(before_u_v, moved.u_v)
 
     def so_far(self) -> Execution:
         """Tell how far it has come: after :meth:`execute`, or after something that it does not catch."""
@@ -205,10 +375,11 @@ class Executor:
             Status.COMPLETE if self._walked and self._error is None else Status.ABORTED,
             tuple(self._points),
             self._error,
-            self._now(),
+            self._now() - self._paused_s,
             self._physical_s,
             tuple(self._asked_again),
             tuple(self._not_checked),
+            tuple(self._pauses),
         )
 
     def _walk(self, plan: Plan) -> None:
@@ -224,22 +395,29 @@ class Executor:
             advance = self._perform(plan, step)
 
     def _perform(self, plan: Plan, step: Step) -> Callable[[], Step]:
-        """Do one step; return how the plan goes on: with the result, or with the error."""
-        self._number += 1
+        """Do one step, after a pause if one is wanted; return how the plan goes on: with the result, or the error."""
+        pausing = True
         try:
+            self._pause_if_wanted()
+            self._number, pausing = self._number + 1, False
             result = self._act(step)
         except (BenchError, KeyboardInterrupt) as problem:
+            self._number += pausing
             error = self._failed(step, problem)
             return _stop if isinstance(error, Aborted) else partial(plan.throw, error)
-        return partial(plan.send, result)
+        return partial(plan.send, result.referred())
 
     def _act(self, step: Step) -> StepResult:
         start_s = self._now()
         self._tell(StepStarted(self._number, start_s, step))
         self._context.begin(partial(self._write_chunk, step, start_s))
         result = step.perform(self._context)
+        if self._moved is not None:
+            result = result.counted_from(*self._moved)
         self._physical_s += step.physical_s
         self._write(step, result, start_s)
+        if self._pausing is not None:
+            self._performed.append(step)
         self._tell(StepFinished(self._number, self._now(), step, result, tuple(self._context.asked_again)))
         return result
 

@@ -63,14 +63,18 @@ class Measured(Sequence[Point]):
     Args:
         points: the averaged points, as they were measured.
         lines: begins to read the journal: its lines, as :func:`vcfbench.record.journal.lines_of` gives them.
-        known: whose certificates correct what is given out, points and readings alike; None corrects nothing.
+        known: whose certificates correct what is given out, points and readings alike; points count from one reference
+            then, wherever the run paused. None gives out what was read.
     """
 
     def __init__(self, points: Iterable[Point], lines: _Lines = tuple, known: Sources | None = None) -> None:
         self._raw = tuple(points)
         self._lines = lines
-        self._known = None if known is None or not known.corrects else known
-        self._points = self._raw if self._known is None else tuple(map(self._known.corrected_point, self._raw))
+        self._known = known if known is not None and (known.corrects or self._paused) else None
+        if self._known is None:
+            self._points = self._raw
+        else:
+            self._points = tuple(self._known.corrected_point(point.referred()) for point in self._raw)
 
     def read_again_from(self, lines: _Lines) -> None:
         """Read the journal from `lines` from now on; what has been read of it is kept."""
@@ -87,7 +91,14 @@ class Measured(Sequence[Point]):
 
     def corrected(self, known: Sources) -> Measured:
         """Return what was measured with the corrections of the meters' certificates, and with no others."""
-        return type(self)(self._raw, self._lines, known) if known.corrects or self._known is not None else self
+        if self._known is None and not known.corrects and not self._paused:
+            return self
+        return type(self)(self._raw, self._lines, known)
+
+    @property
+    def _paused(self) -> bool:
+        """Whether some of it counts from another reference than the rest."""
+        return any(point.moved_v for point in self._raw)
 
     def __len__(self) -> int:
         return len(self._points)
@@ -159,7 +170,7 @@ class Measured(Sequence[Point]):
                     window = replace(window, voltage_v=known.corrected(window.voltage_v))
                 windows.append(window)
             if isinstance(step, Step) and isinstance(result, StepResult):
-                found.append((step, result if known is None else result.corrected(step, known)))
+                found.append((step, result if known is None else result.referred().corrected(step, known)))
         return Readings(tuple(windows)), tuple(found)
 
 

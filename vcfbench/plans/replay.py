@@ -35,6 +35,7 @@ from vcfbench.plans.steps import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Set as AbstractSet
 
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.bench.settings import ProcedureSettings
@@ -109,7 +110,7 @@ def rest_of(plan: Plan, taken: Sequence[TakenOver]) -> Plan:
             step = advance()
             if step.key != each.line["key"]:
                 raise _another(step, each)
-            advance = partial(plan.send, each.result)
+            advance = partial(plan.send, each.result.referred())
     except StopIteration:
         raise PlanError("the plan now ends before the record does", hint=_CHANGED) from None
     except BenchError:
@@ -179,6 +180,22 @@ def start_up_again(steps: Sequence[Step], settings: ProcedureSettings) -> Routin
         if isinstance(step, FindDrive | MeasureDrive):
             yield from check_drive(settings)
         else:
+            for each in step.again():  # noqa: UP028  # a tuple cannot be sent results
+                yield each
+
+
+def set_again(steps: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
+    """Bring a bench that is on to where `steps` had brought it, of which something `disturbed` was set otherwise since.
+
+    Of all steps that set the same the last is done again, with the waits after it, as :func:`start_up_again` does.
+    """
+    lasting, is_repeated = _lasting(steps, 0, len(steps)), False
+    for number, step in enumerate(steps):
+        if step.effect is Effect.SETS:
+            is_repeated = number in lasting and not disturbed.isdisjoint(step.sets)
+        elif step.effect is not Effect.WAITS:
+            is_repeated = is_repeated and step.effect is Effect.NOTHING
+        if is_repeated and step.effect is not Effect.NOTHING:
             for each in step.again():  # noqa: UP028  # a tuple cannot be sent results
                 yield each
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
 from enum import Enum
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, TypeVar
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, Self, TypeVar
 
 from msgspec import Struct, field, to_builtins
 from msgspec.structs import replace
@@ -244,8 +245,7 @@ def _make_known(kinds: dict[str, type[_T]], kind: type[_T]) -> None:
     """
     name = kind.__name__
     if not kind.__module__.startswith(_OURS):
-        from vcfbench.plans import steps  # noqa: F401, PLC0415  # all that come along are known then
-
+        import_module("vcfbench.plans.steps")  # by name, for they import this; all that come along are known then
         if name in _OF_PROCEDURES or (name in kinds and kinds[name].__module__.startswith(_OURS)):
             raise PlanError(
                 f"{kind.__module__}: a step or result called {name} comes along, and records know it by its name",
@@ -282,6 +282,15 @@ class StepResult:
         Results of it are made of that; the journal keeps what was read. By default nothing in it is such a voltage.
         """
         del step, known
+        return self
+
+    def counted_from(self, moved_v: float, u_v: float) -> Self:
+        """Return the same, measured since the output had moved by `moved_v` (V, with its u) in pauses of the run."""
+        del moved_v, u_v
+        return self
+
+    def referred(self) -> Self:
+        """Return what it would be, had the output not moved in pauses: plans and results go by that."""
         return self
 
     def as_json(self) -> dict[str, Any]:

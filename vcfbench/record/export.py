@@ -23,11 +23,15 @@ POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
 V_VC_COLUMNS = ("v_vc_measured_v", "v_vc_std_v")
 """Further columns where V_Vc was measured; empty in the lines of points where it was not."""
 
+PAUSE_COLUMNS = ("moved_v", "moved_u_v")
+"""Further columns of a run that paused; empty in the lines of points before."""
+
 
 def point_columns(points: Sequence[Point]) -> tuple[str, ...]:
     """Return the columns that these points need."""
     measured = any(point.v_vc_measured_v is not None for point in points)
-    return (*POINT_COLUMNS, *V_VC_COLUMNS) if measured else POINT_COLUMNS
+    columns = (*POINT_COLUMNS, *V_VC_COLUMNS) if measured else POINT_COLUMNS
+    return (*columns, *PAUSE_COLUMNS) if any(point.moved_u_v for point in points) else columns
 
 
 def points_csv(points: Sequence[Point]) -> str:

@@ -78,6 +78,14 @@ class Journal:
         """Write one step that brings a bench to where it was when its run was broken off."""
         self._append({"type": "restored", "utc": _stamp(), **values})
 
+    def paused(self, values: Mapping[str, Any]) -> None:
+        """Write that somebody has the run pause; what brings the bench to rest is `restored`."""
+        self._append({"type": "paused", "utc": _stamp(), **values})
+
+    def went_on(self, values: Mapping[str, Any]) -> None:
+        """Write that somebody has it go on, how long it paused, and by how much the output moved."""
+        self._append({"type": "went_on", "utc": _stamp(), **values})
+
     def error(self, values: Mapping[str, Any]) -> None:
         """Write one failed step, with what it measured before it failed."""
         self._append({"type": "error", "utc": _stamp(), **values})

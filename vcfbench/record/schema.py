@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 
@@ -53,7 +54,8 @@ class Point(Struct, frozen=True):
     calibration it is K_Vc V_Vc, the rate that V_Vc stands for. `std_v` is the sample standard deviation of the `n`
     readings, not of their mean. `v_vc_v` is the generator's setting as it reads it back. Where V_Vc was measured,
     `v_vc_measured_v` is the mean of what the meter on it read meanwhile, and `v_vc_std_v` is the standard deviation of
-    one such reading.
+    one such reading. `moved_v` is by how much the output at rest had moved in pauses of the run before, in V, with its
+    standard uncertainty `moved_u_v`: results count from the first reference, `output_v` is as it was read.
     """
 
     step: int
@@ -64,6 +66,12 @@ class Point(Struct, frozen=True):
     n: int
     v_vc_measured_v: float | None = None
     v_vc_std_v: float | None = None
+    moved_v: float = 0.0
+    moved_u_v: float = 0.0
+
+    def referred(self) -> Point:
+        """Return the point as it would be, had the output not moved in pauses; `moved_u_v` stays."""
+        return replace(self, output_v=self.output_v - self.moved_v, moved_v=0.0) if self.moved_v else self
 
     def as_json(self) -> dict[str, float | int]:
         """Return the point with the names of the command's JSON output; of V_Vc what was measured only where it was."""
@@ -77,6 +85,8 @@ class Point(Struct, frozen=True):
         }
         if self.v_vc_measured_v is not None and self.v_vc_std_v is not None:
             point |= {"v_vc_measured_v": self.v_vc_measured_v, "v_vc_std_v": self.v_vc_std_v}
+        if self.moved_u_v:
+            point |= {"moved_v": self.moved_v, "moved_u_v": self.moved_u_v}
         return point
 
     @classmethod
@@ -90,6 +100,7 @@ class Point(Struct, frozen=True):
             _measured(values["std_v"]),
             _whole(values["n"]),
             *(_measured(values[name]) for name in ("v_vc_measured_v", "v_vc_std_v") if "v_vc_measured_v" in values),
+            **{name: _measured(values[name]) for name in ("moved_v", "moved_u_v") if "moved_u_v" in values},
         )
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
+from vcfbench.bench.control import RunState
 from vcfbench.clock import WallClock, utc_now
-from vcfbench.plans.executor import ReadingTaken, StepFailed, StepFinished, StepStarted
+from vcfbench.plans.executor import Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
 from vcfbench.plans.step import Effect
 from vcfbench.plans.steps import Acquire, Note, Window
 from vcfbench.report.bench_state import BenchState
@@ -32,6 +33,19 @@ _ECHO = 4
 """Columns left free behind the bar: a terminal writes ^C there, and in a line of its own it would leave some behind."""
 _BAR_FROM = 60
 """Columns of a terminal that has room for a bar beside the times."""
+
+
+_HOW_ON = "p or Enter goes on, Ctrl-C stops"
+
+
+def wanted_words(by: str) -> str:
+    """Say that a pause is wanted."""
+    return f"pause wanted by {by}: after the step under way"
+
+
+def paused_words(event: Paused) -> str:
+    """Say that the run pauses."""
+    return f"paused after step {event.number} ({event.by}): table at rest, V_Vc off, rails on"
 
 
 class LineProgress(NoProgress):
@@ -66,8 +80,18 @@ class LineProgress(NoProgress):
                     self._say(event.t_s, f"asked again: {said}")
             case StepFailed():
                 self._say(event.t_s, f"FAILED: {event.error}")
+            case Paused():
+                self._say(event.t_s, f"{paused_words(event)}. {_HOW_ON}")
+            case WentOn():
+                self._begin_s += event.pause_s
+                self._say(event.t_s, event.describe())
             case _:
                 pass
+
+    def hear(self, state: RunState, by: str) -> None:
+        """Say that a pause is wanted."""
+        if state is RunState.PAUSING:
+            self._outlet.write(f"{wanted_words(by)}\n")
 
     def _say(self, t_s: float, text: str) -> None:
         left_s = max(0.0, self._estimate_s - (t_s - (self._begin_s or 0.0)))
@@ -110,6 +134,8 @@ class LiveProgress(NoProgress):
         """Show what was measured, and where the run is."""
         if self._begin_s is None:
             self._begin_s = event.t_s if isinstance(event, StepStarted) else 0.0
+        if isinstance(event, WentOn):
+            self._begin_s += event.pause_s
         self._block.take(event, event.t_s - self._begin_s)
         match event:
             case StepStarted(step=Note()):
@@ -123,6 +149,16 @@ class LiveProgress(NoProgress):
                     self._print(f"asked again: {said}", "yellow", whole=True)
             case StepFailed():
                 self._print(f"FAILED: {event.error}", "bold red", whole=True)
+            case Paused():
+                self._print(paused_words(event), "bold yellow", whole=True)
+                self._draw()
+            case WentOn():
+                self._print(event.describe(), "bold yellow", whole=True)
+
+    def hear(self, state: RunState, by: str) -> None:
+        """Say that a pause is wanted."""
+        if state is RunState.PAUSING:
+            self._print(wanted_words(by), "bold yellow", whole=True)
 
     def _tell(self, t_s: float, step: Step, result: StepResult) -> None:
         """Print what a step gave: a window as a row, anything else that was measured or checked in its words."""
@@ -195,6 +231,7 @@ class _Block:
         self._estimate_s = estimate_s
         self._t_s = 0.0
         self._heard_s = 0.0
+        self._away_s, self._paced = 0.0, 1.0  # of the wall, in pauses; the pace before them
         self._doing = ""
         self._step: Step | None = None
         self._readings = 0
@@ -206,7 +243,7 @@ class _Block:
 
     def take(self, event: Event, t_s: float) -> None:
         """Take notice; `t_s` is the bench time since this display began, s."""
-        self._t_s, self._heard_s = t_s, self.clock.now()
+        self._t_s, self._heard_s = t_s, self.clock.now() - self._away_s
         match event:
             case StepStarted():
                 self._step, self._doing, self._readings = event.step, event.step.describe(), 0
@@ -216,6 +253,11 @@ class _Block:
                 self._doing = self._reading(event.reading.voltage_v)
             case StepFinished():
                 self._state = self._state.after(event.step, event.result)
+            case Paused():
+                self._doing, self._step, self._paced = f"PAUSED. {_HOW_ON}", None, self._now()[1]
+            case WentOn():  # as if it had gone on at the pace of before
+                self._away_s = self.clock.now() - self._paced * t_s
+                self._heard_s = self._paced * t_s
             case _:
                 pass
 
@@ -257,7 +299,7 @@ class _Block:
 
     def _now(self) -> tuple[float, float]:
         """Return the bench time at this moment, s, amid a step too, and how many seconds of the wall one takes."""
-        now_s = self.clock.now()
+        now_s = self.clock.now() - self._away_s
         pace = self._heard_s / self._t_s if self._t_s > 1.0 else 1.0
         since_s = (now_s - self._heard_s) / pace if pace else 0.0
         return self._t_s + min(since_s, 0.0 if self._step is None else self._step.duration_s), pace

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from types import TracebackType
 
+    from vcfbench.bench.control import RunState
     from vcfbench.plans.executor import Event, Observer
 
 
@@ -27,6 +28,9 @@ class NoProgress:
 
     def handle(self, event: Event) -> None:
         """Take no notice."""
+
+    def hear(self, state: RunState, by: str) -> None:
+        """Take no notice of what somebody wants of the run."""
 
 
 class Shielded:

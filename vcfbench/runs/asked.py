@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.bench import Bench
+    from vcfbench.bench.control import RunControl
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.settings import ProcedureSettings
@@ -58,7 +59,8 @@ class Asked(Struct, frozen=True):
     `operator` does what only hands can do, on any bench; `person` is asked where there are real hands only.
     `metadata` is what the record shall say of the run beside what is measured. `warn` tells in a line what keeps no run
     from beginning.
-    `runs` is where the record goes; None keeps none, on a simulated bench. `build` is as of `open_bench`.
+    `runs` is where the record goes; None keeps none, on a simulated bench. `build` is as of `open_bench`. `control` is
+    what stops it and has it pause.
     """
 
     procedure: str | Path | AnyProcedure
@@ -75,6 +77,7 @@ class Asked(Struct, frozen=True):
     metadata: RunMetadata = field(default_factory=RunMetadata)
     warn: Callable[[str], None] = warned
     build: Builder | None = None
+    control: RunControl | None = None
 
 
 class Beginning(Struct, frozen=True):

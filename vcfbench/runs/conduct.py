@@ -14,7 +14,7 @@ from msgspec import Struct, field, structs, to_builtins
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import shown
-from vcfbench.plans.executor import Executor, StepStarted
+from vcfbench.plans.executor import Executor, Paused, StepStarted
 from vcfbench.plans.step import LOOK_AT_SIGNALS
 from vcfbench.record.export import points_csv, result_text, write_text
 from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.bench import Bench
+    from vcfbench.bench.control import RunControl
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.signals import StopSignals
     from vcfbench.bench.watchdog import Watchdog
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from vcfbench.record.journal import Journal
     from vcfbench.report.shielded import Shielded
     from vcfbench.runs.asked import DryRun, Prepared
+    from vcfbench.runs.pausing import Pausing
     from vcfbench.runs.results import Evaluation
 
     Preparing = Callable[[Asked, Checked], Prepared]
@@ -64,6 +66,7 @@ def run(
     speed: str | float | None = None,
     operator: Operator | None = None,
     metadata: Mapping[str, Any] | RunMetadata | None = None,
+    control: RunControl | None = None,
 ) -> Run:
     """Run `procedure` on `bench`, record it, make the bench safe, and return what it came to.
 
@@ -84,6 +87,8 @@ def run(
         metadata: what the record says of the run beside what is measured, each key of :class:`RunMetadata`:
             ``{"dut": "G-0042", "operator": "A. Person", "tags": {"batch": "7"}}``. A procedure that goes by what is
             known of a device goes by what is known of this one.
+        control: what stops the run from another thread, has it pause and lets it go on; :func:`vcfbench.start` runs
+            in a thread and returns one.
 
     Raises:
         BenchError: the run did not come to its end. The error's `run` holds what was measured, which is recorded too.
@@ -116,6 +121,7 @@ def run(
         operator=operator,
         options=options,
         metadata=said,
+        control=control,
     )
     with StopSignals() as signals:
         return conduct(asked, signals)
@@ -130,8 +136,10 @@ def _words_for(bench: BenchDescription | Path | str | None) -> str | None:
 def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) -> Run:
     """Do what was `asked` and is made ready by `preparing`, while `signals` are watched; as :func:`run`, which see."""
     course = _Course(asked, preparing)
+    control = nullcontext() if asked.control is None else asked.control.of_run(signals)
     try:
-        _perform(course, signals)
+        with control:
+            _perform(course, signals)
     except BenchError as error:
         course.take_error(_as_bench_error(error))
     except BaseException as error:
@@ -199,6 +207,7 @@ class _Course(Struct):
             metadata=self.checked.metadata,
             equipment=equipment_of(self.header),
             resumed=breaks(self.header, len(points)),
+            pauses=() if execution is None else execution.pauses,
             _own_report=evaluation.report,
             _header=self.header,
         )
@@ -315,11 +324,16 @@ class _WatchedSteps(Struct, frozen=True):
     watchdog: Watchdog
 
     def handle(self, event: Event) -> None:
-        """Pass on what begins; every exchange has a deadline of its own, and this one is for what never comes back."""
+        """Pass on what begins; every exchange has a deadline of its own, and this one is for what never comes back.
+
+        A pause may take any time, until the next step begins.
+        """
         if isinstance(event, StepStarted):
             step = event.step
             longest_s = None if step.waits_for_person else 2.0 * step.duration_s + _OVERTIME_S
             self.watchdog.step(f"step {event.number} ({step.describe()})", longest_s)
+        elif isinstance(event, Paused):
+            self.watchdog.step(f"pause after step {event.number}, by {event.by}", None)
 
 
 class _Record(Struct):
@@ -363,7 +377,8 @@ class _Record(Struct):
         if watchdog is not None and course.directory is not None:
             watchdog.keep_in(course.directory.journal)
             watchers = [*watchers, _WatchedSteps(watchdog)]
-        executor = Executor(bench, journal, watchers, operator, began_s, undivided=signals.undivided)
+        pausing = self._pausing(bench)
+        executor = Executor(bench, journal, watchers, operator, began_s, undivided=signals.undivided, pausing=pausing)
         try:
             with blamed_on(prepared.procedure):
                 execution = prepared.perform(executor)
@@ -371,6 +386,14 @@ class _Record(Struct):
             course.execution = executor.so_far()
         if execution.error is not None:
             course.take_error(execution.error)
+
+    def _pausing(self, bench: Bench) -> Pausing | None:
+        asked = self.course.asked
+        if asked.control is None:
+            return None
+        from vcfbench.runs.pausing import Pausing  # noqa: PLC0415  # few runs are controlled
+
+        return Pausing.of(asked.control, bench, self.prepared, asked.speed)
 
     def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0, done_s: float = 0.0) -> Journal:
         from vcfbench.record.journal import Journal, MemoryJournal, SimulatedJournal  # noqa: PLC0415
@@ -507,6 +530,7 @@ class _Record(Struct):
             "safe": [to_builtins(safe) for safe in self.safe_reports],
             **({} if display_lost is None else {"display_lost": display_lost}),
             **({"observers_lost": lost} if lost else {}),
+            **({"pauses": list(done.pauses)} if done.pauses else {}),
         }
 
     def _derived(self) -> dict[str, str]:

@@ -112,6 +112,7 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         amendments=amendments,
         equipment=equipment_of(header),
         resumed=tuple(map(printable, breaks(header, len(record.points)))),
+        pauses=tuple(map(printable, footer.get("pauses", ()))),
         _own_report=evaluation.report,
         _measured=evaluation.measured,
     )
@@ -123,7 +124,8 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
 def asked_again(record: JournalRecord) -> list[str]:
     """Return which answers could not be believed, and in which step."""
     steps = [f"step {step.get('n')}: {said}" for step in record.steps for said in step.get("asked_again", ())]
-    return [f"starting up again: {said}" for line in record.restored for said in line.get("asked_again", ())] + steps
+    beside = ((line.get("why", "starting up again"), line.get("asked_again", ())) for line in record.restored)
+    return [f"{why}: {said}" for why, all_said in beside for said in all_said] + steps
 
 
 def not_checked(record: JournalRecord) -> tuple[str, ...]:

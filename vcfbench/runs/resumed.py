@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from vcfbench.bench.bench import Bench
+    from vcfbench.bench.control import RunControl
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.interfaces import Identity
@@ -52,6 +53,7 @@ def resume(
     observers: Sequence[Observer] = (),
     speed: str | float | None = None,
     operator: Operator | None = None,
+    control: RunControl | None = None,
 ) -> Run:
     """Go on with a run that failed, or was stopped or killed, where its record ends; it gets a new record.
 
@@ -65,6 +67,7 @@ def resume(
         observers: as of :func:`vcfbench.run`.
         speed: as of :func:`vcfbench.run`.
         operator: as of :func:`vcfbench.run`.
+        control: as of :func:`vcfbench.run`.
 
     Raises:
         ConfigError: there is no such record, nothing of it is left to be done, or the bench is another.
@@ -83,6 +86,7 @@ def resume(
         observers=observers,
         operator=operator,
         options={"resume": shown(broken.directory.path), "speed": speed},
+        control=control,
     )
     with broken.directory.alone(), StopSignals() as signals:
         return conduct(asked, signals, broken.prepare)

@@ -57,7 +57,8 @@ class Run(Struct, frozen=True, eq=False):
     `asked_again` names answers that could not be believed, `observers_lost` observers that failed and were left out.
     `not_checked` says what the procedure would have checked on a bench with more instruments. `device_entry` is the
     file in the device store that the run added, None if it added none. `resumed` says, for each time that the run was
-    broken off and resumed, what had been measured before. `metadata` is which device it was of, who did it and under
+    broken off and resumed, what had been measured before; `pauses`, for each time that it paused, after which step, how
+    long, and by how much the output moved. `metadata` is which device it was of, who did it and under
     what conditions (``run.metadata.dut``), `equipment` the instruments that it opened, with the dates of their
     calibration. `amendments` say what was amended since, by whom and why; `metadata` has the amended words.
     """
@@ -84,6 +85,7 @@ class Run(Struct, frozen=True, eq=False):
     equipment: tuple[Equipment, ...] = ()
     resumed: tuple[str, ...] = ()
     amendments: tuple[Amendment, ...] = ()
+    pauses: tuple[str, ...] = ()
     _own_report: Report = Report()
     _measured: Any = None
     _header: Mapping[str, Any] = field(default_factory=dict)
@@ -171,6 +173,7 @@ class Run(Struct, frozen=True, eq=False):
             "asked_again": list(self.asked_again),
             **({"not_checked": list(self.not_checked)} if self.not_checked else {}),
             **({"resumed": list(self.resumed)} if self.resumed else {}),
+            **({"pauses": list(self.pauses)} if self.pauses else {}),
             **({} if self.device_entry is None else {"device_entry": str(self.device_entry)}),
             **({"revision": self.revision, "amendments": plain(self.amendments)} if self.amendments else {}),
         }
@@ -187,11 +190,12 @@ class Run(Struct, frozen=True, eq=False):
         return f"<Run {self.name or self.procedure}: {self.status.value}, {len(self.points)} points>"
 
     def report(self) -> Report:
-        """Return what the run came to: its own report, what was measured before a break or not checked, the verdict."""
+        """Return what the run came to: its own report, breaks and pauses, what was not checked, the verdict."""
         from vcfbench.report.document import Text  # noqa: PLC0415
         from vcfbench.report.generic import verdict_table  # noqa: PLC0415
 
         broken = [Text(f"resumed: {each}") for each in self.resumed]
+        broken += [Text(f"paused {each}") for each in self.pauses]
         left_out = [Text(f"not checked: {each}") for each in self.not_checked]
         verdict = [] if self.verdict is None else [verdict_table(self.verdict)]
         return Report([*self._own_report.parts, *broken, *left_out, *verdict])

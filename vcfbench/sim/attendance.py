@@ -6,6 +6,7 @@ still happen at its own instant, or the World would see it late; so the devices 
 
 from __future__ import annotations
 
+import math
 import threading
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Protocol
@@ -35,12 +36,13 @@ class AttendedClock:
         devices: the devices to look in on; more by :meth:`attend`, because a device is made with its clock.
     """
 
-    __slots__ = ("_clock", "_devices", "asleep", "held", "now")
+    __slots__ = ("_clock", "_devices", "asleep", "held", "now", "pace")
 
     def __init__(self, clock: Clock, devices: Iterable[Attended] = ()) -> None:
         self._clock = clock
         self._devices = tuple(devices)
         self.now = clock.now
+        self.pace: float = getattr(clock, "pace", math.inf)
         self.asleep: AbstractContextManager[object] = nullcontext()
         """Entered while time passes and no device acts: a wait may be broken off there, and nowhere else in it."""
         self.held: AbstractContextManager[object] = clock if isinstance(clock, ScaledClock) else threading.RLock()

@@ -130,13 +130,18 @@ function drawAbout() {
   byId("limits").replaceChildren(...(about.limits || []).flatMap(([name, value]) => [made("dt", name), made("dd", value)]));
 }
 
+const waits = () => run.control === "pausing" || run.control === "paused";
+
 function drawProgress() {
   if (run.end || !run.about.run) return;
   const since = (performance.now() - run.heard_ms) / 1e3 / (run.pace || 1);
   // of a run in another process steps are known when they are done
   const t = run.t_s + (isLive ? Math.min(since, run.doing ? run.doing.duration_s : 0) : since);
-  byId("status").textContent = "running";
-  byId("status").className = "pill running";
+  const state = run.control && run.control !== "beginning" ? run.control : "running";
+  byId("status").textContent = state;
+  byId("status").className = `pill ${state === "running" ? "running" : "marginal"}`;
+  byId("pause").hidden = !(isLive && token) || state === "stopping";
+  byId("pause").textContent = waits() ? "Go on" : "Pause";
   byId("going").hidden = false;
   byId("look").hidden = isLive && Boolean(token);
   byId("look").textContent = isLive
@@ -241,7 +246,7 @@ function drawEnd() {
   const end = run.end;
   byId("going").hidden = true;
   byId("look").hidden = true;
-  byId("stop").hidden = true;
+  byId("stop").hidden = byId("pause").hidden = true;
   byId("status").textContent = end.status;
   byId("status").className = `pill ${end.status}`;
   document.querySelector(".tiles").hidden = true;
@@ -278,11 +283,13 @@ function take(news) {
     drawAbout();
   }
   const now = performance.now();
-  run.began_s = news.began_s;
   if (run.seen_ms === undefined && (news.doing || !isLive)) { run.seen_ms = now; run.seen_s = news.t_s; }
   if (run.seen_ms !== undefined && news.t_s - run.seen_s > 2) run.pace = (now - run.seen_ms) / 1e3 / (news.t_s - run.seen_s);
-  Object.assign(run, { t_s: news.t_s, doing: news.doing, end: news.end, heard_ms: now });
+  if (run.began_s !== undefined && news.began_s !== run.began_s) run.seen_ms = undefined; // it paused: the pace is taken anew
+  run.began_s = news.began_s;
+  Object.assign(run, { t_s: news.t_s, doing: news.doing, control: news.control, end: news.end, heard_ms: now });
   if (!run.end && news.doing) byId("doing").textContent = news.doing.what;
+  else if (!run.end && run.control === "paused") byId("doing").textContent = "paused: table at rest, V_Vc off, rails on";
   else if (!run.end && !isLive && news.steps.length) byId("doing").textContent = `done: ${news.steps[news.steps.length - 1].what}`;
   if (!run.end) byId("reading").textContent = news.last_v === null ? "\u00a0" : `last reading ${signed(news.last_v, 6)} V`;
   drawState(news.bench);
@@ -320,15 +327,29 @@ function listen() {
 function lost() {
   byId("status").textContent = "no connection";
   byId("status").className = "pill lost";
-  byId("stop").hidden = true;
+  byId("stop").hidden = byId("pause").hidden = true;
   byId("over").textContent = "The command that measured does not answer any more. What is shown is what came so far; the record has all of it.";
   byId("over").className = "banner bad";
   byId("over").hidden = false;
 }
 
-// ---- stop
+// ---- stop, pause, go on
+
+const asked = async (what) => {
+  const answer = await fetch(`${base}/${what}`, { method: "POST", headers: { "X-Vcfbench-Token": token } });
+  if (!answer.ok) throw new Error(await answer.text());
+};
 
 if (isLive && token) {
+  byId("pause").addEventListener("click", async () => {
+    byId("pause").disabled = true;
+    try {
+      await asked(waits() ? "go-on" : "pause");
+    } catch (error) {
+      byId("status").textContent = `not done: ${error.message}`;
+    }
+    byId("pause").disabled = false;
+  });
   byId("stop").hidden = false;
   byId("stop").addEventListener("click", () => byId("sure").showModal());
   byId("sure").addEventListener("close", async () => {
@@ -336,8 +357,7 @@ if (isLive && token) {
     byId("stop").disabled = true;
     byId("stop").textContent = "stopping …";
     try {
-      const answer = await fetch(`${base}/stop`, { method: "POST", headers: { "X-Vcfbench-Token": token } });
-      if (!answer.ok) throw new Error(await answer.text());
+      await asked("stop");
     } catch (error) {
       byId("stop").disabled = false;
       byId("stop").textContent = `not stopped: ${error.message}`;

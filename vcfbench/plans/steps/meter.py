@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -64,9 +64,19 @@ class Window(StepResult, Struct, frozen=True):
     def as_json(self) -> dict[str, Any]:
         """Return readings and read-backs; the point too, where it cannot be made from the readings beside it."""
         values = StepResult.as_json(self)
-        if self.readings:
+        if self.readings and not self.point.moved_u_v:
             del values["point"]
+        else:
+            values["point"] = self.point.as_json()
         return values
+
+    def counted_from(self, moved_v: float, u_v: float) -> Self:
+        """Return the window with its point counted from where the output was before."""
+        return replace(self, point=replace(self.point, moved_v=moved_v, moved_u_v=u_v))
+
+    def referred(self) -> Self:
+        """Return the window with its mean as it would be, had the output not moved in pauses."""
+        return replace(self, point=self.point.referred()) if self.point.moved_v else self
 
     def describe(self) -> str:
         """Name mean and scatter."""

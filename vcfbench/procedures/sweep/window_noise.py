@@ -61,6 +61,8 @@ class WindowNoise(Struct, frozen=True):
     lagged: Floats | None
     """(2n + 2, 2n + 2): covariances of the ends and beginnings of these by flicker; None where none is known."""
     flicker: Flicker | None = None
+    referred_v2: Floats | None = None
+    """(n, n): covariances by the references after pauses, which all windows after them share; None without a pause."""
 
     @classmethod
     def of(cls, settings: ProcedureSettings, points: Sequence[Point], scale_factor: float) -> WindowNoise:
@@ -72,7 +74,7 @@ class WindowNoise(Struct, frozen=True):
         dof = sum(point.n - 1 for point in points)
         pooled = math.fsum((point.n - 1) * point.std_v**2 for point in points) / dof
         pooled = _resolved(pooled, settings.meter_resolution_v, int(readings.max()))
-        white = cls(readings, pooled, float(dof), np.empty(0), None)
+        white = cls(readings, pooled, float(dof), np.empty(0), None, referred_v2=_by_references(points))
         known, successive = settings.station.sources, _successive_zeros(points)
         stated = known.bias_instability_deg_h
         if stated == 0.0 or (stated is None and not successive.size):
@@ -120,7 +122,8 @@ class WindowNoise(Struct, frozen=True):
 
     def by_readings(self, weights: Floats) -> Floats:
         """Return the covariance of sums by the scatter of readings; each row of `weights`, (m, n), is a sum."""
-        return np.asarray(self.variance_v2 * (weights / self.readings) @ weights.T)
+        own = np.asarray(self.variance_v2 * (weights / self.readings) @ weights.T)
+        return own if self.referred_v2 is None else np.asarray(own + weights @ self.referred_v2 @ weights.T)
 
     def by_flicker(self, weights: Floats, steady: Sequence[bool]) -> Floats:
         """Return that by flicker; what is `steady` is compared with the mean over the horizon about the run."""
@@ -149,6 +152,14 @@ def _resolved(variance_v2: float, resolution_v: float, readings: int) -> float:
     if variance_v2 >= 0.25 * resolution_v**2:
         return variance_v2
     return max(variance_v2, readings * resolution_v**2 / 12.0)
+
+
+def _by_references(points: Sequence[Point]) -> Floats | None:
+    """Return the covariances of windows that are counted from references: two share those before the earlier one."""
+    if not any(point.moved_u_v for point in points):
+        return None
+    squares = np.square([point.moved_u_v for point in points])
+    return np.minimum.outer(squares, squares)
 
 
 _LEAST_DOF = 2.0

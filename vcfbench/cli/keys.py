@@ -1,0 +1,104 @@
+"""Keys on the terminal while a run goes: `p` has it pause, `p` again or Enter lets it go on."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+from contextlib import contextmanager, suppress
+from threading import Event, Lock, Thread
+from typing import TYPE_CHECKING, Any, Final, Self
+
+from vcfbench.bench.control import RunState
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import TracebackType
+
+    from vcfbench.bench.control import RunControl
+
+_LOOKS_S: Final = 0.05
+_BY: Final = "the terminal"
+
+
+class Keys:
+    """Reads single keys from the terminal, in a thread of its own, and hands them to `control`.
+
+    The terminal is left as it was. It is read, and changed, only while this process is in its foreground.
+    """
+
+    def __init__(self, control: RunControl) -> None:
+        self._control = control
+        self._over = Event()
+        self._using = Lock()
+        self._before: list[Any] | None = None
+        self._descriptor = sys.stdin.fileno()
+        self._thread = Thread(target=self._watch, name="keys", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Read no more."""
+        self._over.set()
+        with self._using:
+            self._give_back()
+
+    @contextmanager
+    def left_alone(self) -> Iterator[None]:
+        """Leave the terminal to who reads whole lines from it meanwhile."""
+        with self._using:
+            self._give_back()
+            yield
+
+    def _watch(self) -> None:
+        with suppress(OSError, ValueError):  # it was closed: nobody presses anything any more
+            while not self._over.wait(_LOOKS_S):
+                with self._using:
+                    if self._over.is_set():
+                        return
+                    pressed = self._pressed()
+                if pressed is not None:
+                    self._heard(pressed)
+
+    def _pressed(self) -> str | None:
+        """Return what was pressed since, None where the terminal is another's; OSError at its end."""
+        if os.tcgetpgrp(self._descriptor) != os.getpgrp():
+            return None
+        self._take()
+        pressed = ""
+        while select.select([self._descriptor], [], [], 0.0)[0]:
+            data = os.read(self._descriptor, 64)
+            if not data:
+                raise OSError("the terminal is gone")
+            pressed += data.decode("latin-1")
+        return pressed
+
+    def _heard(self, pressed: str) -> None:
+        for key in pressed:
+            waits = self._control.state in {RunState.PAUSING, RunState.PAUSED}
+            if waits and key in "pP\r\n":
+                self._control.go_on(_BY)
+            elif key in "pP":
+                self._control.pause(_BY)
+
+    def _take(self) -> None:
+        """Have the terminal give each key as it is pressed; a shell may have changed that meanwhile (Ctrl-Z, fg)."""
+        import termios  # noqa: PLC0415  # there is none on Windows
+
+        now = termios.tcgetattr(self._descriptor)
+        if now[3] & termios.ICANON:
+            self._before = list(now)
+            now[3] &= ~(termios.ICANON | termios.ECHO)
+            termios.tcsetattr(self._descriptor, termios.TCSANOW, now)
+
+    def _give_back(self) -> None:
+        import termios  # noqa: PLC0415  # as above
+
+        if self._before is not None:
+            with suppress(OSError, termios.error):
+                termios.tcsetattr(self._descriptor, termios.TCSANOW, self._before)
+            self._before = None

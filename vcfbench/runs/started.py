@@ -1,0 +1,91 @@
+"""A run in a thread of its own: begun, controlled from any other, and waited for."""
+
+from __future__ import annotations
+
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.bench.control import RunControl
+from vcfbench.runs.conduct import run
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.plans.executor import Observer
+    from vcfbench.plans.step import Operator
+    from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.record.metadata import RunMetadata
+    from vcfbench.runs.run import Run
+
+
+class StartedRun(RunControl):
+    """A run that goes on in a thread: stopped, paused and waited for from any other.
+
+    The program does not end before the run: a bench is not left by its own program.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._run: Run | None = None
+        self._error: BaseException | None = None
+        self._thread: Thread | None = None
+
+    def result(self, timeout_s: float | None = None) -> Run:
+        """Wait for the end of the run, at most `timeout_s` (wall time, None: as long as it takes), and return it.
+
+        Raises:
+            TimeoutError: it goes on.
+            BenchError: it did not come to its end, as of :func:`vcfbench.run`.
+        """
+        assert self._thread is not None  # noqa: S101  # start has begun it
+        self._thread.join(timeout_s)
+        if self._thread.is_alive():
+            raise TimeoutError(f"the run goes on: it is {self.state}")
+        if self._error is not None:
+            raise self._error
+        assert self._run is not None  # noqa: S101  # else there is an error
+        return self._run
+
+    def _begin(self, *asked: Any, **more: Any) -> None:
+        def work() -> None:
+            try:
+                self._run = run(*asked, **more, control=self)
+            except BaseException as error:  # noqa: BLE001  # raised for whoever waits
+                self._error = error
+
+        self._thread = Thread(target=work, name="vcfbench run")
+        self._thread.start()
+
+
+def start(
+    procedure: str | Path | AnyProcedure,
+    bench: BenchDescription | Path | str | None = None,
+    *,
+    seed: int | None = None,
+    settings: Mapping[str, Any] | None = None,
+    observers: Sequence[Observer] = (),
+    runs: str | Path | None = "runs",
+    speed: str | float | None = None,
+    operator: Operator | None = None,
+    metadata: Mapping[str, Any] | RunMetadata | None = None,
+) -> StartedRun:
+    """Begin a run in a thread of its own and return what controls it; the arguments are those of :func:`vcfbench.run`.
+
+    What goes wrong is raised by :meth:`StartedRun.result`. Observers and operator are called in the run's thread.
+    Signals are the program's: whoever wants Ctrl-C to stop the run calls `stop`.
+    """
+    started = StartedRun()
+    started._begin(  # noqa: SLF001  # nobody else begins one
+        procedure,
+        bench,
+        seed=seed,
+        settings=settings,
+        observers=observers,
+        runs=runs,
+        speed=speed,
+        operator=operator,
+        metadata=metadata,
+    )
+    return started
