@@ -34,10 +34,14 @@ def test_a_signal_after_it_has_its_own_name() -> None:
             signal.raise_signal(signal.SIGINT)
 
 
-def test_where_no_signal_is_watched_it_changes_nothing() -> None:
-    signals = StopSignals()
-    signals.stop("the page")
-    signals.safe_point()
+def test_where_no_signal_is_watched_each_wait_looks_for_it() -> None:
+    signals, clock = StopSignals(), WallClock()
+    timer = threading.Timer(0.05, signals.stop, ["the page"])
+    timer.start()
+    with pytest.raises(Aborted, match=r"^stopped by the page$"):
+        ControlClock(clock, signals).sleep_until(60.0)
+    timer.join()
+    assert clock.now() < 30.0
 
 
 def test_what_is_attended_is_stopped_at_once_also_after_a_wait_in_it() -> None:
