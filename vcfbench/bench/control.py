@@ -45,7 +45,7 @@ class RunControl:
         self.pause_by = ""
         """Who wants it to pause; empty: nobody."""
         self._on_by = ""
-        self._told: list[Callable[[RunState, str], None]] = []
+        self._listeners: list[Callable[[RunState, str], None]] = []
 
     @property
     def state(self) -> RunState:
@@ -78,7 +78,7 @@ class RunControl:
 
     def tell(self, listener: Callable[[RunState, str], None]) -> None:
         """Have `listener` told each new state and who brought it about, in whatever thread that is."""
-        self._told.append(listener)
+        self._listeners.append(listener)
 
     @contextmanager
     def of_run(self, signals: StopSignals) -> Iterator[None]:
@@ -126,6 +126,6 @@ class RunControl:
     def _set(self, state: RunState, by: str) -> None:
         self._state = state
         self._changed.notify_all()
-        for each in self._told:
+        for each in self._listeners:
             with suppress(Exception):  # a display may fail as it likes
                 each(state, by)
