@@ -22,7 +22,11 @@ AMPLITUDES_WORTH_PPM = 1000.0
 SEEN = 3.0
 """A change by so many of its standard uncertainties is one."""
 UNEXPLAINED_DEG = 0.15
-"""Of the sense signal's phase: so much more than carrier, splits and Q explain is something that nobody knows."""
+"""Of the sense signal's phase: so much more than carrier, splits and Q explain is something that nobody knows.
+
+This program's own limit, no standard's: seven times what records scatter by, and what would be 150 ppm if it acted as
+the carrier's phase does.
+"""
 STILL_UNSEEN = (
     "the force of the feedback combs a volt (gap, overlap, charges), and how unequal they are",
     "the modulator's gain of small signals",

@@ -31,10 +31,10 @@ MAY_HAVE: Final[tuple[tuple[str, Mapping[str, float], str], ...]] = (
 )
 """What may have changed where nobody looks; of Q a share.
 
-The limits are this program's own, there is no source for them. Q halves when a package that was shut at some pascals
-takes in as much again. Half a hertz of split, 5 Hz of the in-phase mode are some 2 and 3 % of either: a mode's spring
-by 3e-4 and 3e-3. A degree is 0.8 us at 3.5 kHz, the delay that a filter's capacitor of 1 % near its corner makes;
-5e-4 is what some femtofarads between V_Vc and the pick-off let through. `k_vc_not_measured_ppm` replaces them all.
+The limits are this program's own, there is no source for them. Q halves where gas that damps a mode comes to twice its
+pressure. Half a hertz of split is 3e-4 of a mode's spring, 5 Hz of the in-phase mode 3e-3. A degree is 0.8 us at 3.5
+kHz: a capacitor at the corner of a filter, off by 3 %. 5e-4 of what the modes answer is as far as
+`benchmarks/ageing.py` goes. `k_vc_not_measured_ppm` replaces them all.
 """
 _COUNTED = frozenset({phases.CARRIER_PHASE, phases.DEMODULATOR_PHASE})
 """What is measured by health, or counts as not measured: not missing, though no bench file says it."""
