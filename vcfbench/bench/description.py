@@ -65,6 +65,7 @@ __all__ = [
     "Limits",
     "MultimeterRole",
     "Node",
+    "Notify",
     "OscilloscopeRole",
     "OscilloscopeWiring",
     "PowerRole",
@@ -206,6 +207,13 @@ class Laboratory(BenchFileTable, frozen=True, kw_only=True):
     operator: Text | None = None
 
 
+class Notify(BenchFileTable, frozen=True, kw_only=True):
+    """A program, with its arguments, that is told what each run came to; it has `timeout_s` for that."""
+
+    command: Annotated[tuple[Annotated[str, Meta(min_length=1, max_length=4096)], ...], Meta(min_length=1)]
+    timeout_s: Annotated[float, Meta(ge=0.1, le=60.0)] = 10.0
+
+
 class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     """What is known of instruments and gyroscope for the uncertainties.
 
@@ -338,6 +346,7 @@ class BenchDescription(BenchFileTable, frozen=True, kw_only=True):
     acceptance: AcceptanceLimits = field(default_factory=AcceptanceLimits)
     uncertainty: Knowledge = field(default_factory=Knowledge)
     laboratory: Laboratory = field(default_factory=Laboratory)
+    notify: Notify | None = None
     simulation: Simulation | None = None
     served: Served | None = None
 

@@ -49,13 +49,23 @@ def described(bench: BenchDescription | Path | str | None) -> BenchDescription:
 
 
 def _beside(description: BenchDescription, path: Path) -> BenchDescription:
-    """Return the bench with the profile of its table found from where its bench file is, and read once."""
+    """Return the bench with the files that it names found from where its bench file is; a table's profile is read."""
+    description = _notifying(description, path.parent)
     table = description.rate_table
     if table is None or not table.dialect.endswith(".toml"):
         return description
     found = msgspec.structs.replace(table, dialect=str(path.parent / table.dialect))
     _check_profile(found.dialect, found.axis, simulated=description.simulation is not None)
     return msgspec.structs.replace(description, rate_table=found)
+
+
+def _notifying(description: BenchDescription, folder: Path) -> BenchDescription:
+    """Return the bench with the program of ``[notify]`` found from where its file is, if it is named by a path."""
+    notice = description.notify
+    if notice is None or len(Path(notice.command[0]).parts) == 1:
+        return description
+    command = (str((folder / notice.command[0]).absolute()), *notice.command[1:])
+    return msgspec.structs.replace(description, notify=msgspec.structs.replace(notice, command=command))
 
 
 def _check_profile(dialect: str, axis: int, *, simulated: bool) -> None:

@@ -102,13 +102,36 @@ def _make_safe(charge: dict[str, Any], watch: _Watch, why: str) -> int:
     except Exception as error:  # noqa: BLE001  # whatever went wrong, somebody must go and look
         _write(watch, {"why": f"{why}{where}", "safe": None, "error": f"{type(error).__name__}: {error}"})
         say(f"vcfbench watchdog: {why}{where}; NOT SAFE: {error}", alarm=True)
+        _notify(charge, watch, f"{why}{where}; NOT SAFE: {error}", 5)
         return 5
     failure = done.failure()
     instruments = [{"instrument": each.role, "found": each.found, "safe": each.safe, "detail": each.detail}
                    for each in done.instruments]  # fmt: skip
     _write(watch, {"why": f"{why}{where}", "safe": failure is None, "instruments": instruments})
     say(f"vcfbench watchdog: {why}{where}; {failure or 'the bench was made safe'}", alarm=failure is not None)
+    _notify(charge, watch, f"{why}{where}; {failure or 'the bench was made safe'}", failure and failure.exit_code)
     return 0 if failure is None else failure.exit_code
+
+
+def _notify(charge: dict[str, Any], watch: _Watch, error: str, code: int | None) -> None:
+    """Tell the program that the bench file names of a run that can tell nothing itself any more."""
+    if charge["bench"].get("notify") is None:
+        return
+    from vcfbench.bench.description import Notify  # noqa: PLC0415  # as above
+    from vcfbench.runs.notified import notify  # noqa: PLC0415
+    from vcfbench.typed import typed  # noqa: PLC0415
+
+    directory = None if watch.journal is None else watch.journal.parent
+    outcome = {
+        "outcome": "NOT SAFE" if code else "failed",
+        "exit_code": code,
+        "error": error,
+        "run": None if directory is None else directory.name,
+        "directory": None if directory is None else str(directory),
+        "bench": charge["bench"].get("name"),
+    }
+    with suppress(Exception):  # the bench is what counts
+        notify(typed(charge["bench"]["notify"], Notify), outcome)
 
 
 def _safe(charge: dict[str, Any]) -> MadeSafe:

@@ -143,14 +143,28 @@ def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) 
     except BenchError as error:
         course.take_error(_as_bench_error(error))
     except BaseException as error:
+        _notify(course)
         if isinstance(course.error, NotSafe):  # nothing comes before it: not a disk, not a mistake of ours
             raise course.error from error
         raise
+    _notify(course)
     done = course.as_run()
     if course.error is not None:
         course.error.run = done
         raise course.error
     return done
+
+
+def _notify(course: _Course) -> None:
+    """Tell the program that the bench file names; whatever becomes of that, the run came to what it came to."""
+    description, asked = course.checked.description, course.asked
+    if description is None or description.notify is None or (asked.runs is None and course.error is None):
+        return
+    from vcfbench.runs.notified import notify, outcome_of  # noqa: PLC0415  # few stations have one
+
+    with suppress(Exception):
+        if (failure := notify(description.notify, outcome_of(course.as_run()))) is not None:
+            asked.warn(f"nobody was notified: {failure}")
 
 
 class _Course(Struct):
@@ -424,7 +438,7 @@ class _Record(Struct):
             "identities": msgspec.to_builtins(identities),
             "options": msgspec.to_builtins(course.asked.options, enc_hook=shown),
             "settings": msgspec.to_builtins(self.prepared.settings),
-            "bench": msgspec.to_builtins(description),
+            "bench": _without_program(msgspec.to_builtins(description)),
             **times,
             "metadata": course.checked.metadata.as_json(),
             "equipment": [each.as_json() for each in equipment],
@@ -559,6 +573,12 @@ class _Record(Struct):
         with suppress(ConfigError):  # a number in it is not finite: the results are kept all the same
             return {"report": plain_report(self.course.evaluation.report)}
         return {}
+
+
+def _without_program(bench: dict[str, Any]) -> dict[str, Any]:
+    """Return a bench as its record has it: who takes a record up, wherever, runs no program that it names."""
+    del bench["notify"]
+    return bench
 
 
 def _identified(prepared: Prepared, identities: Mapping[str, Identity]) -> Prepared:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from vcfbench.runs.run import Run
 
 _MAY_DIFFER = {
-    *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate", "laboratory"),
+    *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate", "laboratory", "notify"),
     *("resource", "timeout_s", "serial", "serial_pause_s", *CALIBRATION_KEYS),
 }
 """What of a bench file matters to nothing that was measured: by its path, or by its key in the table of a role. The
@@ -190,6 +190,7 @@ class BrokenOff:
         """Return the bench of the record, or that which was asked for, if nothing that matters differs."""
         from msgspec import ValidationError, to_builtins  # noqa: PLC0415
         from msgspec.json import decode, encode  # noqa: PLC0415
+        from msgspec.structs import replace  # noqa: PLC0415
 
         from vcfbench.bench.description import BenchDescription  # noqa: PLC0415
         from vcfbench.bench.file import described  # noqa: PLC0415
@@ -198,7 +199,7 @@ class BrokenOff:
 
         header = self.record.header
         try:
-            description = typed(header.get("bench"), BenchDescription)
+            description = replace(typed(header.get("bench"), BenchDescription), notify=None)  # a record names none
         except ValidationError as error:
             raise ConfigError(f"its bench is not that of this version: {error}") from None
         station = asked.bench

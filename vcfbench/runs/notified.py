@@ -1,0 +1,88 @@
+"""Tells a program that the bench file names what a run came to: ``[notify]``."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import Aborted, NotSafe
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.bench.description import Notify
+    from vcfbench.runs.run import Run
+
+_FAILED = 1
+
+
+def outcome_of(run: Run) -> dict[str, Any]:
+    """Return what is told of a run: in one word, and with what ended it."""
+    error, verdict = run.error, run.verdict
+    failed = _FAILED if verdict is not None and not verdict.passed else 0
+    return {
+        "outcome": outcome_word(error),
+        "exit_code": failed if error is None else error.exit_code,
+        "error": None if error is None else str(error),
+        "verdict": None if verdict is None else verdict.word,
+        "run": run.name,
+        "directory": None if run.directory is None else str(run.directory.resolve()),
+        "procedure": run.procedure,
+        "bench": run.bench,
+        "simulated": run.simulated,
+        "status": run.status.value,
+        "dut": run.metadata.dut,
+        "bench_seconds": run.bench_seconds,
+        "pauses": list(run.pauses),
+    }
+
+
+def outcome_word(error: BaseException | None) -> str:
+    """Return how a run ended that `error` ended, None: nothing did."""
+    match error:
+        case None:
+            return "complete"
+        case NotSafe():
+            return "NOT SAFE"
+        case Aborted():
+            return "stopped"
+    return "failed"
+
+
+def notify(notice: Notify, outcome: Mapping[str, Any]) -> str | None:
+    """Run the program of `notice` without a shell, `outcome` on its input as JSON; return what went wrong, in words.
+
+    It and what it has started are ended when it takes longer than it may; nothing is raised.
+    """
+    name = notice.command[0]
+    try:
+        process = subprocess.Popen(  # noqa: S603  # the bench file names it, and docs say that it is a program
+            notice.command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+    except (OSError, ValueError) as error:
+        return f"{name} could not be started: {getattr(error, 'strerror', None) or error}"
+    try:
+        process.communicate(json.dumps(outcome).encode() + b"\n", timeout=notice.timeout_s)
+    except subprocess.TimeoutExpired:
+        _end(process)
+        return f"{name} took longer than {notice.timeout_s:g} s and was ended"
+    except BaseException:
+        _end(process)
+        raise
+    return None if process.returncode == 0 else f"{name} ended with code {process.returncode}"
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if hasattr(os, "killpg"):
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.wait()
