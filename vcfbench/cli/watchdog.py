@@ -109,8 +109,9 @@ def _make_safe(charge: dict[str, Any], watch: _Watch, why: str) -> int:
                    for each in done.instruments]  # fmt: skip
     _write(watch, {"why": f"{why}{where}", "safe": failure is None, "instruments": instruments})
     say(f"vcfbench watchdog: {why}{where}; {failure or 'the bench was made safe'}", alarm=failure is not None)
-    _notify(charge, watch, f"{why}{where}; {failure or 'the bench was made safe'}", failure and failure.exit_code)
-    return 0 if failure is None else failure.exit_code
+    code = None if failure is None else failure.exit_code
+    _notify(charge, watch, f"{why}{where}; {failure or 'the bench was made safe'}", code)
+    return code or 0
 
 
 def _notify(charge: dict[str, Any], watch: _Watch, error: str, code: int | None) -> None:
