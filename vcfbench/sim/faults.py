@@ -433,8 +433,11 @@ class FaultyDevice:
         if not (self._planned or self._active or self._underway):  # as nearly always
             return self.device.wake_at()
         self._advance()
+        own = self.device.wake_at()
+        if own is not None and own <= self._clock.now() and self._dead:  # what it says there nobody hears
+            own = None
         coming = [
-            self.device.wake_at(),
+            own,
             *(each.ends_s for each in self._active),
             *(each.at_s for each in self._planned[:1]),
         ]
