@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import pytest
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
+from vcfbench.clock import VirtualClock
 from vcfbench.sim.faults import Fault, FaultyDevice
+from vcfbench.sim.serial_backend import _Port
 from vcfbench.testing import drawn, shrunk, soak, tried
 from vcfbench.testing.soaking import trial
 from vcfbench.testing.soaking.draw import Happening
@@ -49,6 +53,27 @@ def test_the_command_repeats_a_seed_and_says_what_it_draws() -> None:
     assert answer.stdout.startswith("seed 2: ")
     assert "1 seeds from 2 in" in answer.stdout
     assert CliRunner().invoke(app, ["sim", "soak", "--seeds", "3:3"]).exit_code != 0
+
+
+class Speaks:
+    """A device that has something to say since 1 s."""
+
+    def wake_at(self) -> float:
+        return 1.0
+
+    def write(self, _data: bytes) -> None: ...
+
+
+def test_a_dead_line_whose_table_speaks_on_does_not_hold_bench_time() -> None:
+    """A port waited for an instant that had passed, for ever."""
+    clock, device = VirtualClock(), Speaks()
+    clock.sleep_until(2.0)
+    line = FaultyDevice(device, clock, Random(0))  # type: ignore[arg-type]  # noqa: S311
+    line.add(Fault("rate_table", "late", at_s=9.0))
+    assert _Port(Speaks(), clock).wait(3.0)  # type: ignore[arg-type]
+    assert clock.now() == 3.0
+    line.add(Fault("rate_table", "half_open", duration_s=2.0))
+    assert line.wake_at() == 5.0
 
 
 @pytest.mark.exhaustive

@@ -13,7 +13,6 @@ from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
 from vcfbench.plans.step import Effect, Outcome
 from vcfbench.record.amendments import amended, amendments_of
-from vcfbench.record.journal import being_written
 from vcfbench.record.metadata import metadata_from
 from vcfbench.record.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
@@ -104,8 +103,6 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
     if path is None:
         raise ConfigError("the run has no record, so it cannot be resumed")
     directory = directory_of(path, runs)
-    if being_written(directory.journal):
-        raise ConfigError(f"{directory.run} goes on in another process: it can be resumed once that has ended")
     record = directory.read()
     if record.damage is not None:
         raise ConfigError(

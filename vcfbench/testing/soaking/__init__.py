@@ -77,11 +77,14 @@ class _Lives:
         self._spoilt = self._lost = False
 
     def go_through(self) -> None:
-        """Start the program as often as drawn; then, unless that is over, once without a fault: that must end it."""
+        """Start the program as often as drawn, and, unless that is over, once without a fault.
+
+        That must end it, or refuse what a fault has spoilt before.
+        """
         for life in range(self._draw.lives):
             if self._is_over(life):
                 return
-        if not self._is_over(self._draw.lives):
+        if not self._is_over(self._draw.lives) and not self._spoilt:
             self.wrong.append("it is not complete after a start without a fault")
 
     def _is_over(self, life: int) -> bool:
@@ -94,7 +97,7 @@ class _Lives:
             return self._refused(ended, before)
         made = [each for each in self._folder.iterdir() if each not in known and (each / "journal.jsonl").exists()]
         record = self._read(made[0]) if made else None
-        wrong = [*wrong_of(ended, self._clean), *wrong_values(ended, self._values)]
+        wrong = [*wrong_of(ended, self._clean, spoilt=self._spoilt), *wrong_values(ended, self._values)]
         if made and record is not None and record.header and not _is_short(record):
             if before is not None:
                 ended.points[:0] = [each.as_json() for each in before.points]

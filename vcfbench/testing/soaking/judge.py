@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
+from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.procedures.measurand import Measurand
 from vcfbench.record.schema import Status
 
@@ -19,6 +19,8 @@ _RATE_DEG_S, _V_VC_V, _RAIL_V = 0.05, 0.01, 0.5
 """Beyond these something turns or is on."""
 _LONGEST_S = 600.0
 """Bench time by which faults may lengthen a run that takes twice as long as the clean one."""
+_APART = 1.5
+"""In both U95: the noise of two runs of short windows comes to that once in 40 000 values, and to 1 once in 200."""
 VALUE_FAULTS = frozenset({"offset", "overload", "current_limit", "power_cycle", "jam", "drive_fault"})
 """What changes what is measured: of what was recorded with it a resumed run may say that it is refused."""
 
@@ -32,8 +34,8 @@ def values_of(results: Any) -> dict[str, tuple[float, float]]:
     return {name: (each.value, each.expanded_u) for name, each in found if isinstance(each, Measurand)}
 
 
-def wrong_of(ended: Ended, clean: Clean) -> Iterator[str]:
-    """Yield what is wrong with one start."""
+def wrong_of(ended: Ended, clean: Clean, *, spoilt: bool = False) -> Iterator[str]:
+    """Yield what is wrong with one start; `spoilt`: what was measured before it may be refused."""
     yield from ended.wrong
     if ended.died:
         return
@@ -43,7 +45,7 @@ def wrong_of(ended: Ended, clean: Clean) -> Iterator[str]:
         return
     yield from _left_live(ended)
     yield from _not_safe(ended)
-    yield from _code(ended)
+    yield from _code(ended, spoilt=spoilt)
     if ended.end_s > 2.0 * clean.duration_s + _LONGEST_S:
         yield f"it took {ended.end_s:.0f} s of bench time, without faults {clean.duration_s:.0f} s"
 
@@ -72,15 +74,16 @@ def _not_safe(ended: Ended) -> Iterator[str]:
             yield f"NOT SAFE without a cause: {each.instrument}: {each.detail}"
 
 
-def _code(ended: Ended) -> Iterator[str]:
+def _code(ended: Ended, *, spoilt: bool) -> Iterator[str]:
     error = ended.error
+    caused = ended.faults or ended.signals or ended.disk_troubles or (spoilt and isinstance(error, MeasurementError))
     if isinstance(error, Aborted) and not ended.signals:
         yield f"stopped by nobody: {error}"
     if isinstance(error, ConfigError) and ended.began and not ended.disk_troubles:
         yield f"exit code 2 from an open bench: {error}"
     if error is None and ended.run is not None and ended.run.status != Status.COMPLETE:
         yield f"exit code 0 of a run that is {ended.run.status.value}"
-    if error is not None and not ended.faults and not ended.signals and not ended.disk_troubles:
+    if error is not None and not caused:
         yield f"refused without a cause: {type(error).__name__}: {error}"
     if isinstance(error, BenchError) and "mistake" in str(error):
         yield f"a mistake: {error}"
@@ -107,7 +110,7 @@ def wrong_record(ended: Ended, record: JournalRecord | None, draw: Draw) -> Iter
 
 
 def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]]) -> Iterator[str]:
-    """Yield what a complete run states that is off by more than its U95 from the clean run."""
+    """Yield what a complete run states that is further from the clean run than the noise of both can bring it."""
     if ended.run is None or ended.error is not None or ended.died:
         return
     stated = values_of(ended.run.results)
@@ -116,5 +119,5 @@ def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]]) -> Iter
         yield f"complete without {', '.join(sorted(missing))}"
     for name in clean.keys() & stated.keys():
         value, u95 = stated[name]
-        if abs(value - clean[name][0]) > u95 + clean[name][1]:
+        if abs(value - clean[name][0]) > _APART * (u95 + clean[name][1]):
             yield f"{name} is {value:.9g}, without a fault {clean[name][0]:.9g}, U95 {u95:.2g}"
