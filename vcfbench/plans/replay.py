@@ -187,15 +187,21 @@ def start_up_again(steps: Sequence[Step], settings: ProcedureSettings) -> Routin
 def set_again(steps: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
     """Bring a bench that is on to where `steps` had brought it, of which something `disturbed` was set otherwise since.
 
-    Of all steps that set the same the last is done again, with the waits after it, as :func:`start_up_again` does.
+    Of all steps that set what was disturbed the last is done again, with the waits after it; what it sets besides is
+    disturbed by that.
     """
-    lasting, is_repeated = _lasting(steps, 0, len(steps)), False
+    last = {name: number for number, step in enumerate(steps) for name in step.sets}
+    repeated, names = set[int](), {*disturbed} & last.keys()
+    while names:
+        number = last[names.pop()]
+        if number not in repeated:
+            repeated.add(number)
+            names |= {*steps[number].sets}
+    is_repeated = False
     for number, step in enumerate(steps):
-        if step.effect is Effect.SETS:
-            is_repeated = number in lasting and not disturbed.isdisjoint(step.sets)
-        elif step.effect is not Effect.WAITS:
-            is_repeated = is_repeated and step.effect is Effect.NOTHING
-        if is_repeated and step.effect is not Effect.NOTHING:
+        if step.effect is not Effect.WAITS:
+            is_repeated = number in repeated
+        if is_repeated:
             for each in step.again():  # noqa: UP028  # a tuple cannot be sent results
                 yield each
 

@@ -86,6 +86,8 @@ class AroundPause(Struct, frozen=True):
     def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
         """Set again what was `disturbed` by the pause, and wait what is waited after it."""
         yield from set_again(done, disturbed)
+        if disturbed - {"multimeter"}:
+            yield Settle(self.settings.settle_s, "gyro settles as it did before the pause")
 
     def moved(self, done: Sequence[Step], before: Window, after: Window) -> Moved:
         """Return by how much the output moved from `before` to `after`, and what of it may be noise and drift."""
