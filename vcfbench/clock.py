@@ -7,6 +7,7 @@ nothing of simulated time has a :class:`ScaledClock`.
 
 from __future__ import annotations
 
+import _thread
 import sys
 import threading
 import time
@@ -51,13 +52,28 @@ def within(wall_s: float, act: Callable[[], object]) -> None:
     if sys.is_finalizing():  # a thread that is started now never begins, and in 3.11 is waited for for ever
         act()
         return
-    worker = threading.Thread(target=act, daemon=True)
+    done = threading.Event()
+
+    def acting() -> None:
+        try:
+            act()
+        finally:
+            done.set()
+
     try:
-        worker.start()
+        start_thread(acting)
     except RuntimeError:  # no threads left, or the interpreter is ending: better without a limit than not at all
         act()
     else:
-        worker.join(wall_s)
+        done.wait(wall_s)
+
+
+def start_thread(act: Callable[[], object]) -> None:
+    """Run `act` in a thread of its own; RuntimeError where none can be started.
+
+    `threading.Thread.start` waits for a sign of the new thread, for ever where that has no memory to begin with.
+    """
+    _thread.start_new_thread(act, ())
 
 
 class WallClock:

@@ -14,7 +14,7 @@ import stat
 import sys
 import tomllib
 from contextlib import contextmanager, suppress
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import ConfigError
 
@@ -167,6 +167,36 @@ def synchronise_names(directory: Path | str) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+_NOT_FOR_FORKS: Final[set[int]] = set()
+"""Descriptors of this process that a forked one must not keep open."""
+
+
+@contextmanager
+def kept_from_forks(descriptor: int) -> Iterator[None]:
+    """Keep `descriptor` from processes that are forked meanwhile: what it holds or tells is this one's alone.
+
+    In a forked process the number stands for the null device.
+    """
+    _NOT_FOR_FORKS.add(descriptor)
+    try:
+        yield
+    finally:
+        _NOT_FOR_FORKS.discard(descriptor)
+
+
+def _let_go() -> None:
+    if _NOT_FOR_FORKS:
+        null = os.open(os.devnull, os.O_RDWR)
+        for descriptor in _NOT_FOR_FORKS:
+            os.dup2(null, descriptor)
+        os.close(null)
+        _NOT_FOR_FORKS.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
 
 
 def shown(path: Path | str) -> str:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import stat
 import subprocess
 import sys
@@ -185,3 +186,36 @@ def test_the_directory_of_the_locks_is_made_however_deep(folder: Path, monkeypat
     monkeypatch.setenv("VCFBENCH_LOCKS", str(folder / "a" / "b"))
     with instrument_locks("lab-1", {"multimeter": METER}):
         assert lock_path(METER).parent == folder / "a" / "b"
+
+
+@posix
+def test_a_forked_process_keeps_no_lock_and_gives_none_back() -> None:
+    with instrument_locks("one", {"power": SUPPLY}):
+        if (child := os.fork()) == 0:
+            try:
+                sys.exit(0)  # every `with` and every generator ends
+            finally:
+                os._exit(0)
+        os.waitpid(child, 0)
+        assert lock_path(SUPPLY).exists()
+        with pytest.raises(InUse), instrument_locks("other", {"power": SUPPLY}):
+            pytest.fail("two have it")
+
+
+@posix
+def test_a_process_that_a_dead_one_has_forked_keeps_nobody_out(folder: Path) -> None:
+    fork = """    import os, time
+    if os.fork() == 0:
+        print("forked", flush=True)
+        time.sleep(60)
+    os._exit(0)
+"""
+    command = [sys.executable, "-c", HOLD.replace("    sys.stdin.read()\n", fork)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:  # noqa: S603
+        assert process.stdout is not None
+        assert [process.stdout.readline() for _ in range(2)] == ["held\n", "forked\n"]
+        process.wait()
+    assert list(folder.iterdir())
+    with instrument_locks("other", {"power": SUPPLY}) as left:
+        assert left["power"].startswith(f"process {process.pid} of ")
+    os.killpg(process.pid, signal.SIGKILL)

@@ -6,11 +6,15 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 
+import vcfbench
 from tests.bench.test_holding import what_is_on
 from tests.cli.test_safe import UNWATCHED, bench_file, left_live
+from vcfbench.bench.description import Safety
+from vcfbench.bench.watchdog import Watchdog
 from vcfbench.clock import WallClock, sleep
-from vcfbench.record.journal import append_line
+from vcfbench.record.journal import append_line, read_journal
 from vcfbench.testing.benches import serve_simulated
 
 if TYPE_CHECKING:
@@ -38,6 +42,21 @@ def test_a_bench_whose_program_died_or_hangs_is_made_safe(signal: str, tmp_path:
             assert process.wait(GENEROUS_S) == -9  # one that hangs is ended: it might switch things on again
 
 
+def test_a_call_that_never_returns_is_ended(tmp_path: Path) -> None:
+    end = """
+import ctypes
+from vcfbench.drivers.visa_wire import SocketWire
+def never(wire, deadline):
+    while True:
+        ctypes.CDLL(None).pause()
+SocketWire.receive = never
+bench.power.outputs_enabled()
+"""
+    with serve_simulated() as lab, left_live(bench_file(lab, tmp_path, "power"), end) as process:
+        assert process.wait(GENEROUS_S) == -9
+        assert safe_after_s(lab) < GENEROUS_S
+
+
 def test_the_death_of_the_watchdog_stops_a_run(tmp_path: Path) -> None:
     with serve_simulated() as lab:
         wait = "    sleep(vcfbench.clock.WallClock(), 2.0)\n    sleep(bench.clock, 1.0)\n"
@@ -45,6 +64,28 @@ def test_the_death_of_the_watchdog_stops_a_run(tmp_path: Path) -> None:
         with left_live(bench_file(lab, tmp_path), end) as process:
             assert process.wait(GENEROUS_S) != 0
         assert what_is_on(lab) == []
+
+
+@pytest.mark.filterwarnings("ignore:process .* died with this bench")  # ports are given again
+def test_a_run_without_its_watchdog_goes_on_where_the_bench_file_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def die_soon(watchdog: Watchdog) -> None:
+        ready(watchdog)
+        watchdog._process.kill()
+
+    ready = Watchdog.require_ready
+    monkeypatch.setattr(Watchdog, "require_ready", die_soon)
+    settings = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 2}
+    with serve_simulated() as lab:
+        bench = structs.replace(lab.on_wires(), safety=Safety(watchdog_lost="go on"))
+        run = vcfbench.run("turntable", bench, settings=settings, runs=tmp_path)
+    assert run.status == "complete"
+    assert "the watchdog of bench paper has died; its bench file says go on" in capsys.readouterr().err
+    assert run.directory is not None
+    footer = read_journal(run.directory / "journal.jsonl").footer
+    assert footer is not None
+    assert footer["watchdog_lost"] is True
 
 
 def test_a_torn_line_makes_room_for_the_watchdog_s(tmp_path: Path) -> None:

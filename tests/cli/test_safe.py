@@ -107,7 +107,7 @@ def test_a_bench_that_another_process_has_is_left_to_it_unless_forced(lab: Serve
         code, _, err = call(path)
         assert code == 3
         assert f"in use by process {process.pid} of " in err
-        assert "end that process, it makes its bench safe; or --force" in err
+        assert "end it with --end-owner, it makes its bench safe; or --force" in err
         assert len(what_is_on(lab)) == 4
         code, out, err = call(path, "--force")
         assert (code, err) == (0, "")
@@ -116,6 +116,44 @@ def test_a_bench_that_another_process_has_is_left_to_it_unless_forced(lab: Serve
     finally:
         process.kill()
         process.communicate()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the system has no SIGKILL")
+@pytest.mark.parametrize("hangs", [False, True])
+def test_the_process_that_has_the_bench_is_ended_on_request(
+    lab: ServedLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, hangs: bool
+) -> None:
+    path = bench_file(lab, tmp_path)
+    monkeypatch.setattr("vcfbench.bench.safing._STOPPING_S", 0.3 if hangs else 10.0)
+    end = UNWATCHED + "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n" if hangs else ""
+    with left_live(path, end + "sys.stdin.read()") as process:
+        code, out, err = call(path, "--end-owner", "--json")
+        assert process.wait(10.0) == (-9 if hangs else 4)
+    assert code == 0
+    assert f"vcfbench: process {process.pid} of " in err
+    assert err.endswith(" was ended\n")
+    assert (json.loads(out)["instruments"]["rate_table"]["found"] == "at rest") is not hangs
+    assert what_is_on(lab) == []
+
+
+def test_what_is_free_is_made_safe_and_what_another_has_is_left_to_it(lab: ServedLab, tmp_path: Path) -> None:
+    path = bench_file(lab, tmp_path)
+    power = load_bench(path).power
+    assert power is not None  # it is a bench with a supply
+    hold = (
+        "import sys\nfrom vcfbench.bench.lock import instrument_locks\n"
+        f"with instrument_locks('other', {{'power': '{power.resource}'}}):\n    print(flush=True)\n    sys.stdin.read()"
+    )
+    with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:  # noqa: S603
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        code, out, err = call(path, "--json")
+        holder.kill()
+    answer = json.loads(out)
+    assert (code, answer["safe"]) == (3, False)
+    assert list(answer["instruments"]) == ["rate_table", "rate_source"]
+    assert list(answer["left_to"]) == ["power"]
+    assert f"in use by process {holder.pid} of " in err
 
 
 def test_locks_that_cannot_be_used_keep_nothing_from_being_made_safe(

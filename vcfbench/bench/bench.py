@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext, suppress
+from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct, field
 
@@ -20,6 +22,7 @@ from vcfbench.errors import Aborted, BenchError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
     from types import TracebackType
     from typing import Self
@@ -40,6 +43,10 @@ if TYPE_CHECKING:
         SafeReport,
         TemperatureChamber,
     )
+
+
+_RESERVE: Final = 64 << 20
+"""Bytes for the threads that make safe, where a program has run out of memory; not touched, they cost none."""
 
 
 class Bench(Struct, frozen=True, eq=False):
@@ -206,11 +213,18 @@ def open_bench(
         holding = Holding(description.name, stand, stops, watch, stack.pop_all())
     ahead_s = 0.0 if now_s is None else now_s - stand.clock.now()
     try:
+        opening: AbstractContextManager[None] = nullcontext()
         if description.simulation is None:
-            from vcfbench.bench.watchdog import Watchdog  # noqa: PLC0415  # a bench in this process dies with it
+            from mmap import mmap  # noqa: PLC0415
 
-            holding.watchdog = Watchdog(description, lambda: stops.stop("the death of the watchdog"))
-        opened = _open_all(roles, description, stand, holding.safety, stops)
+            from vcfbench.bench.watchdog import Watchdog  # noqa: PLC0415  # a bench in this process dies with it
+            from vcfbench.drivers.calls import Calls, attended  # noqa: PLC0415
+
+            calls, holding.reserve = Calls(), mmap(-1, _RESERVE)
+            holding.watchdog = Watchdog(description, partial(_without_watchdog, description, stops), calls)
+            opening = attended(calls)
+        with opening:
+            opened = _open_all(roles, description, stand, holding.safety, stops)
         if "rate_table" in opened.instruments:
             require_still(opened.instruments["rate_table"])
         if holding.watchdog is not None:
@@ -221,6 +235,19 @@ def open_bench(
         holding.leave(error)
         raise
     return opened_bench
+
+
+def _without_watchdog(description: BenchDescription, stops: StopSignals) -> None:
+    """Do what the bench file says of a watchdog that has died."""
+    if description.safety.watchdog_lost == "stop":
+        stops.stop("the death of the watchdog")
+        return
+    with suppress(OSError, ValueError, AttributeError):  # nobody may be there to read it
+        sys.stderr.write(
+            f"vcfbench: the watchdog of bench {description.name} has died; its bench file says go on: "
+            "nobody makes it safe if this program dies too\n"
+        )
+        sys.stderr.flush()
 
 
 class _Opened(Struct, frozen=True):
@@ -270,7 +297,10 @@ def _bench(
 ) -> Bench:
     checks = LimitChecks.of(description)
     instruments = {role: _limited(role, each, checks) for role, each in opened.instruments.items()}
-    return Bench(description, clock, stand.seed, opened.identities, instruments, holding, stand.adjust, stand.left_by)
+    left_by = {
+        role: who for role, who in stand.left_by.items() if role in _LIMITED
+    }  # what only listens is never left on
+    return Bench(description, clock, stand.seed, opened.identities, instruments, holding, stand.adjust, left_by)
 
 
 _LIMITED: Mapping[str, Callable[[Any, LimitChecks], Any]] = MappingProxyType(

@@ -71,6 +71,7 @@ __all__ = [
     "PowerRole",
     "RailWiring",
     "RateTableRole",
+    "Safety",
     "SerialSettings",
     "Served",
     "Simulation",
@@ -321,6 +322,12 @@ class Served(BenchFileTable, frozen=True, kw_only=True):
         return host.strip("[]"), int(port)
 
 
+class Safety(BenchFileTable, frozen=True, kw_only=True):
+    """What a run does whose watchdog has died: stop, or go on with nobody there should it die too."""
+
+    watchdog_lost: Literal["stop", "go on"] = "stop"
+
+
 class BenchDescription(BenchFileTable, frozen=True, kw_only=True):
     """One station, as its bench file describes it, defaults filled in; a role that the station has not is None."""
 
@@ -347,6 +354,7 @@ class BenchDescription(BenchFileTable, frozen=True, kw_only=True):
     uncertainty: Knowledge = field(default_factory=Knowledge)
     laboratory: Laboratory = field(default_factory=Laboratory)
     notify: Notify | None = None
+    safety: Safety = field(default_factory=Safety)
     simulation: Simulation | None = None
     served: Served | None = None
 

@@ -18,6 +18,7 @@ from vcfbench.bench.safety import LeaveNow, SafetyStack, not_safe
 from vcfbench.errors import Aborted, BenchError, NotSafe
 
 if TYPE_CHECKING:
+    from mmap import mmap
     from types import FrameType
 
     from vcfbench.bench.signals import StopSignals
@@ -71,6 +72,8 @@ class Holding:
         self._stack = stack
         self._watch = watch
         self.watchdog: Watchdog | None = None
+        self.reserve: mmap | None = None
+        """Memory that is given back before the bench is made safe, for that needs some."""
         self._closed = False
         self._process = os.getpid()
         _STILL_OPEN.add(self)
@@ -97,12 +100,17 @@ class Holding:
         self._signals.unwind()
         self._closed = True
         _STILL_OPEN.discard(self)
-        with self._stack:
-            try:
+        if self.watchdog is not None:
+            self.watchdog.making_safe(self.safety.longest_s)
+        if self.reserve is not None:
+            self.reserve.close()
+        error: NotSafe | None = NotSafe("NOT SAFE: making safe was broken off")
+        try:
+            with self._stack:
                 error = self._made_safe()
-            finally:
-                if self.watchdog is not None:
-                    self.watchdog.leave()
+        finally:
+            if self.watchdog is not None:  # it needs the locks
+                self.watchdog.leave(safe=error is None)
         if error is None:
             return
         if isinstance(under_way, BenchError):

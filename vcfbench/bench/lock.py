@@ -20,21 +20,56 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from msgspec import Struct, ValidationError, to_builtins
+
+from vcfbench.bench.processes import mark_of
 from vcfbench.bench.resources import resource_key
-from vcfbench.clock import utc_now
+from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError
-from vcfbench.files import try_lock, unlock
+from vcfbench.files import kept_from_forks, try_lock, unlock
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
 _VARIABLE: Final = "VCFBENCH_LOCKS"
 _SHARED: Final = ("/run/lock", "/var/lock", "/tmp")  # noqa: S108  # made for this; what others lay there is refused
+_DYING_S: Final = 5.0
+"""How long a process that is dying is waited for."""
 _FLAGS: Final = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
+class Owner(Struct, frozen=True):
+    """Who has signed the file of a lock; `mark` tells the process from a later one of its number."""
+
+    pid: int
+    user: str
+    host: str
+    start: str
+    station: str
+    resource: str
+    mark: str | None = None
+
+    def __str__(self) -> str:
+        who = f"process {self.pid} of {self.user} on {self.host}"
+        return f"{who} for station {self.station} since {self.start}"
+
+    def alive(self) -> bool:
+        """Tell whether it has not ended, as far as can be told from here."""
+        return self.host != socket.gethostname() or (self.mark is not None and mark_of(self.pid) == self.mark)
+
+    def ended_within(self, wall_s: float) -> bool:
+        """Wait for its end; tell whether it has come."""
+        clock = WallClock()
+        while (alive := self.alive()) and self.host == socket.gethostname() and clock.now() < wall_s:
+            sleep(clock, 0.02)
+        return not alive
+
+
 class InUse(BenchError):
-    """Another process has an instrument of the bench."""
+    """Another process has an instrument of the bench: `owner`, None where it has not signed."""
+
+    owner: Owner | None = None
 
 
 class LockUnusable(BenchError):
@@ -46,7 +81,8 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Map
     """Hold the locks of `resources`, role to resource name: all of them, or none.
 
     They are taken in one order, whoever takes them, and nobody waits for one: two runs cannot wait for each other.
-    Yields by role who died with an instrument and left it as it was: who makes it safe takes the signed file away.
+    Yields by role who died with an instrument and left it as it was: who makes it safe takes the signed file away. Who
+    is still dying may have its wire, and is waited for.
 
     Raises:
         InUse: another process has one of them; says which, who, where and since when.
@@ -60,12 +96,18 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Map
             role, resource = keys[key]
             try:
                 before = stack.enter_context(_lock(lock_path(resource), station, role, resource))
-                left |= {} if before is None else {role: before}
+                left |= {} if before is None else {role: str(before)}
             except LockUnusable as error:
                 unusable = unusable or error
         if unusable is not None:
             raise unusable
         yield left
+
+
+def owners_of(resources: Iterable[str]) -> dict[int, Owner]:
+    """Return by number the processes that have any of `resources` and have not ended; nothing is locked for that."""
+    signed = (_signed(lock_path(resource)) for resource in resources)
+    return {owner.pid: owner for owner in signed if owner is not None and owner.alive()}
 
 
 def lock_path(resource: str) -> Path:
@@ -93,18 +135,22 @@ def _is_shared(name: str) -> bool:
 
 
 @contextmanager
-def _lock(path: Path, station: str, role: str, resource: str) -> Iterator[str | None]:
-    file = _locked(path, role, resource)
+def _lock(path: Path, station: str, role: str, resource: str) -> Iterator[Owner | None]:
+    file, process = _locked(path, role, resource), os.getpid()
     try:
-        before = _signed(path)
-        _sign(file, station, resource)
-        yield before
+        with kept_from_forks(file):
+            before = _signed(path)
+            if before is not None:
+                before.ended_within(_DYING_S)  # the system may still have to close its wires
+            _sign(file, station, resource)
+            yield before
     finally:
-        with suppress(OSError):  # another user's file stays, empty
-            os.ftruncate(file, 0)
-            path.unlink()
-        with suppress(OSError):
-            unlock(file)  # a forked process may have the file too
+        if os.getpid() == process:  # in a forked process it is not ours to give back
+            with suppress(OSError):  # another user's file stays, empty
+                os.ftruncate(file, 0)
+                path.unlink()
+            with suppress(OSError):
+                unlock(file)  # what a library has forked may have the file too
         os.close(file)
 
 
@@ -121,7 +167,11 @@ def _locked(path: Path, role: str, resource: str) -> int:
             return file
         os.close(file)
         if not taken:
-            raise InUse(f"in use by {_owner(path)}", instrument=role, resource=resource, hint=f"lock file {path}")
+            owner = _signed(path)
+            who = owner or "another process"  # it has locked the file and not signed it yet
+            in_use = InUse(f"in use by {who}", instrument=role, resource=resource, hint=f"lock file {path}")
+            in_use.owner = owner
+            raise in_use
 
 
 def _is_at(file: int, path: Path) -> bool:
@@ -161,18 +211,12 @@ def _opened_or_made(path: Path) -> int:
 
 
 def _sign(file: int, station: str, resource: str) -> None:
-    owner = {
-        "pid": os.getpid(),
-        "user": _user(),
-        "host": socket.gethostname(),
-        "start": utc_now().isoformat(timespec="seconds"),
-        "station": station,
-        "resource": resource,
-    }
+    pid, now = os.getpid(), utc_now().isoformat(timespec="seconds")
+    owner = Owner(pid, _user(), socket.gethostname(), now, station, resource, mark_of(pid))
     with suppress(OSError):  # the lock holds without it
         os.ftruncate(file, 0)
         os.lseek(file, 0, os.SEEK_SET)
-        os.write(file, json.dumps(owner).encode())
+        os.write(file, json.dumps(to_builtins(owner)).encode())
 
 
 def _user() -> str:
@@ -182,15 +226,9 @@ def _user() -> str:
         return str(getattr(os, "getuid", lambda: "somebody")())
 
 
-def _owner(path: Path) -> str:
-    return _signed(path) or "another process"  # it has locked the file and not signed it yet
-
-
-def _signed(path: Path) -> str | None:
+def _signed(path: Path) -> Owner | None:
     """Return who has signed the file of a lock; None where nobody has."""
     try:
-        owner = json.loads(path.read_text("utf-8"))
-        who = f"process {owner['pid']} of {owner['user']} on {owner['host']}"
-        return f"{who} for station {owner['station']} since {owner['start']}"
-    except (OSError, ValueError, TypeError, KeyError):
+        return typed(json.loads(path.read_text("utf-8")), Owner)
+    except (OSError, ValueError, ValidationError):
         return None

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.clock import Deadline, WallClock, within
+from vcfbench.clock import Deadline, WallClock, start_thread, within
 from vcfbench.errors import NotSafe
 from vcfbench.interfaces import SafeReport
 
@@ -78,6 +78,14 @@ class SafetyStack:
         """Add the safe action of an instrument that was just opened."""
         self._actions.append(action)
 
+    @property
+    def longest_s(self) -> float:
+        """The most wall time that making safe takes."""
+        return _RETURN_S + sum(self._longest_s(action) for action in self._actions)
+
+    def _longest_s(self, action: SafeAction) -> float:
+        return action.deadline_s * self._patience + self._grace_s
+
     def make_safe(self) -> list[SafeReport]:
         """Run every action and return the reports in the order of running; never raises for an instrument."""
         reports: list[SafeReport] = []
@@ -105,7 +113,7 @@ class SafetyStack:
     def _run(self, action: SafeAction) -> SafeReport:
         """Run one action in a thread of its own, so that one that hangs does not keep the others from running."""
         done: list[SafeReport] = []  # a list, for the thread to answer in
-        wall_s = action.deadline_s * self._patience + self._grace_s
+        wall_s = self._longest_s(action)
         within(wall_s, lambda: done.append(self._isolated(action)))
         return _judged(action, done[0] if done else _report(action.instrument, f"still busy after {wall_s:g} s"))
 
@@ -145,7 +153,7 @@ class _Telling:
     def start(self) -> None:
         """Begin; without threads (the interpreter is ending) do it here, once."""
         try:
-            threading.Thread(target=self._tell, daemon=True).start()
+            start_thread(self._tell)
         except RuntimeError:
             self._tell_once()
 

@@ -6,27 +6,31 @@ then it is opened properly, made safe and proved. What does not answer keeps not
 
 from __future__ import annotations
 
+import signal
+import socket
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.bench.file import described
-from vcfbench.bench.lock import InUse, LockUnusable
+from vcfbench.bench.lock import InUse, LockUnusable, owners_of
 from vcfbench.bench.opening import open_role
+from vcfbench.bench.processes import KILL, end
 from vcfbench.bench.roles import STILL_DEG_S, filled_roles, safe_action
 from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import StopSignals
 from vcfbench.bench.station import UnopenedBench, station, table_port
-from vcfbench.clock import WallClock
+from vcfbench.clock import WallClock, sleep
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import BenchError, ConnectFailed, NotSafe
 from vcfbench.interfaces import SafeReport
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.lock import Owner
     from vcfbench.bench.roles import Role
     from vcfbench.drivers.rate_table.dialect import TableDialect
     from vcfbench.drivers.rate_table.line import TableLine
@@ -36,6 +40,10 @@ _LOOK_S: Final = 0.25
 """How long a look at what is on may keep the words that switch it off."""
 _HURRY_S: Final = 0.5
 """How long an instrument that does not answer may keep the next from being told."""
+_STOPPING_S: Final = 10.0
+"""How long a process that is told to stop may take to let its bench go."""
+_FREEING_S: Final = 20.0
+"""How long one that was killed may take to be gone."""
 _SUPPLY: Final = {output: f"MEAS:VOLT? {output}" for output in ("P6V", "P25V", "N25V")}
 _FLOW: Final = 1 << 5
 """Bit of AUXC? of a stream of air."""
@@ -57,38 +65,46 @@ class Safed:
 class MadeSafe:
     """What making a bench safe came to, in the order in which it was done.
 
-    `unlocked` says why the instruments could not be locked meanwhile; None where nothing kept them from it.
+    `unlocked` says why the instruments could not be locked meanwhile; None where nothing kept them from it. `left_to`
+    says by role which other process has an instrument that was left to it, `ended` which processes were ended.
     """
 
     instruments: tuple[Safed, ...]
     reports: tuple[SafeReport, ...]
     unlocked: str | None = None
+    left_to: Mapping[str, InUse] = field(default_factory=dict)
+    ended: tuple[str, ...] = ()
 
-    def failure(self) -> NotSafe | None:
-        """Return the error that names what is not proved safe, None when all is."""
+    def failure(self) -> BenchError | None:
+        """Return the error that names what is not proved safe, or else what was left to others; None when all is."""
         error = not_safe(self.reports)
         if error is not None:
             error.reports = self.reports
-        return error
+            return error
+        return next(iter(self.left_to.values()), None)
 
 
-def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False) -> MadeSafe:
+def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False, end_owner: bool = False) -> MadeSafe:
     """Make everything on the bench that drives something safe, whatever it is doing, and say what it was found doing.
 
-    With `force` also when another process has the bench, which may switch things on again. Locks that cannot be used
-    keep nothing from being made safe.
+    An instrument that another process has is left to it. With `end_owner` that process is ended before: told by SIGTERM
+    to stop, by SIGKILL where it has not let go within 10 s. With `force` nobody is asked; who has the bench may switch
+    things on again. Locks that cannot be used keep nothing from being made safe.
 
     Raises:
-        InUse: another process has the bench.
+        InUse: other processes have all of it.
         ConnectFailed: a served bench is not served, or another connection controls its time.
+        BenchError: the process that has it cannot be ended from here.
         NotSafe: it was broken off by a third signal.
     """
     description = described(bench)
     with StopSignals() as signals, ExitStack() as stack:
-        stand, unlocked = _station(description, stack, force=force)
+        ended = _end_owners(description) if end_owner else ()
+        held = _held(description, stack, force=force)
         signals.unwind()  # nothing here can be stopped half-way and be called safe
         try:
-            return replace(_made_safe(description, stand), unlocked=unlocked)
+            done = _made_safe(description, held)
+            return replace(done, unlocked=held.unlocked, left_to=held.left_to, ended=ended)
         except LeaveNow:
             raise NotSafe(
                 "NOT SAFE: making safe was ended by a third signal", hint="look at every instrument"
@@ -97,23 +113,87 @@ def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False) -> 
             signals.close()
 
 
-def _station(description: BenchDescription, stack: ExitStack, *, force: bool) -> tuple[UnopenedBench, str | None]:
-    """Return the bench to be opened, and why it could not be locked, None where nothing kept it from that."""
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """The bench to be opened, what drives something on it and is free, and by role who has the rest."""
+
+    stand: UnopenedBench
+    roles: tuple[Role, ...]
+    left_to: Mapping[str, InUse] = field(default_factory=dict)
     unlocked: str | None = None
+
+
+def _driving(description: BenchDescription) -> tuple[Role, ...]:
+    """Return the roles that drive something, in the order of making safe; who has a meter is in nobody's way."""
+    return tuple(sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=_stage))
+
+
+def _held(description: BenchDescription, stack: ExitStack, *, force: bool) -> _Held:
+    """Take what is free of what drives something: the wires of nobody else, and all of nobody's."""
+    driving = _driving(description)
+    left_to: dict[str, InUse] = {}
+    waited_for: set[int] = set()
+    while True:
+        roles = tuple(role for role in driving if role.name not in left_to)
+        try:
+            stand = stack.enter_context(station(description, None, None, roles=[role.name for role in roles]))
+            return _Held(stand, roles, left_to)
+        except InUse as error:
+            if force:
+                return _Held(_unlocked(description), driving)
+            if error.owner is not None and error.owner.pid not in waited_for:
+                waited_for.add(error.owner.pid)
+                if error.owner.ended_within(_HURRY_S):  # it was dying, and gives its locks back one by one
+                    left_to.clear()
+                    continue
+            error.hint = f"end it with --end-owner, it makes its bench safe; or --force speaks beside it; {error.hint}"
+            left_to[str(error.instrument)] = error
+            if len(left_to) == len(driving):
+                raise next(iter(left_to.values())) from None
+        except LockUnusable as error:  # a disk that is read-only by now, or what somebody has laid there
+            return _Held(_unlocked(description), driving, unlocked=str(error))
+        except ConnectFailed:
+            if not force:
+                raise
+            return _Held(_unlocked(description), driving)
+
+
+def _unlocked(description: BenchDescription) -> UnopenedBench:
+    return UnopenedBench(WallClock(), description.visa_library, table_port(description))
+
+
+def _end_owners(description: BenchDescription) -> tuple[str, ...]:
+    """End the processes that have something of the bench that drives; return who they were.
+
+    Each is told to stop, which makes its bench safe, and is killed where it does not; then its watchdog does that, or
+    who comes next.
+
+    Raises:
+        BenchError: one belongs to another user, or runs on another computer.
+    """
+    resources = [getattr(description, role.name).resource for role in _driving(description)]
+    found = owners_of(resources)
+    for number, patience_s in ((signal.SIGTERM, _STOPPING_S), (KILL, _FREEING_S)):
+        clock = WallClock()
+        left = [found[pid] for pid in owners_of(resources) if pid in found]
+        for owner in left:
+            _signal(owner, number)
+        while clock.now() < patience_s and not found.keys().isdisjoint(owners_of(resources)):
+            sleep(clock, 0.1)
+    return tuple(map(str, found.values()))
+
+
+def _signal(owner: Owner, number: int) -> None:
+    if owner.host != socket.gethostname():
+        raise BenchError(f"{owner} cannot be ended from here", hint="end it there, it makes its bench safe")
     try:
-        return stack.enter_context(station(description, None, None)), None
-    except LockUnusable as error:  # a disk that is read-only by now, or what somebody has laid there
-        unlocked = str(error)
-    except (InUse, ConnectFailed) as error:
-        if not force:
-            if isinstance(error, InUse):
-                error.hint = f"end that process, it makes its bench safe; or --force speaks beside it; {error.hint}"
-            raise
-    return UnopenedBench(WallClock(), description.visa_library, table_port(description)), unlocked
+        end(owner.pid, owner.mark, number)
+    except OSError as error:
+        raise BenchError(f"{owner} cannot be ended: {error.strerror}", hint="who may end it must do it") from None
 
 
-def _made_safe(description: BenchDescription, stand: UnopenedBench) -> MadeSafe:
-    roles = sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=_stage)
+def _made_safe(description: BenchDescription, held: _Held) -> MadeSafe:
+    roles, stand = held.roles, held.stand
     first = {role.name: _command_first(role, description, stand) for role in roles}
     safety = SafetyStack(stand.clock, patience=stand.patience)
     reports: dict[str, SafeReport] = {}

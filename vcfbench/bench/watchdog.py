@@ -12,21 +12,26 @@ import os
 import subprocess
 import sys
 import threading
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import to_builtins
 
+from vcfbench.bench.processes import mark_of
 from vcfbench.errors import BenchError
+from vcfbench.files import kept_from_forks
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.drivers.calls import Calls
 
 BEAT_S: Final = 0.25
 """From one sign of life to the next, wall time."""
+_OVERDUE_BEATS: Final = 8
+"""Beats, one after the other, at which a call should have returned: then it never will."""
 _STARTING_S: Final = 10.0
 _LEAVING_S: Final = 2.0
 
@@ -34,12 +39,17 @@ _LEAVING_S: Final = 2.0
 class Watchdog:
     """The watchdog of one open bench; `lost` is called once if it dies before the run.
 
+    `calls` are those on the wires of the bench: one that never returns is a program that hangs.
+
     Raises:
         BenchError: it did not start.
     """
 
-    def __init__(self, description: BenchDescription, lost: Callable[[], None]) -> None:
+    def __init__(self, description: BenchDescription, lost: Callable[[], None], calls: Calls) -> None:
         self._lost = lost
+        self.lost = False
+        """Whether it died before the run."""
+        self._calls: Calls | None = calls
         self._over = threading.Event()
         self._writing = threading.Lock()
         self._process = subprocess.Popen(  # this Python, this package
@@ -48,7 +58,11 @@ class Watchdog:
             stdout=subprocess.PIPE,
             start_new_session=True,  # what ends the terminal does not end it
         )
-        self._tell({"owner": os.getpid(), "bench": to_builtins(description)})
+        assert self._process.stdin is not None  # noqa: S101  # it was asked for
+        self._pipe = self._process.stdin
+        self._alone = ExitStack()  # a forked process that has the pipe would seem to live on
+        self._alone.enter_context(kept_from_forks(self._pipe.fileno()))
+        self._tell({"owner": os.getpid(), "mark": mark_of(os.getpid()), "bench": to_builtins(description)})
 
     def require_ready(self) -> None:
         """Wait until it watches, and begin to tell it that the run lives; BenchError if it does not come to that."""
@@ -74,14 +88,23 @@ class Watchdog:
         """Tell the step under way and the longest that it may take, wall time; None is any time."""
         self._tell({"step": words, "longest_s": longest_s})
 
-    def leave(self) -> None:
-        """Let it go: the bench is safe, or has been said not to be."""
+    def making_safe(self, longest_s: float) -> None:
+        """Say that the bench is being made safe: each instrument in a thread of its own, and one may hang."""
+        self._calls = None
+        self.step("making safe", longest_s)
+
+    def leave(self, *, safe: bool) -> None:
+        """Let it go; a bench that is not proved safe is left to it, which can do no worse."""
         self._over.set()
-        self._tell({"left": True})
-        for pipe in (self._process.stdin, self._process.stdout):
+        self._tell({"left": safe})
+        self._alone.close()
+        for pipe in (self._pipe, self._process.stdout):
             if pipe is not None:
                 with suppress(OSError):
                     pipe.close()
+        if not safe:
+            threading.Thread(target=self._process.wait, daemon=True).start()
+            return
         try:
             self._process.wait(_LEAVING_S)
         except subprocess.TimeoutExpired:
@@ -93,16 +116,20 @@ class Watchdog:
             self._put(json.dumps(what).encode() + b"\n")
 
     def _put(self, data: bytes) -> None:
-        assert self._process.stdin is not None  # noqa: S101  # it was asked for
-        self._process.stdin.write(data)
-        self._process.stdin.flush()
+        self._pipe.write(data)
+        self._pipe.flush()
 
     def _beat(self) -> None:
+        overdue = 0
         while not self._over.wait(BEAT_S):
+            call = None if self._calls is None else self._calls.overdue()
+            overdue = 0 if call is None else overdue + 1
+            words = {"overdue": call} if overdue >= _OVERDUE_BEATS else {}
             try:
                 with self._writing:
-                    self._put(b"{}\n")
+                    self._put(json.dumps(words).encode() + b"\n")
             except (OSError, ValueError):
                 if not self._over.is_set():
+                    self.lost = True
                     self._lost()
                 return

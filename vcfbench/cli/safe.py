@@ -23,6 +23,9 @@ def safe(
     ] = None,
     trace: Trace_ = None,
     *,
+    end_owner: Annotated[
+        bool, typer.Option("--end-owner", help="First end the process that has the bench: SIGTERM, after 10 s SIGKILL.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Do it even while another process uses the bench.")] = False,
     json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
@@ -39,8 +42,10 @@ def safe(
         )
     description = load_bench(bench)
     with tracing(trace):
-        done = safe_bench(description, force=force)
+        done = safe_bench(description, force=force, end_owner=end_owner)
 
+    for owner in done.ended:
+        say(f"vcfbench: {owner} was ended")
     if done.unlocked is not None:
         say(f"vcfbench: the instruments are not locked, another process may have them: {done.unlocked}")
 
@@ -59,6 +64,8 @@ def _json(bench: str, done: MadeSafe) -> dict[str, Any]:
     return {
         "bench": bench,
         "safe": done.failure() is None,
+        "ended": list(done.ended),
+        "left_to": {role: str(error.owner or "another process") for role, error in done.left_to.items()},
         "instruments": {each.role: msgspec.to_builtins(each) for each in done.instruments},
     }
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
+from vcfbench.bench.processes import KILL, end, mark_of
 from vcfbench.clock import WallClock, sleep
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ _SILENT_TURNS: Final = 20
 """Turns without a sign of life after which the program hangs: what stops the whole computer stops turns too."""
 _FREED_S: Final = 5.0
 """How long the locks of a program that has just died may take to be free."""
+_OTHERS_S: Final = 30.0
+"""For how long it waits for another process that has the bench: longer than a `safe` takes, which may die too."""
 
 
 def main() -> int:
@@ -40,7 +43,7 @@ def main() -> int:
     if charge is None:
         return 0
     os.write(1, b"ready\n")
-    watch = _Watch(said, charge["owner"])
+    watch = _Watch(said, charge["owner"], charge["mark"])
     why = watch.until_it_ends()
     if why is None:
         return 0
@@ -57,10 +60,11 @@ def _listen(said: SimpleQueue[dict[str, Any] | None]) -> None:
 class _Watch:
     """What is known of the program that is watched."""
 
-    def __init__(self, said: SimpleQueue[dict[str, Any] | None], owner: int) -> None:
+    def __init__(self, said: SimpleQueue[dict[str, Any] | None], owner: int, mark: str | None) -> None:
         self._said = said
-        self._owner = owner
+        self._owner, self._mark = owner, mark
         self.step = ""
+        self.left = False
         self.journal: Path | None = None
 
     def until_it_ends(self) -> str | None:
@@ -77,7 +81,10 @@ class _Watch:
             if heard is None:
                 return "the program died"
             if "left" in heard:
-                return None
+                self.left = True
+                return None if heard["left"] else "the program has not made its bench safe"
+            if "overdue" in heard:
+                return self._ended(f"a call never returned ({heard['overdue']})")
             silent = 0
             self.journal = Path(heard["journal"]) if "journal" in heard else self.journal
             if "step" in heard:
@@ -89,28 +96,34 @@ class _Watch:
     def _ended(self, why: str) -> str:
         """End the program that hangs: nobody else can have its wires before."""
         with suppress(OSError):
-            os.kill(self._owner, getattr(signal, "SIGKILL", signal.SIGTERM))
+            end(self._owner, self._mark, KILL)
         return f"{why} and was ended"
 
 
 def _make_safe(charge: dict[str, Any], watch: _Watch, why: str) -> int:
     from vcfbench.cli.ending import say  # noqa: PLC0415  # nothing of it is needed while all is well
+    from vcfbench.errors import NotSafe  # noqa: PLC0415
 
     where = f" in {watch.step}" if watch.step else ""
     try:
-        done = _safe(charge)
+        done = _safe(charge, left=watch.left)
     except Exception as error:  # noqa: BLE001  # whatever went wrong, somebody must go and look
         _write(watch, {"why": f"{why}{where}", "safe": None, "error": f"{type(error).__name__}: {error}"})
         say(f"vcfbench watchdog: {why}{where}; NOT SAFE: {error}", alarm=True)
         _notify(charge, watch, f"{why}{where}; NOT SAFE: {error}", 5)
         return 5
     failure = done.failure()
+    left_to = ", ".join(sorted({str(each.owner or "another process") for each in done.left_to.values()}))
     instruments = [{"instrument": each.role, "found": each.found, "safe": each.safe, "detail": each.detail}
                    for each in done.instruments]  # fmt: skip
-    _write(watch, {"why": f"{why}{where}", "safe": failure is None, "instruments": instruments})
-    say(f"vcfbench watchdog: {why}{where}; {failure or 'the bench was made safe'}", alarm=failure is not None)
-    code = None if failure is None else failure.exit_code
-    _notify(charge, watch, f"{why}{where}; {failure or 'the bench was made safe'}", code)
+    unsafe = isinstance(failure, NotSafe)
+    taken = {"left_to": left_to} if left_to else {}
+    _write(watch, {"why": f"{why}{where}", "safe": not unsafe, "instruments": instruments, **taken})
+    came = f"what {left_to} has taken over was left to it" if left_to else "the bench was made safe"
+    words = f"{why}{where}; {failure if unsafe else came}"
+    say(f"vcfbench watchdog: {words}", alarm=unsafe)
+    code = NotSafe.exit_code if unsafe else None
+    _notify(charge, watch, words, code)
     return code or 0
 
 
@@ -135,28 +148,42 @@ def _notify(charge: dict[str, Any], watch: _Watch, error: str, code: int | None)
         notify(typed(charge["bench"]["notify"], Notify), outcome)
 
 
-def _safe(charge: dict[str, Any]) -> MadeSafe:
-    """Make the bench safe as soon as the locks of the program that had it are free."""
+def _safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
+    """Make the bench safe as soon as the locks of the program that had it are free; `left`: it lives on without it."""
     from vcfbench.bench.description import BenchDescription  # noqa: PLC0415  # as above
     from vcfbench.bench.lock import InUse  # noqa: PLC0415
-    from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
+    from vcfbench.bench.safing import MadeSafe, safe_bench  # noqa: PLC0415
     from vcfbench.errors import ConnectFailed  # noqa: PLC0415
     from vcfbench.typed import typed  # noqa: PLC0415
 
     description = typed(charge["bench"], BenchDescription)
     clock = WallClock()
+
+    def owner_lives() -> bool:
+        return bool(mark_of(charge["owner"]) == charge["mark"])
+
+    while not left and owner_lives() and clock.now() < _FREED_S:
+        sleep(clock, _TURN_S)  # as it dies it gives its locks back one by one, and then its wires
     while True:
         try:
             return safe_bench(description)
-        except (InUse, ConnectFailed):
+        except InUse as error:
+            if error.owner is not None and error.owner.pid != charge["owner"]:
+                if clock.now() > _OTHERS_S:  # a run, which was told what it takes over, and has its own watchdog
+                    return MadeSafe((), (), left_to={"all": error})
+            elif clock.now() > _FREED_S and not owner_lives():  # what it has left behind has its locks
+                return safe_bench(description, force=True)
+            elif clock.now() > _FREED_S:
+                raise
+        except ConnectFailed:
             if clock.now() > _FREED_S:
                 raise
-            sleep(clock, _TURN_S)
+        sleep(clock, _TURN_S)
 
 
 def _write(watch: _Watch, values: dict[str, Any]) -> None:
     """Add a line to the journal of the run, in place of one that was torn."""
-    if watch.journal is None:
+    if watch.journal is None or watch.left:  # who lives on closes its own record
         return
     from vcfbench.record.journal import append_line  # noqa: PLC0415  # as above
 
@@ -165,4 +192,6 @@ def _write(watch: _Watch, values: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = main()
+    sys.stderr.flush()
+    os._exit(code)  # the thread that listens has standard input, which an orderly end would want

@@ -18,7 +18,7 @@ from msgspec import Struct
 
 from vcfbench.clock import Deadline, WallClock, sleep, within
 from vcfbench.drivers import replies
-from vcfbench.drivers.trace import tapping
+from vcfbench.drivers.trace import attending, tapping
 from vcfbench.errors import (
     DeadlineExceeded,
     FramingError,
@@ -101,9 +101,10 @@ def open_session(
 
         return tap(open_wire(resource, library, deadline, serial))
 
+    reach = attending(name, connect)
     allowed_s = timeout_s if open_timeout_s is None else open_timeout_s
     try:
-        wire = connect(Deadline.after(clock, allowed_s))
+        wire = reach(Deadline.after(clock, allowed_s))
     except TransportError as error:
         error.instrument, error.resource = name, resource
         raise
@@ -114,7 +115,7 @@ def open_session(
         clock=clock,
         timeout_s=timeout_s,
         write_pause_s=write_pause_s,
-        reconnect=connect,
+        reconnect=reach,
     )
 
 

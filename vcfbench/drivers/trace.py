@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock, Deadline
     from vcfbench.drivers.wire import Interface, Wire
 
+    Connect = Callable[[Deadline], Wire]
+
 HEADER = "# vcfbench trace 1"
 _PLAIN = re.compile(rb"[ -\[\]-~]+")
 _NAMED = {b"\n": "\\n", b"\r": "\\r", b"\t": "\\t", b"\\": "\\\\"}
@@ -129,6 +131,16 @@ def tapping(name: str, resource: str, clock: Clock) -> Callable[[Wire], Wire]:
     """Return what puts a new wire of instrument `name` behind the trace; without a trace it stays as it is."""
     trace = _NOW.get()
     return (lambda wire: wire) if trace is None else lambda wire: TracedWire(wire, trace, name, resource, clock)
+
+
+ATTENDANT: ContextVar[Callable[[str, Connect], Connect] | None] = ContextVar("vcfbench_attendant", default=None)
+"""Who wants to know of calls that never return (`vcfbench.drivers.calls`, which few load)."""
+
+
+def attending(name: str, connect: Connect) -> Connect:
+    """Return what connects instrument `name` as `connect` does, its calls attended; the same where nobody attends."""
+    attendant = ATTENDANT.get()
+    return connect if attendant is None else attendant(name, connect)
 
 
 class TracedWire:

@@ -358,6 +358,7 @@ class _Record(Struct):
     planned: DryRun
     journal: Journal | None = None
     safe_reports: Sequence[SafeReport] = ()
+    watchdog: Watchdog | None = None
     identities: Mapping[str, Identity] = field(default_factory=dict)
 
     def prepare(self) -> RunDirectory | None:
@@ -387,7 +388,7 @@ class _Record(Struct):
         with signals.undivided():
             journal = self._open_journal(bench.identities, began_s, bench.clock.now() - began_s)
         operator = operator_of(course.asked, bench)
-        watchdog = bench.watchdog
+        self.watchdog = watchdog = bench.watchdog
         if watchdog is not None and course.directory is not None:
             watchdog.keep_in(course.directory.journal)
             watchers = [*watchers, _WatchedSteps(watchdog)]
@@ -545,6 +546,7 @@ class _Record(Struct):
             **({} if display_lost is None else {"display_lost": display_lost}),
             **({"observers_lost": lost} if lost else {}),
             **({"pauses": list(done.pauses)} if done.pauses else {}),
+            **({"watchdog_lost": True} if self.watchdog is not None and self.watchdog.lost else {}),
         }
 
     def _derived(self) -> dict[str, str]:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from vcfbench.runs.run import Run
 
 _MAY_DIFFER = {
-    *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate", "laboratory", "notify"),
+    *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate", "laboratory", "notify", "safety"),
     *("resource", "timeout_s", "serial", "serial_pause_s", *CALIBRATION_KEYS),
 }
 """What of a bench file matters to nothing that was measured: by its path, or by its key in the table of a role. The

@@ -9,7 +9,7 @@ from msgspec import Struct
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.rate_table.dialect import AxisSettings
 from vcfbench.drivers.rate_table.line import Link, SerialWire, TableLine
-from vcfbench.drivers.trace import tapping
+from vcfbench.drivers.trace import attending, tapping
 from vcfbench.errors import ConnectFailed, TransportError
 from vcfbench.models import LANGUAGES, find_language, resolve
 
@@ -74,12 +74,13 @@ def open_serial(
         sleep(clock, link.open_delay_s)  # some tables begin anew when a port is opened
         return tap(SerialWire(port))
 
+    reach = attending(name, connect)
     try:
-        wire = connect(Deadline.after(clock, timeout_s))
+        wire = reach(Deadline.after(clock, timeout_s))
     except TransportError as error:
         error.instrument, error.resource = name, resource or url
         raise
-    return TableLine(wire, name=name, resource=resource or url, clock=clock, timeout_s=timeout_s, reconnect=connect)
+    return TableLine(wire, name=name, resource=resource or url, clock=clock, timeout_s=timeout_s, reconnect=reach)
 
 
 def _open_port(url: str, link: Link, baud_rate: int, timeout_s: float) -> serial.Serial:
