@@ -21,6 +21,8 @@ from vcfbench.bench.processes import KILL, end, mark_of
 from vcfbench.clock import WallClock, sleep
 
 if TYPE_CHECKING:
+    from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.lock import InUse
     from vcfbench.bench.safing import MadeSafe
 
 _TURN_S: Final = 0.1
@@ -152,7 +154,7 @@ def _safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
     """Make the bench safe as soon as the locks of the program that had it are free; `left`: it lives on without it."""
     from vcfbench.bench.description import BenchDescription  # noqa: PLC0415  # as above
     from vcfbench.bench.lock import InUse  # noqa: PLC0415
-    from vcfbench.bench.safing import MadeSafe, safe_bench  # noqa: PLC0415
+    from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
     from vcfbench.errors import ConnectFailed  # noqa: PLC0415
     from vcfbench.typed import typed  # noqa: PLC0415
 
@@ -168,17 +170,24 @@ def _safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
         try:
             return safe_bench(description)
         except InUse as error:
-            if error.owner is not None and error.owner.pid != charge["owner"]:
-                if clock.now() > _OTHERS_S:  # a run, which was told what it takes over, and has its own watchdog
-                    return MadeSafe((), (), left_to={"all": error})
-            elif clock.now() > _FREED_S and not owner_lives():  # what it has left behind has its locks
-                return safe_bench(description, force=True)
-            elif clock.now() > _FREED_S:
-                raise
+            others = error.owner is not None and error.owner.pid != charge["owner"]
+            if clock.now() > (_OTHERS_S if others else _FREED_S):
+                return _without_locks(description, error, left=others, dead=not owner_lives())
         except ConnectFailed:
             if clock.now() > _FREED_S:
                 raise
         sleep(clock, _TURN_S)
+
+
+def _without_locks(description: BenchDescription, error: InUse, *, left: bool, dead: bool) -> MadeSafe:
+    """Leave the bench to a run that has taken it over; what a dead one leaves behind with its locks drives nothing."""
+    from vcfbench.bench.safing import MadeSafe, safe_bench  # noqa: PLC0415  # as above
+
+    if left:
+        return MadeSafe((), (), left_to={"all": error})
+    if dead:
+        return safe_bench(description, force=True)
+    raise error
 
 
 def _write(watch: _Watch, values: dict[str, Any]) -> None:
