@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
+from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.procedures.measurand import Measurand
 from vcfbench.record.schema import Status
 
@@ -77,8 +77,6 @@ def _not_safe(ended: Ended) -> Iterator[str]:
 def _code(ended: Ended, *, spoilt: bool) -> Iterator[str]:
     error = ended.error
     caused = ended.faults or ended.signals or ended.disk_troubles or (spoilt and isinstance(error, MeasurementError))
-    if isinstance(error, Aborted) and not ended.signals:
-        yield f"stopped by nobody: {error}"
     if isinstance(error, ConfigError) and ended.began and not ended.disk_troubles:
         yield f"exit code 2 from an open bench: {error}"
     if error is None and ended.run is not None and ended.run.status != Status.COMPLETE:

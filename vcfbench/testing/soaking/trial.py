@@ -19,7 +19,7 @@ import vcfbench.clock
 import vcfbench.record.journal
 from vcfbench.bench.signals import StopSignals
 from vcfbench.bench.simulated import SimulatedBench
-from vcfbench.errors import BenchError, ConfigError
+from vcfbench.errors import Aborted, BenchError, ConfigError
 from vcfbench.plans.executor import StepFinished
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.runs.asked import Asked, prepare
@@ -262,7 +262,11 @@ def _surroundings(draw: Draw) -> Iterator[None]:
 
 
 def start(draw: Draw, life: int, clean: Clean, folder: Path, earlier: Path | None) -> Ended:
-    """Start the program, anew or to go on with the record `earlier`; what it leaves on its disk is in `folder`."""
+    """Start the program, anew or to go on with the record `earlier`; what it leaves on its disk is in `folder`.
+
+    Raises:
+        Aborted: a signal came that was not drawn.
+    """
     own = [each for each in draw.happenings if each.life == life]
     stage = _Stage(own, clean, Random(f"{draw.seed}/{life}"))  # noqa: S311  # faults, no secrets
     stage.folder = folder
@@ -277,6 +281,8 @@ def start(draw: Draw, life: int, clean: Clean, folder: Path, earlier: Path | Non
                 error.__traceback__ = error.__traceback__ if not isinstance(error, BenchError) else None
             stage.over = True
         stage.look()
+    if isinstance(ended.error, Aborted) and not ended.signals:  # by a signal that was meant for the soak itself
+        raise ended.error
     if stage.left is not None:
         shutil.rmtree(folder)
         folder.mkdir()
