@@ -415,11 +415,18 @@ class _Record(Struct):
 
         kept = self.course.directory
         on_disk = SimulatedJournal if self.prepared.description.simulated else Journal
-        self.journal = MemoryJournal() if kept is None else on_disk(kept.journal)
+        journal = MemoryJournal() if kept is None else on_disk(kept.journal)
         times = {"began_s": began_s, "planned_s": done_s + self.planned.bench_seconds}
         self.course.header = self._header("" if kept is None else kept.run, identities, times)
-        self.journal.header(self.course.header)
-        return self.journal
+        try:
+            journal.header(self.course.header)
+        except BenchError:  # without a first line nothing that came later could be read
+            journal.close()
+            if kept is not None:
+                kept.journal.unlink()
+            raise
+        self.journal = journal
+        return journal
 
     def _header(self, name: str, identities: Mapping[str, Identity], times: Mapping[str, float]) -> dict[str, Any]:
         import msgspec  # noqa: PLC0415
