@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
+from vcfbench.analysis.tails import chi_square_tail
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -233,8 +234,8 @@ def _check(rate: Floats, v: Floats, order: int) -> None:
         raise ConfigError("a rate or a V_Vc is not a finite number")
     if not (rate.min() < 0.0 < rate.max() and v.min() < 0.0 < v.max()):
         raise ConfigError("pairs of both signs are needed: from one sign alone the even order goes into K_Vc")
-    if np.unique(v).size < order + 1:
-        raise ConfigError(f"{np.unique(v).size} different V_Vc do not determine a curve of order {order}")
+    if len(set(v.tolist())) < order + 1:
+        raise ConfigError(f"{len(set(v.tolist()))} different V_Vc do not determine a curve of order {order}")
 
 
 def _covariance(given: ArrayLike, count: int, what: str) -> Floats:
@@ -275,9 +276,7 @@ def _solve(rate: Floats, v: Floats, of_rate: Floats, of_v: Floats, order: int) -
 
 
 def _tail(chi_square: float, dof: int) -> float | None:
-    from scipy.special import chdtrc  # noqa: PLC0415 - SciPy costs more to import than all the rest
-
-    return float(chdtrc(dof, chi_square)) if dof > 0 else None
+    return chi_square_tail(chi_square, dof) if dof > 0 else None
 
 
 def _excess(residuals: Floats, weight: Floats, covariance: Floats, powers: Floats) -> float:

@@ -16,6 +16,14 @@ if TYPE_CHECKING:
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
+_DETERMINED = 1e-12
+_AT_REST = 1e-9
+"""Of the scale of a parameter: a step of Gauss's that is smaller ends the search."""
+_NO_MATTER = 1e-6
+"""And one that moves all residuals together by less of a standard uncertainty."""
+_ROUNDS = 50
+_HALVINGS = 20
+
 
 @dataclass(frozen=True, slots=True)
 class ModelFit:
@@ -40,8 +48,6 @@ def fit_model(residuals: Callable[[Floats], Floats], start: Floats, what: str) -
         ConfigError: fewer points than parameters, or no minimum with a finite covariance.
 
     """
-    from scipy.optimize import least_squares  # noqa: PLC0415 - SciPy costs more to import than all the rest
-
     count = residuals(start).size
     if count < start.size:
         raise ConfigError(f"{what}: {count} points do not determine {start.size} parameters")
@@ -50,13 +56,79 @@ def fit_model(residuals: Callable[[Floats], Floats], start: Floats, what: str) -
     def scaled(parameters: Floats) -> Floats:
         return residuals(parameters * scale)
 
-    solved = least_squares(scaled, start / scale, method="lm", xtol=1e-14, ftol=1e-14, max_nfev=4000)
-    _, sizes, directions = np.linalg.svd(np.asarray(solved.jac), full_matrices=False)
-    if not solved.success or not sizes[-1] > 1e-12 * sizes[0]:
+    found, slopes = _by_gauss(scaled, start / scale) or _by_steps(scaled, start / scale, what)
+    _, sizes, directions = np.linalg.svd(slopes, full_matrices=False)
+    if not sizes[-1] > _DETERMINED * sizes[0]:
         raise ConfigError(f"{what}: the points do not determine the model")
     spread = directions.T / sizes
     covariance = spread @ spread.T * np.outer(scale, scale)
-    return ModelFit(solved.x * scale, covariance, float(2.0 * solved.cost), count - start.size)
+    return ModelFit(found * scale, covariance, float(np.sum(scaled(found) ** 2)), count - start.size)
+
+
+def _by_gauss(scaled: Callable[[Floats], Floats], start: Floats) -> tuple[Floats, Floats] | None:
+    """Return the minimum by Gauss's steps, halved where they are too long, and the slopes there.
+
+    None: they come to no rest near by.
+    """
+    found, left = start, scaled(start)
+    for _ in range(_ROUNDS):
+        slopes = _slopes(scaled, found)
+        step, _, _, sizes = np.linalg.lstsq(slopes, -left, rcond=None)
+        if not sizes[-1] > _DETERMINED * sizes[0]:
+            return None
+        if (np.abs(step) <= _AT_REST).all() or float(np.linalg.norm(slopes @ step)) <= _NO_MATTER:
+            return found, slopes
+        for _ in range(_HALVINGS):
+            after = scaled(found + step)
+            if after @ after <= left @ left:
+                break
+            step = 0.5 * step
+        else:
+            return None
+        found, left = found + step, after
+    return None
+
+
+def _slopes(scaled: Callable[[Floats], Floats], at: Floats) -> Floats:
+    """Return the derivatives of the residuals by central differences."""
+    columns = []
+    for place in range(at.size):
+        step = np.zeros_like(at)
+        step[place] = 1e-6 * max(1.0, abs(float(at[place])))
+        columns.append((scaled(at + step) - scaled(at - step)) / (2.0 * step[place]))
+    return np.column_stack(columns)
+
+
+def _by_steps(scaled: Callable[[Floats], Floats], start: Floats, what: str) -> tuple[Floats, Floats]:
+    """Return the same by Levenberg's and Marquardt's steps, from where Gauss's go astray."""
+    from scipy.optimize import least_squares  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
+    solved = least_squares(scaled, start, method="lm", xtol=1e-14, ftol=1e-14, max_nfev=4000)
+    if not solved.success:
+        raise ConfigError(f"{what}: the points do not determine the model")
+    return np.asarray(solved.x), np.asarray(solved.jac)
+
+
+def not_negative(design: Floats, values: Floats) -> Floats:
+    """Return the least-squares solution that has no part below zero (Lawson and Hanson 1974, chapter 23)."""
+    found, free = np.zeros(design.shape[1]), np.zeros(design.shape[1], dtype=bool)
+    while True:
+        gain = design.T @ (values - design @ found)
+        gain[free] = -np.inf
+        if free.all() or not gain.max() > _DETERMINED * float(np.linalg.norm(values)):
+            return found
+        free[int(gain.argmax())] = True
+        while True:
+            tried = np.zeros_like(found)
+            tried[free] = np.linalg.lstsq(design[:, free], values, rcond=None)[0]
+            out = free & (tried <= 0.0)
+            if not out.any():
+                break
+            share = float(np.min(found[out] / np.maximum(found[out] - tried[out], np.finfo(float).tiny)))
+            found = found + share * (tried - found)
+            free &= found > _DETERMINED * float(np.abs(found).max())
+            found[~free] = 0.0
+        found = tried
 
 
 def propagated(value: Callable[[Floats], float], fit: ModelFit) -> float:

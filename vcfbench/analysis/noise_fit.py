@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, Noise
+from vcfbench.analysis.model_fit import not_negative
 from vcfbench.analysis.phase_noise import PhaseNoise, correlated_squares
 from vcfbench.analysis.sampling import deviation_factor
 from vcfbench.errors import ConfigError
@@ -203,13 +204,10 @@ def _check(curve: Sequence[AllanPoint], factors: list[int], sampling: Sampling, 
 
 def _weighted(design: Floats, variance: Floats, weight: Floats) -> Floats:
     """Return the non-negative least-squares solution."""
-    from scipy.optimize import nnls  # noqa: PLC0415 - SciPy costs more to import than all the rest
-
     root = np.sqrt(weight)
     rows = design * root[:, None]
     size = np.linalg.norm(rows, axis=0)
-    found, _ = nnls(rows / size, variance * root)
-    return np.asarray(found / size)
+    return np.asarray(not_negative(rows / size, variance * root) / size)
 
 
 def _coefficients(squares: Floats, places: list[int]) -> Coefficients:

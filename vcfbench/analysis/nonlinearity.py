@@ -148,7 +148,7 @@ def _largest_of_reading(rate: Floats, residuals: Floats) -> float | None:
 def _own_slopes(rate: Floats, output: Floats) -> tuple[float, float] | None:
     """Return the slopes at rates >= 0 and <= 0; the zero belongs to both."""
     sides = rate >= 0.0, rate <= 0.0
-    if any(np.unique(rate[side]).size < 2 for side in sides):
+    if any(len(set(rate[side].tolist())) < 2 for side in sides):
         return None
     positive, negative = (slope(rate[side], output[side]) for side in sides)
     return positive, negative

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from vcfbench.analysis.model_fit import ModelFit, fit_model, propagated
+from vcfbench.analysis.model_fit import ModelFit, fit_model, not_negative, propagated
 from vcfbench.analysis.sine_fit import fit_sine
 from vcfbench.errors import ConfigError
 
@@ -27,6 +27,12 @@ Floats: TypeAlias = "NDArray[np.float64]"
 _BINS = range(2, 9)
 """Lines of the spectrum either side of a tone that its noise is read from."""
 _HARMONICS = 3
+_CLOSE_HZ = 1e-10
+_TRIES = 100
+_NOISE_TO_HZ = 500.0
+"""Beyond it no noise passes the filter of a gyroscope of some 100 Hz."""
+_ROUNDING = 1e-12
+"""What floats leave of an amplitude without noise."""
 _LEAST_U = 5.0
 """An amplitude of less than so many times its uncertainty is mostly noise, which has no sign there."""
 _LEVEL = 3e-4
@@ -147,6 +153,49 @@ def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_
         noise_dof=2.0 * places.size,
         noise_hz=tuple((places / spacing_s).tolist()),
     )
+
+
+def foreseen_tone(
+    frequency_hz: float,
+    record: tuple[int, float, float],
+    static_and_white: tuple[float, float],
+    known: Known,
+    shape: Sequence[float],
+) -> Tone:
+    """Return the tone that a record will show.
+
+    Args:
+        frequency_hz: of the sine.
+        record: samples, their spacing and aperture (s).
+        static_and_white: amplitude at rest, and the random walk of the integrated output (1 sqrt(s) of it).
+        known: of the gyroscope: its drive and its filter.
+        shape: as the parameters of :func:`split_response`.
+    """
+    (samples, spacing_s, aperture_s), (static, white) = record, static_and_white
+    parameters = np.array(shape)
+    width_hz = 1.0 / (samples * spacing_s)
+    beside = frequency_hz + width_hz * np.array([sign * step for step in _BINS for sign in (-1, 1)])
+    beside = beside[(beside > 1.5 * width_hz) & (beside < 0.5 / spacing_s - width_hz)]
+    reach = math.ceil(_NOISE_TO_HZ * spacing_s)
+    folded = beside[:, None] + np.arange(-reach, reach + 1) / spacing_s
+    passed = _passed(folded, parameters, known) / _passed(np.zeros(1), parameters, known)
+    density = np.sum(passed * (_filter_gain(folded, known) * np.sinc(folded * aperture_s)) ** 2, axis=1)
+    gain = float(split_response(frequency_hz, known.drive_hz, parameters)[0]) * float(_filter_gain(frequency_hz, known))
+    variance = 2.0 * white**2 * float(density.mean()) * width_hz
+    return Tone(
+        frequency_hz=frequency_hz,
+        amplitude=static * gain,
+        u_amplitude=math.hypot(math.sqrt(variance), _ROUNDING * static) / _aperture(frequency_hz, aperture_s),
+        third=0.0,
+        spacing_s=spacing_s,
+        noise_dof=2.0 * beside.size,
+        noise_hz=tuple(beside.tolist()),
+    )
+
+
+def _filter_gain(f: ArrayLike, known: Known) -> Floats:
+    ratio = np.asarray(f, dtype=np.float64) / known.low_pass_hz
+    return np.asarray(1.0 / np.sqrt(1.0 + ratio ** (2 * known.low_pass_order)))
 
 
 def _checked(samples: ArrayLike, spacing_s: float, frequency_hz: float) -> Floats:
@@ -304,7 +353,7 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
     f = np.array([tone.frequency_hz for tone in ordered])
     level = np.array([tone.amplitude for tone in ordered])
     level = level * (1.0 - _compression(ordered) * level**2)
-    filter_gain = 1.0 / np.sqrt(1.0 + (f / known.low_pass_hz) ** (2 * known.low_pass_order))
+    filter_gain = _filter_gain(f, known)
     gain = level / filter_gain / amplitude
     start = _start(f, gain, known)
     u = np.array([tone.u_amplitude for tone in ordered]) / filter_gain / amplitude
@@ -359,8 +408,6 @@ def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats
 
     It was read beside each tone and counts at the tone: near the peak these are not the same.
     """
-    from scipy.optimize import nnls  # noqa: PLC0415 - SciPy costs more to import than all the rest
-
     f = np.array([tone.frequency_hz for tone in tones])
     passed = _passed(f, parameters, known)
     beside = np.array(
@@ -378,7 +425,7 @@ def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats
         columns = np.column_stack([np.ones(model.size), beside[of]])
         for _ in range(8 if model.size > 3 else 0):
             rows = weight[of] / model
-            found, _ = nnls(columns * rows[:, None], variance[of] * rows)
+            found = not_negative(columns * rows[:, None], variance[of] * rows)
             model = columns @ found
         smooth[of] = found @ [np.ones(model.size), passed[of]] if model.size > 3 else model
     return np.asarray(np.sqrt(smooth))
@@ -448,12 +495,10 @@ class _Curve:
         return float(split_response(at_hz, self.drive_hz, self.shape)[0])
 
     def peak(self) -> float:
-        from scipy.optimize import minimize_scalar  # noqa: PLC0415 - as above
-
+        """Where the gain no longer grows."""
         split = float(self.shape[0])
-        bounds = (0.5 * split, 1.5 * split)
-        found = minimize_scalar(lambda at: -self.gain(at), bounds=bounds, method="bounded", options={"xatol": 1e-9})
-        return float(found.x)
+        near = 1e-4 * split
+        return self._zero(lambda at: self.gain(at + near) - self.gain(at - near), 0.5 * split, 1.5 * split)
 
     def plus_3_db(self) -> float:
         return self._crossing(math.sqrt(2.0), 0.0, self.peak())
@@ -466,8 +511,21 @@ class _Curve:
         return self._crossing(math.sqrt(0.5), low, float(steps[below.argmax()]))
 
     def _crossing(self, level: float, low_hz: float, high_hz: float) -> float:
-        from scipy.optimize import brentq  # noqa: PLC0415 - as above
+        return self._zero(lambda at: self.gain(at) - level, low_hz, high_hz)
 
-        if not (self.gain(low_hz) - level) * (self.gain(high_hz) - level) < 0.0:
-            raise ConfigError(f"bandwidth: the fitted response never passes {level:.3f} of its static gain")
-        return float(brentq(lambda at: self.gain(at) - level, low_hz, high_hz, xtol=1e-10))
+    def _zero(self, value: Callable[[float], float], low: float, high: float) -> float:
+        """Return where `value` passes 0, by false position; an end that stays counts half (the Illinois rule)."""
+        below, above = value(low), value(high)
+        if not below * above < 0.0:
+            raise ConfigError("bandwidth: the fitted response has no peak, or never passes half of its static power")
+        at, side = low, 0
+        for _ in range(_TRIES):
+            before, at = at, (low * above - high * below) / (above - below)
+            if abs(at - before) < _CLOSE_HZ:
+                break
+            here = value(at)
+            if here * above > 0.0:
+                high, above, below, side = at, here, below * (0.5 if side > 0 else 1.0), 1
+            else:
+                low, below, above, side = at, here, above * (0.5 if side < 0 else 1.0), -1
+        return at

@@ -131,7 +131,7 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
         output_v=output,
         line=line,
         nonlinearity_ppm=nonlinearity_ppm(rate, output, line),
-        polynomial=fit_polynomial(rate, output, 3) if np.unique(rate).size > 3 else None,
+        polynomial=fit_polynomial(rate, output, 3) if len(set(rate.tolist())) > 3 else None,
         pairs=sign_pairs(rate, output),
         type_a=None if u_output_v is None else _type_a(rate, line, np.asarray(u_output_v, dtype=np.float64)),
     )

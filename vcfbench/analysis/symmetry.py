@@ -30,7 +30,8 @@ class Pair(Struct, frozen=True):
 def sign_pairs(rate_deg_s: ArrayLike, output_v: ArrayLike) -> list[Pair]:
     """Return the pairs by falling magnitude; outputs measured repeatedly at one rate are averaged first."""
     rate, output = checked_points(rate_deg_s, output_v)
-    rates, place = np.unique(rate, return_inverse=True)
+    rates = np.array(sorted(set(rate.tolist())))  # np.unique would load numpy.ma
+    place = np.searchsorted(rates, rate)
     means = np.bincount(place, weights=output) / np.bincount(place)
     positive = rates[::-1][rates[::-1] > 0.0]
     opposite = np.searchsorted(rates, -positive)

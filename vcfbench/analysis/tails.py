@@ -52,6 +52,16 @@ def _nearly_normal_quantile(x: float, degrees: float) -> float:
     return x + math.fsum(term / degrees**power for power, term in enumerate(terms, start=1))
 
 
+def chi_square_tail(chi_square: float, degrees: int) -> float:
+    """Return the probability that chi-square exceeds `chi_square`: a finite sum (Abramowitz and Stegun 26.4.4, .5)."""
+    half = 0.5 * chi_square
+    if half <= 0.0:
+        return 1.0
+    first, odd = (math.erfc(math.sqrt(half)), 0.5) if degrees % 2 else (0.0, 0.0)
+    powers = (odd + n for n in range((degrees + (0 if odd else 1)) // 2))
+    return first + math.fsum(math.exp(power * math.log(half) - half - math.lgamma(power + 1.0)) for power in powers)
+
+
 def f_tail(ratio: float, degrees: float, degrees_below: float) -> float:
     """Return the probability that F exceeds `ratio`: two variances of `degrees` and, below, `degrees_below`."""
     if ratio <= 0.0:

@@ -259,6 +259,9 @@ def _expected_lines(expected: Expectation) -> Iterator[str]:
     for each in expected.values:
         causes = ", ".join(f"{source} {u:.2g}" for source, u in each.causes)
         yield f"  {each.name}: U95 {each.u95:.2g} {each.unit}".rstrip() + (f"; u of {causes}" if causes else "")
+    for why in dict.fromkeys(why for _, why in expected.unknown):
+        names = ", ".join(name for name, of in expected.unknown if of == why)
+        yield f"  not known before the run: {names}: {why}"
 
 
 def _dry_run_json(planned: DryRun) -> dict[str, Any]:

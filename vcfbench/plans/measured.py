@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -93,12 +93,15 @@ class Measured(Sequence[Point]):
         """Return what was measured with the corrections of the meters' certificates, and with no others."""
         if self._known is None and not known.corrects and not self._paused:
             return self
-        return type(self)(self._raw, self._lines, known)
+        return self._with(self._raw, self._lines, known)
 
     @property
     def _paused(self) -> bool:
         """Whether some of it counts from another reference than the rest."""
         return any(point.moved_v for point in self._raw)
+
+    def _with(self, points: Iterable[Point], lines: _Lines, known: Sources | None) -> Self:
+        return type(self)(points, lines, known)
 
     def __len__(self) -> int:
         return len(self._points)
@@ -154,7 +157,7 @@ class Measured(Sequence[Point]):
             points += "point" in line
         ends: list[tuple[int | None, int]] = [*((begin, first) for _, begin, first in marks[1:]), (None, len(self))]
         return tuple(
-            (step, type(self)(self._raw[first:last], partial(_between, self._lines, begin, end), self._known))
+            (step, self._with(self._raw[first:last], partial(_between, self._lines, begin, end), self._known))
             for (step, begin, first), (end, last) in zip(marks, ends, strict=False)  # without marks there is an end
         )
 
@@ -175,7 +178,19 @@ class Measured(Sequence[Point]):
 
 
 class Foreseen(Measured):
-    """The points that a dry run foresees, with the noise that they may have."""
+    """The points that a dry run foresees, with the noise that they may have; records of sines are foreseen without.
+
+    `white_v_sqrt_s` is the random walk of the integrated output at rest.
+    """
+
+    def __init__(
+        self, points: Iterable[Point], lines: _Lines, known: Sources | None = None, white_v_sqrt_s: float = 0.0
+    ) -> None:
+        super().__init__(points, lines, known)
+        self.white_v_sqrt_s = white_v_sqrt_s
+
+    def _with(self, points: Iterable[Point], lines: _Lines, known: Sources | None) -> Self:
+        return type(self)(points, lines, known, self.white_v_sqrt_s)
 
 
 def _between(lines: _Lines, begin: int, end: int | None) -> Iterator[Mapping[str, Any]]:

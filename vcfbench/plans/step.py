@@ -271,11 +271,6 @@ class StepResult:
         """The point that the step adds to the run, None when it adds none."""
         return None
 
-    @property
-    def unpredicted(self) -> str:
-        """What of it no dry run knows, in words, so that results of it have no expected uncertainty; empty: nothing."""
-        return ""
-
     def corrected(self, step: Step, known: Sources) -> Self:
         """Return it with what the meters' certificates add to the direct voltages in it; `step` is the one it is of.
 

@@ -21,6 +21,7 @@ from vcfbench.interfaces import (
     Rotates,
     SamplesVoltage,
 )
+from vcfbench.plans.measured import Foreseen
 from vcfbench.plans.step import answer
 from vcfbench.plans.steps import (
     CaptureSines,
@@ -48,7 +49,7 @@ from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from vcfbench.analysis.rate_band import RateBand, Tone
+    from vcfbench.analysis.rate_band import Known, RateBand, Tone
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.plans.measured import Measured
     from vcfbench.plans.step import Routine
@@ -57,6 +58,10 @@ if TYPE_CHECKING:
 _TIME_BASE = 20e-6
 """33220A: frequency within 20 ppm a year (data sheet, unverified), rectangular."""
 _DRIVE_RECORDS = 8
+_PAPER_Q = 1224.0
+"""Of the sense modes of the paper's gyroscope: what a dry run goes by."""
+_PAPER_LAG_RAD = math.radians(0.5)
+"""The same of its demodulator."""
 
 Hertz = Annotated[float, Meta(ge=0.05, le=HIGHEST_HZ)]
 Ratio = Annotated[float, Meta(ge=0.05, le=3.0)]
@@ -228,8 +233,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     """Fit the response to all that was sampled."""
     from vcfbench.analysis.rate_band import Known, fit_rate_band, response_phase_deg  # noqa: PLC0415  # as above
 
-    sampled = measured.found(SineResponse)
-    tones = tones_of(settings, [(step.frequency_hz, each) for step, each in sampled if isinstance(step, SampleSine)])
+    sampled = [(step, each) for step, each in measured.found(SineResponse) if isinstance(step, SampleSine)]
     drive_hz, u_drive_hz = _drive_hz(settings, measured)
     known = Known(
         drive_hz,
@@ -237,10 +241,36 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
         low_pass_hz=settings.low_pass_hz,
         low_pass_order=settings.low_pass_order,
     )
+    if isinstance(measured, Foreseen):
+        tones = _foreseen_tones(settings, [step for step, _ in sampled], known, measured.white_v_sqrt_s)
+    else:
+        tones = tones_of(settings, [(step.frequency_hz, each) for step, each in sampled])
     band = fit_rate_band(tones, settings.sine_amplitude_v, known)
     shape = band.parameters[[0, 1, 3, 4, 5]]
     phase = measured_phases(settings, measured, lambda at_hz: response_phase_deg(at_hz, known, shape))
     return replace(_bandwidth(band, drive_hz, u_drive_hz), phase=phase)
+
+
+def _foreseen_tones(
+    settings: BandwidthSettings, steps: Sequence[SampleSine], known: Known, white_v_sqrt_s: float
+) -> list[Tone]:
+    """Return the sines that the paper's gyroscope will show, and their noise: what passes its modes, folded."""
+    from vcfbench.analysis.rate_band import foreseen_tone  # noqa: PLC0415  # as above
+
+    gyro = settings.expected_gyro()
+    static_v = abs(gyro.scale_factor * gyro.k_vc) * settings.sine_amplitude_v
+    shape = (settings.split_guess_hz, _PAPER_Q, 1.0, settings.in_phase_split_hz, _PAPER_LAG_RAD)
+    reading_s = NPLC / settings.station.mains_hz
+    return [
+        foreseen_tone(
+            each.frequency_hz,
+            (each.samples, each.interval_s, reading_s),
+            (static_v, white_v_sqrt_s),
+            known,
+            shape,
+        )
+        for each in steps
+    ]
 
 
 def _drive_hz(settings: BandwidthSettings, measured: Measured) -> tuple[float, float]:

@@ -54,6 +54,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
         uses: the roles that it makes use of where the bench has them, likewise; what looks at no drive signal uses {}.
         entry: makes what is kept of the device that was measured, None where none was named: it is added to the device
             store when the run is complete, recorded and safe.
+        unforeseen: results whose U95 no dry run can expect, and why, by the last part of their names.
         in_one_piece: why a run that was broken off cannot be resumed; empty: it can.
     """
 
@@ -66,6 +67,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     needs: Mapping[str, type] = field(default_factory=lambda: PAPER_NEEDS)
     uses: Mapping[str, type] = field(default_factory=lambda: PAPER_USES)
     entry: Callable[[S, R, Provenance], NewEntry | None] | None = None
+    unforeseen: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     in_one_piece: str = ""
     method: str = ""
 

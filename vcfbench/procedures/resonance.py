@@ -87,11 +87,6 @@ class SenseDecay(StepResult):
     drive_hz: float
     modes: tuple[RingingMode, ...]
 
-    @property
-    def unpredicted(self) -> str:
-        """Say what of it no dry run knows."""
-        return "the noise of a mode that rings down is not known beforehand"
-
     def describe(self) -> str:
         """Name the modes."""
         return ", ".join(f"{mode.frequency_hz:.2f} Hz with Q {mode.q:.4g}" for mode in self.modes)
@@ -147,11 +142,6 @@ class DriveDecay(StepResult):
     frequency_hz: float
     q: float
     trouble: str = ""
-
-    @property
-    def unpredicted(self) -> str:
-        """Say what of it no dry run knows."""
-        return "the noise of a mode that rings down is not known beforehand"
 
     def describe(self) -> str:
         """Name the mode, or the trouble."""
@@ -346,7 +336,7 @@ def _e_n(first: Measurand, second: Measurand) -> float:
     owners = {part.of for part in first.parts} & {part.of for part in second.parts}
     own = [part for part in (*first.parts, *second.parts) if part.of is None or part.of not in owners]
     difference = measurand(abs(first.value) - abs(second.value), first.unit, own)
-    return abs(difference.value) / difference.expanded_u
+    return abs(difference.value) / difference.expanded_u if difference.value else 0.0
 
 
 def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances) -> Report:
@@ -404,6 +394,9 @@ RESONANCE = Procedure(
     plan=plan,
     results=results,
     report=report,
+    unforeseen=dict.fromkeys(
+        ("drive_q", "sense_q_ring_down", "split_ring_down_hz", "in_phase_q"), "it is the scatter of a few ring-downs"
+    ),
     entry=Keeps("resonance", resonance_characteristics),
     needs={
         "power": PowersRails,

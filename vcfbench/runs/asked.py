@@ -172,7 +172,7 @@ class DryRun(Struct, frozen=True):
 
         if self._prepared is None:
             return Expectation((), "", "it goes on with another run")
-        return expectation(self._prepared.procedure, self._prepared.settings, self._prepared.plan())
+        return expectation(self._prepared.procedure, self._prepared.settings, [each.step for each in self.steps])
 
     @property
     def bench_seconds(self) -> float:

@@ -1,30 +1,32 @@
 """What a run is expected to state: its U95 by the budget itself, of points that the dry run predicts with noise.
 
-The plan is walked with a gyroscope on paper that scatters as the real one should. What its steps would put into the
-journal goes through the results of the procedure, as what a bench gave does. So nothing of any budget stands here.
+A gyroscope on paper answers the steps of the dry run once more, and scatters as the real one should. What the steps
+would put into the journal goes through the results of the procedure, as what a bench gave does. So nothing of any
+budget stands here.
 """
 
 from __future__ import annotations
 
 import math
+from random import Random
+from statistics import fmean
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from msgspec import Struct, field, structs, to_builtins
 
 from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.errors import BenchError, PlanError
-from vcfbench.plans.step import Reading, abandon
+from vcfbench.errors import BenchError
+from vcfbench.plans.step import Reading
 from vcfbench.plans.steps import ConfigureMeter, ModulatedRecord, Window
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from numpy.random import Generator
     from numpy.typing import NDArray
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Plan, Step, StepResult
+    from vcfbench.plans.step import Step, StepResult
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.schema import Point
 
@@ -33,10 +35,13 @@ PAPER_WALK_DEG_SQRT_H: Final = 0.21
 _PAPER_BIAS_V: Final = -0.042
 """Output at rest of the paper's gyroscope: of a bias as a rate, the scale factor's uncertainty counts with it."""
 _LARGEST: Final = 3
-_OF_A_CURVE: Final = frozenset({"nonlinearity"})
-"""Results whose uncertainty goes with their size; a gyroscope on paper is a straight line."""
-_OF_WHAT_TEMPERATURE_DOES: Final = {"temperature": frozenset({"bias", "frequency", "frequency_tc"})}
-"""By procedure, results whose uncertainty goes with what the run is to find of the device."""
+_PAPER_OUTPUT: Final = (8.5e-6, -2.64e-8)
+"""Of a rate in deg/s, square and cube over the rate: how the paper's output bends."""
+_PAPER_MODULATOR: Final = (0.013, 0.0145)
+"""The same of V_Vc in volts."""
+_PAPER_NONLINEARITY_PPM: Final = 825.0
+_DIGITS = 1e-9
+"""An uncertainty that is less of its value is what rounding leaves."""
 
 
 class ExpectedValue(Struct, frozen=True):
@@ -49,17 +54,23 @@ class ExpectedValue(Struct, frozen=True):
 
 
 class Expectation(Struct, frozen=True):
-    """What a run is expected to state; `noise` says what noise was put in, `why_none` why there is nothing."""
+    """What a run is expected to state; `noise` says what noise was put in, `why_none` why there is nothing.
+
+    `unknown` names the results whose U95 goes with what the run finds, each with why.
+    """
 
     values: tuple[ExpectedValue, ...]
     noise: str
     why_none: str | None = None
+    unknown: tuple[tuple[str, str], ...] = ()
 
 
-_TAUS_S: NDArray[np.float64] = 10.0 ** np.arange(0.5, 5.0, 0.25)
+_TAUS_S: Final = tuple(10.0 ** (0.25 * n) for n in range(2, 20))
 _SPLIT_HZ = 24.8
-_WIDTH = 0.1
-"""Of the paper's sense mode against its drive, and of its resonance: noise near it is seen larger."""
+_WIDTH = 3489.0 / (2.0 * 1224.0 * _SPLIT_HZ)
+"""Of the paper's sense mode against its drive, and half of its resonance (drive over 2 Q) by that: noise near it is
+seen larger."""
+_FILTER_HZ = 100.0
 
 
 class _Scattering(LinearGyro, kw_only=True):
@@ -69,84 +80,104 @@ class _Scattering(LinearGyro, kw_only=True):
     a decade of time constants, the same over a second.
     """
 
-    rng: Generator
+    rng: Random
     white_v_sqrt_s: float
-    reading_v: float | None
     flicker_v: float
     integration_s: float
     begun_s: float = 0.0
     drawn_s: float = -math.inf
-    slow_v: NDArray[np.float64] = field(default_factory=lambda: np.zeros(_TAUS_S.size))
+    slow_v: list[float] = field(default_factory=lambda: [0.0] * len(_TAUS_S))
+    bends: float = 1.0
     scatter_v: dict[float, float] = field(default_factory=dict)
+
+    def output_v(self, table_deg_s: float) -> float:
+        """Return the output of a gyroscope that bends as the paper's does, V."""
+        v_vc_v = self.v_vc_v if self.v_vc_on else 0.0
+        rate_deg_s = table_deg_s + self.k_vc * _bent(v_vc_v, _PAPER_MODULATOR, self.bends)
+        return self.bias_v + self.scale_factor * _bent(rate_deg_s, _PAPER_OUTPUT, self.bends)
 
     def noise_v(self, after_s: float) -> float:
         """Return noise of one reading that begins so long after the step does, V."""
-        if self.integration_s not in self.scatter_v:
-            stated_v = self.reading_v
-            self.scatter_v[self.integration_s] = self._scatter_v(self.integration_s) if stated_v is None else stated_v
-        return self.scatter_v[self.integration_s] * self.rng.standard_normal() + self._flicker_at(
-            self.begun_s + after_s
-        )
+        return self.of_a_reading_v() * self.rng.gauss() + self._flicker_at(self.begun_s + after_s)
 
     def record_noise_v(self, count: int, interval_s: float, aperture_s: float) -> Sequence[float]:
         """Return noise of readings taken by the meter itself, with the spectrum that the sense mode gives it."""
         each = max(1, round(interval_s / aperture_s))
-        white = self.rng.standard_normal(each * count) * self.white_v_sqrt_s / math.sqrt(interval_s / each)
+        drawn = np.array([self.rng.gauss() for _ in range(each * count)])
+        white = drawn * self.white_v_sqrt_s / math.sqrt(interval_s / each)
         spectrum = np.fft.rfft(white) * np.sqrt(_mode(np.fft.rfftfreq(white.size, interval_s / each)))
         seen = np.fft.irfft(spectrum, white.size)[::each]
         noise_v: list[float] = (seen + self._flicker_at(self.begun_s)).tolist()
         return noise_v
 
-    def _scatter_v(self, integration_s: float) -> float:
+    def of_a_reading_v(self) -> float:
         """Return the standard deviation of one reading, by the spectrum of what it averages."""
-        f = np.linspace(0.0, 40.0 * _SPLIT_HZ, 40_000)
-        seen = _mode(f) * np.sinc(f * integration_s) ** 2
-        return self.white_v_sqrt_s * math.sqrt(2.0 * float(seen.sum() - 0.5 * seen[0]) * float(f[1]))
+        if self.integration_s not in self.scatter_v:
+            f = np.linspace(0.0, 8.0 * _SPLIT_HZ, 8000)
+            seen = _mode(f) * np.sinc(f * self.integration_s) ** 2
+            self.scatter_v[self.integration_s] = math.sqrt(2.0 * float(seen.sum() - 0.5 * seen[0]) * float(f[1]))
+        return self.white_v_sqrt_s * self.scatter_v[self.integration_s]
 
     def _flicker_at(self, t_s: float) -> float:
         if self.flicker_v and t_s >= self.drawn_s + 1.0:
             size_v = self.flicker_v * math.sqrt(math.log(10.0) / 4.0 / (2.0 * math.pi))
-            kept = np.exp(-(t_s - self.drawn_s) / _TAUS_S)
-            drawn = size_v * np.sqrt(1.0 - kept**2) * self.rng.standard_normal(_TAUS_S.size)
-            self.slow_v, self.drawn_s = kept * self.slow_v + drawn, t_s
-        return float(self.slow_v.sum())
+            kept = [math.exp((self.drawn_s - t_s) / tau_s) for tau_s in _TAUS_S]
+            drawn = [size_v * math.sqrt(1.0 - each**2) * self.rng.gauss() for each in kept]
+            self.slow_v = [each * slow + new for each, slow, new in zip(kept, self.slow_v, drawn, strict=True)]
+            self.drawn_s = t_s
+        return math.fsum(self.slow_v)
+
+
+def _bent(size: float, orders: tuple[float, float], share: float) -> float:
+    return size * (1.0 + share * size * (orders[0] + orders[1] * size))
 
 
 def _mode(f_hz: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the response of the mode to a rate at `f_hz`, squared, over that at rest."""
+    """Return the noise at `f_hz` over that at rest, as powers: both side bands of the mode add, the filter follows."""
     ratio = f_hz / _SPLIT_HZ
-    return np.asarray(1.0 / ((1.0 - ratio**2) ** 2 + (_WIDTH * ratio) ** 2))
+    sides = [1.0 / ((1.0 + sign * ratio) ** 2 + _WIDTH**2) for sign in (-1.0, 1.0)]
+    return np.asarray(0.5 * (sides[0] + sides[1]) * (1.0 + _WIDTH**2) / (1.0 + (f_hz / _FILTER_HZ) ** 8))
 
 
-def expectation(procedure: AnyProcedure, settings: ProcedureSettings, plan: Plan) -> Expectation:
-    """Return what a run of `plan`, which `procedure` makes of `settings`, is expected to state; nothing is opened."""
+def expectation(procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]) -> Expectation:
+    """Return what a run of `steps`, which `procedure` plans by `settings`, is expected to state; nothing is opened."""
     words = _noise_words(settings)
     try:
-        values = tuple(_stated(procedure, settings, plan))
+        values, unknown = _stated(procedure, settings, steps)
     except BenchError as error:
         return Expectation((), words, error.what)
     except Exception as error:  # noqa: BLE001  # what predicted points come to is anybody's arithmetic
         return Expectation((), words, f"{type(error).__name__}: {error}")
-    return Expectation(values, words, None if values else "its results state no U95")
+    return Expectation(values, words, None if values or unknown else "its results state no U95", unknown)
 
 
 def _gyro(settings: ProcedureSettings) -> _Scattering:
-    base, window = settings.expected_gyro(), settings.expected.reading_noise_v
-    per_deg_s = abs(base.scale_factor)
-    return _Scattering(
+    base, expected, flicker_deg_h = settings.expected_gyro(), settings.expected, _flicker_deg_h(settings)
+    per_deg_s, largest_ppm = abs(base.scale_factor), 0.0 if flicker_deg_h == 0.0 else expected.nonlinearity_ppm
+    gyro = _Scattering(
         k_vc=base.k_vc,
         scale_factor=base.scale_factor,
-        bias_v=_PAPER_BIAS_V if settings.expected.bias_v is None else base.bias_v,
-        rng=np.random.default_rng(4),  # the same plan is told the same, by a draw near the middle of what draws give
-        white_v_sqrt_s=PAPER_WALK_DEG_SQRT_H / 60.0 * per_deg_s,
-        reading_v=None if window is None else 0.5 * (window[0] + window[1]),
-        flicker_v=(settings.station.sources.bias_instability_deg_h or 0.0) / 3600.0 * per_deg_s,
+        bias_v=_PAPER_BIAS_V if expected.bias_v is None and flicker_deg_h != 0.0 else base.bias_v,
+        rng=Random(5),  # noqa: S311  # the same plan is told the same, by a draw near the middle of what draws give
+        white_v_sqrt_s=(_DIGITS if flicker_deg_h == 0.0 else 1.0) * PAPER_WALK_DEG_SQRT_H / 60.0 * per_deg_s,
+        flicker_v=(flicker_deg_h or 0.0) / 3600.0 * per_deg_s,
         integration_s=float(settings.nplc) / settings.station.mains_hz,
+        bends=1.0 if largest_ppm is None else min(1.0, largest_ppm / _PAPER_NONLINEARITY_PPM),
     )
+    if expected.reading_noise_v is not None and flicker_deg_h != 0.0:
+        gyro.white_v_sqrt_s *= fmean(expected.reading_noise_v) / gyro.of_a_reading_v()
+    return gyro
+
+
+def _flicker_deg_h(settings: ProcedureSettings) -> float | None:
+    """Return B, deg/h: 0 is said of a perfect gyroscope alone, which has no noise at all, and is straight."""
+    return settings.station.sources.bias_instability_deg_h
 
 
 def _noise_words(settings: ProcedureSettings) -> str:
     known = settings.station.sources
+    if _flicker_deg_h(settings) == 0.0:
+        return "a perfect gyroscope, without noise (uncertainty.bias_instability_deg_h = 0)"
     window = settings.expected.reading_noise_v
     white = (
         f"white noise of {PAPER_WALK_DEG_SQRT_H:g} deg/sqrt(h), the paper's (assumed: no expected.reading_noise_v)"
@@ -157,55 +188,46 @@ def _noise_words(settings: ProcedureSettings) -> str:
     return f"{white}, flicker of {flicker or 0.0:g} deg/h ({known.bias_instability_from})"
 
 
-def _stated(procedure: AnyProcedure, settings: ProcedureSettings, plan: Plan) -> Iterator[ExpectedValue]:
+def _stated(
+    procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]
+) -> tuple[tuple[ExpectedValue, ...], tuple[tuple[str, str], ...]]:
+    """Return what is stated with which U95, and the names of what has one that nobody can expect, with why."""
     from vcfbench.plans.measured import Foreseen  # noqa: PLC0415
+    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
     from vcfbench.runs.quantities import named_values  # noqa: PLC0415
 
-    lines, points = [], []
-    beside = getattr(settings, "health", False)  # what is looked at so only tells whether K_Vc is still what it was
-    for line, point in _lines(plan, _gyro(settings), settings.station.mains_hz, beside=beside):
+    lines, points, gyro = [], [], _gyro(settings)
+    for line, point in _lines(steps, gyro, settings.station.mains_hz):
         lines.append(line)
         points += [] if point is None else [point]
-    results = procedure.results(settings, Foreseen(points, lambda: lines))
-    left_out = _OF_WHAT_TEMPERATURE_DOES.get(procedure.name, frozenset()) | _OF_A_CURVE
-    for name, value in named_values(results).items():
-        u95 = value.stated_u95
-        if u95 and name.rpartition(".")[2] not in left_out:
-            yield ExpectedValue(name, value.unit, u95, value.causes[:_LARGEST])
+    results = procedure.results(settings, Foreseen(points, lambda: lines, white_v_sqrt_s=gyro.white_v_sqrt_s))
+    parts = [(f"{each.name}.", PROCEDURES[each.name], each.results) for each in getattr(results, "parts", ())]
+    values, unknown = [], []
+    for before, of, found in parts or [("", procedure, results)]:
+        unknown += [(before + name, why) for name, why in of.unforeseen.items()]
+        for name, value in named_values(found).items():
+            u95 = value.stated_u95
+            if u95 and u95 > _DIGITS * abs(value.value) and name.rpartition(".")[2] not in of.unforeseen:
+                values.append(ExpectedValue(before + name, value.unit, u95, value.causes[:_LARGEST]))
+    return tuple(values), tuple(unknown)
 
 
-def _lines(
-    plan: Plan, gyro: _Scattering, mains_hz: float, *, beside: bool
-) -> Iterator[tuple[dict[str, Any], Point | None]]:
-    """Yield what the journal would hold of each step, and its point.
-
-    Raises:
-        PlanError: a step finds what nobody can predict, and the results do not need it only `beside` the rest.
-    """
-    t_s, number = 0.0, 0
-    try:
-        step = next(plan)
-        while True:
-            number += 1
-            if isinstance(step, ConfigureMeter):
-                gyro.integration_s = step.nplc / mains_hz
-            gyro.begun_s = t_s
-            result = step.predict(gyro)
-            if result.unpredicted and not beside:
-                raise PlanError(f"{step.describe()}: {result.unpredicted}")
-            if isinstance(result, ModulatedRecord):
-                result = structs.replace(result, output_t_s=t_s, v_vc_t_s=t_s)
-            if isinstance(result, Window) and not result.readings:
-                chunk, result = _long_window(step, result, gyro, t_s)
-                yield {"type": "readings", "n": number, "readings": chunk}, None
-            line = _line(number, step, result, t_s)
-            t_s += step.duration_s
-            yield {**line, "end_s": t_s}, result.recorded_point
-            step = plan.send(result)
-    except StopIteration:
-        return
-    finally:
-        abandon(plan)
+def _lines(steps: Iterable[Step], gyro: _Scattering, mains_hz: float) -> Iterator[tuple[dict[str, Any], Point | None]]:
+    """Yield what the journal would hold of each step, and its point."""
+    t_s = 0.0
+    for number, step in enumerate(steps, 1):
+        if isinstance(step, ConfigureMeter):
+            gyro.integration_s = step.nplc / mains_hz
+        gyro.begun_s = t_s
+        result = step.predict(gyro)
+        if isinstance(result, ModulatedRecord):
+            result = structs.replace(result, output_t_s=t_s, v_vc_t_s=t_s)
+        if isinstance(result, Window) and not result.readings:
+            chunk, result = _long_window(step, result, gyro, t_s)
+            yield {"type": "readings", "n": number, "readings": chunk}, None
+        line = _line(number, step, result, t_s)
+        t_s += step.duration_s
+        yield {**line, "end_s": t_s}, result.recorded_point
 
 
 def _long_window(step: Any, result: Window, gyro: _Scattering, t_s: float) -> tuple[list[Any], Window]:

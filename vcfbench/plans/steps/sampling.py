@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Context
 
 
-_PREDICTED_APERTURE_S = 0.004
-"""Of a reading of 0.2 power-line cycles, as meters sample a sine."""
-
-
 class SineResponse(StepResult, Struct, frozen=True):
     """What the multimeter sampled while V_Vc was a sine: voltages (V) in the order in which they were taken.
 
@@ -41,11 +37,6 @@ class SineResponse(StepResult, Struct, frozen=True):
         """Return it with what the multimeter's certificate adds."""
         del step
         return replace(self, voltages_v=tuple(map(known.corrected, self.voltages_v)))
-
-    @property
-    def unpredicted(self) -> str:
-        """Say what of it no dry run knows."""
-        return "how its own sense mode responds is not known beforehand"
 
     def describe(self) -> str:
         """Name about how large the sine is."""
@@ -96,15 +87,12 @@ class SampleSine(Step, Struct, frozen=True):
         return SineResponse(self.interval_s, meter.aperture_s, meter.sampled_voltages_v())
 
     def predict(self, gyro: LinearGyro) -> SineResponse:
-        """Predict a sine with the gain of a mode at `split_hz`, and the noise that `gyro` has."""
+        """Predict a sine with the gain of a mode at `split_hz`, without noise."""
         ratio = self.frequency_hz / self.split_hz
         gain = 1.0 / math.hypot(1.0 - ratio**2, 0.1 * ratio)
         amplitude_v = gyro.scale_factor * gyro.k_vc * self.amplitude_v * gain
         step_rad = 2.0 * math.pi * self.frequency_hz * self.interval_s
-        noise_v = gyro.record_noise_v(self.samples, self.interval_s, _PREDICTED_APERTURE_S)
-        voltages_v = tuple(
-            gyro.bias_v + amplitude_v * math.cos(n * step_rad) + noise for n, noise in enumerate(noise_v)
-        )
+        voltages_v = tuple(gyro.bias_v + amplitude_v * math.cos(n * step_rad) for n in range(self.samples))
         return SineResponse(self.interval_s, 0.0, voltages_v)
 
 

@@ -195,11 +195,6 @@ class SineRecords(StepResult, Struct, frozen=True):
     channels: tuple[int, ...]
     records: tuple[SineRecord, ...]
 
-    @property
-    def unpredicted(self) -> str:
-        """Say what of it no dry run knows."""
-        return "the noise of the oscilloscope's records is not known beforehand" if len(self.channels) > 1 else ""
-
     def describe(self) -> str:
         """Name the frequency, and amplitudes and phases in the first record."""
         first = self.records[0]
@@ -354,11 +349,6 @@ class Rotations(StepResult, Struct, frozen=True):
     """Rotations in records taken one after the other."""
 
     records: tuple[RotationRecord, ...]
-
-    @property
-    def unpredicted(self) -> str:
-        """Say what of it no dry run knows."""
-        return "the noise of the oscilloscope's records is not known beforehand"
 
     def describe(self) -> str:
         """Name difference and phase in the first record."""

@@ -52,7 +52,7 @@ class KnownLevels(Struct, frozen=True):
         """Return the ranges of levels by name, and which levels are on them; `weights` those of what they share."""
         if self.ranges_v:
             own = np.array([self.range_of(each) for each in volts])
-            return [(f"{self.ranges_v[n]:g} V range", own == n) for n in np.unique(own).tolist()]
+            return [(f"{self.ranges_v[n]:g} V range", own == n) for n in sorted(set(own.tolist()))]
         return [
             (f"{np.abs(volts[here]).min():.3g} to {np.abs(volts[here]).max():.3g} V", here)
             for here in _worst_ranges(_sizes(volts), weights)
@@ -130,8 +130,9 @@ def _worst_ranges(sizes: Floats, weights: Floats) -> Iterator[NDArray[np.bool_]]
     An error that a range shares adds the square of the sum of its weights: best[n] is the largest sum of squares that
     ranges up to the n-th size can make, found from the smaller ones.
     """
-    steps, place = np.unique(sizes, return_inverse=True)
-    total = np.concatenate([[0.0], np.cumsum(np.bincount(place.ravel(), weights=weights))])
+    steps = np.array(sorted(set(sizes.tolist())))  # np.unique would load numpy.ma
+    place = np.searchsorted(steps, sizes).ravel()
+    total = np.concatenate([[0.0], np.cumsum(np.bincount(place, weights=weights))])
     best, begins = np.zeros(steps.size + 1), np.zeros(steps.size + 1, dtype=int)
     for end in range(1, steps.size + 1):
         made = best[:end] + (total[end] - total[:end]) ** 2
@@ -139,5 +140,5 @@ def _worst_ranges(sizes: Floats, weights: Floats) -> Iterator[NDArray[np.bool_]]
         best[end] = made[begins[end]]
     end = steps.size
     while end:
-        yield (place.ravel() >= begins[end]) & (place.ravel() < end)
+        yield (place >= begins[end]) & (place < end)
         end = int(begins[end])

@@ -43,7 +43,7 @@ class Line(Struct, frozen=True):
         rate = np.array([point.rate_deg_s for point in sweep.points])
         output = np.array([point.output_v for point in sweep.points])
         scale_factor, bias_v = np.polynomial.Polynomial.fit(rate, output, 1).convert().coef[::-1]
-        order = 3 if np.unique(rate).size > 4 else 1
+        order = 3 if len(set(rate.tolist())) > 4 else 1
         derivative = np.polynomial.Polynomial.fit(rate, output, order).deriv()(rate)
         return cls(rate, output, float(scale_factor), float(bias_v), np.asarray(derivative), sweep.mixing)
 

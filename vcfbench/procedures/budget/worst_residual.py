@@ -63,8 +63,7 @@ class Residuals(Struct, frozen=True):
 def _means(rate_deg_s: Floats) -> Floats:
     """Return the weights (m, n) of the windows in the means at each rate; rates that differ by a hair are one."""
     steps = np.round(rate_deg_s / (_ONE_RATE * float(np.ptp(rate_deg_s))))
-    _, first, group = np.unique(steps, return_index=True, return_inverse=True)
-    members = (group == np.argsort(first)[:, None]).astype(np.float64)
+    members = (steps == np.array(list(dict.fromkeys(steps.tolist())))[:, None]).astype(np.float64)
     return np.asarray(members / members.sum(axis=1, keepdims=True))
 
 

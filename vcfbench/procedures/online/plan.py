@@ -126,6 +126,7 @@ ONLINE = Procedure(
     plan=online,
     results=online_results,
     report=online_report,
+    unforeseen={"disturbance": "it is the scatter of a few records"},
     needs=MappingProxyType({"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage}),
     uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "v_vc_meter": SamplesVoltage, "rate_table": Rotates}),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from statistics import fmean
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -29,7 +30,7 @@ from vcfbench.plans.steps import (
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.phase.report import phase_report
-from vcfbench.procedures.phase.results import CaptureSense, phase_results, phases_of
+from vcfbench.procedures.phase.results import CaptureSense, Phases, phase_results, phases_of
 from vcfbench.procedures.phase.settings import LEAST_CYCLES, PhaseSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
@@ -38,7 +39,6 @@ from vcfbench.procedures.tones import SCOPE_TIME_BASE
 if TYPE_CHECKING:
     from vcfbench.bench.parts import Node
     from vcfbench.plans.step import Routine
-    from vcfbench.procedures.phase.results import Phases
     from vcfbench.record.devices import Characteristics
 
 _Amplitudes: TypeAlias = tuple[float, float, float]
@@ -214,6 +214,9 @@ PHASE = Procedure(
     plan=plan,
     results=phase_results,
     report=phase_report,
+    unforeseen=dict.fromkeys(
+        (field.name for field in fields(Phases)), "it is the scatter of the records, which go on until target_deg"
+    ),
     entry=Keeps("phase", phase_characteristics),
     needs={
         "power": PowersRails,

@@ -240,8 +240,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         return NotStated(bias=bias, health=check, k_vc_from=known.source)
     since = _since(settings, check)
     coefficients = np.array(known.k_vc.coefficients) * since.factor
-    if not isinstance(points, Foreseen):
-        seen = _with_shape(settings, seen, coefficients)
+    seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     parts = _parts(
         settings,

@@ -255,6 +255,13 @@ TEMPERATURE = Procedure(
     plan=plan,
     results=temperature_results,
     report=temperature_report,
+    unforeseen={
+        "bias": "it goes with the temperature coefficient that is found",
+        **dict.fromkeys(
+            ("frequency", "frequency_tc", "frequency_hysteresis"),
+            "it goes with the temperature coefficient and the scatter of the oscilloscope's records",
+        ),
+    },
     entry=Keeps("temperature", temperature_characteristics),
     needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates, "chamber": ForcesTemperature},

@@ -15,6 +15,7 @@ from msgspec import Meta
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.plans.measured import Foreseen
 from vcfbench.plans.step import Reading, StepResult, answer
 from vcfbench.plans.steps import (
     Acquire,
@@ -100,11 +101,6 @@ class SwitchedOn(StepResult):
         """Return it with what the multimeter's certificate adds to the output."""
         del step
         return replace(self, log=tuple(each.corrected(known) for each in self.log))
-
-    @property
-    def unpredicted(self) -> str:
-        """Say what of it no dry run knows."""
-        return "how the output warms up is not known beforehand"
 
     def describe(self) -> str:
         """Say how long it was followed."""
@@ -226,6 +222,7 @@ def _results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
         instability_deg_s=_instability_deg_h(settings) / 3600.0,
         steady=is_steady(measured[-3:], length_s, _instability_v(settings)),
         resolution_deg_s=settings.meter_resolution_v / abs(scale.value),
+        creeps=not isinstance(measured, Foreseen),
     )
 
 
@@ -245,6 +242,7 @@ WARMUP = Procedure(
     plan=warmup,
     results=_results,
     report=_report,
+    unforeseen=dict.fromkeys(("amplitude", "time_constant", "warm_up"), "it goes with how the output warms up"),
     in_one_piece="a warm-up begins with power-on; after a break the gyroscope is warm, or cold again",
     needs={"power": PowersRails, "multimeter": ReadsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_source": SetsVoltage, "rate_table": Rotates},

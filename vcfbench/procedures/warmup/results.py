@@ -96,6 +96,7 @@ def warmup_results(
     instability_deg_s: float,
     steady: bool,
     resolution_deg_s: float = 0.0,
+    creeps: bool = True,
 ) -> WarmupResult:
     """Return what a warm-up comes to.
 
@@ -109,12 +110,13 @@ def warmup_results(
         instability_deg_s: B, which correlates the means and is what warm means.
         steady: whether the last means agreed.
         resolution_deg_s: the meter's last digit; no mean is known better than to its rounding.
+        creeps: whether there may be an exponential to be found; none is foreseen.
     """
     import numpy as np  # noqa: PLC0415  # the plan needs none
 
     begin_s, end_s, means, u_scatter = _means(windows, interval_s)
     u_white = np.maximum(u_scatter, resolution_deg_s / math.sqrt(12.0))
-    fit = _fitted(begin_s, end_s, means, u_white, instability_deg_s)
+    fit = _fitted(begin_s, end_s, means, u_white, instability_deg_s) if creeps else None
     bias, u_bias, chi_square, dof = _constant(begin_s, end_s, means, u_white, instability_deg_s)
     seen = False
     if fit is not None:

@@ -17,6 +17,7 @@ from msgspec import Meta
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.plans.measured import Foreseen
 from vcfbench.plans.step import answer
 from vcfbench.plans.steps import (
     Acquire,
@@ -41,7 +42,7 @@ from vcfbench.procedures.routines import (
     require_alive,
     source_off,
 )
-from vcfbench.procedures.zero.results import ZeroResult, zero_report, zero_results
+from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -211,11 +212,24 @@ def _record(settings: ZeroSettings) -> Routine[Outcome]:
     return Outcome(f"static record of {settings.duration_s:g} s")
 
 
-def _results(settings: ZeroSettings, measured: Measured) -> ZeroResult:
+def _results(settings: ZeroSettings, measured: Measured) -> Any:
     from vcfbench.analysis.sampling import Sampling, block_means  # noqa: PLC0415  # they take numpy along
 
     (window,) = measured.readings.windows
     scale = scale_factor_used(settings, measured)
+    if isinstance(measured, Foreseen):
+        if measured.white_v_sqrt_s < settings.meter_resolution_v * settings.aperture_s**0.5:
+            return ForeseenZero()
+        gapless = settings.mode is Mode.GAPLESS
+        foreseen = Sampling(settings.sample_interval_s, settings.sample_interval_s if gapless else settings.aperture_s)
+        return foreseen_zero(
+            measured[0].output_v,
+            settings.duration_s,
+            measured.white_v_sqrt_s,
+            sampling=foreseen,
+            scale=scale,
+            settings=settings,
+        )
     if settings.mode is Mode.GAPLESS:
         volts = block_means(window.voltage_v, settings.readings_a_mean)
         sampling, raw = Sampling.without_gaps(settings.sample_interval_s), (window.voltage_v, settings.readings_a_mean)

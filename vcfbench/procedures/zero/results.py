@@ -18,7 +18,7 @@ from vcfbench.analysis.allan import (
     equivalent_dof,
 )
 from vcfbench.analysis.bias_stability import BiasStability, bias_stability
-from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, fit_noise, fit_shown_noise
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term, fit_noise, fit_shown_noise
 from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.analysis.type_a import u_of_combination
 from vcfbench.procedures.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
@@ -155,6 +155,36 @@ class ZeroResult:
     def coefficient(self, name: str) -> NoiseCoefficient:
         """Return the coefficient of that name, ``"angle random walk"``; KeyError where it was not found."""
         return {each.name: each for each in self.noise}[name]
+
+
+@dataclass(frozen=True, slots=True)
+class ForeseenZero:
+    """What a static record will state, before there is one: nothing of one without noise."""
+
+    output_v: Measurand | None = None
+    bias: Measurand | None = None
+    trend: Measurand | None = None
+
+
+def foreseen_zero(
+    output_v: float,
+    lasting_s: float,
+    white_v_sqrt_s: float,
+    *,
+    sampling: Sampling,
+    scale: ScaleFactor,
+    settings: ProcedureSettings,
+) -> ForeseenZero:
+    """Return what a record of `lasting_s` at `output_v` will state, its white noise and B known."""
+    walk, known = white_v_sqrt_s / abs(scale.value), (settings.station.sources.bias_instability_deg_h or 0.0) / _DEG_H
+    law = Coefficients(angle_random_walk=walk, bias_instability=known)
+    terms = {
+        term: NoiseTerm(value, None, value, 0.0)
+        for term, value in ((Term.ANGLE_RANDOM_WALK, walk), (Term.BIAS_INSTABILITY, known))
+    }
+    fit = NoiseFit(law, terms, np.zeros((len(Term), len(Term))))
+    volts = np.full(round(lasting_s / sampling.interval_s), output_v)
+    return ForeseenZero(*_stated(volts, sampling, scale, settings, fit))
 
 
 def zero_results(
