@@ -198,7 +198,8 @@ class Site(BenchFileTable, frozen=True, kw_only=True):
 class Laboratory(BenchFileTable, frozen=True, kw_only=True):
     """Whose bench it is, for records and reports; `operator` runs it where nobody else is named.
 
-    `country` is two capital letters (ISO 3166-1), for certificates.
+    `country` is two capital letters (ISO 3166-1), for certificates. `signing_key` is the file of the private key that
+    signs records, from where the bench file is.
     """
 
     name: Text | None = None
@@ -206,6 +207,7 @@ class Laboratory(BenchFileTable, frozen=True, kw_only=True):
     country: Annotated[str, Meta(pattern="^[A-Z]{2}$")] | None = None
     email: Text | None = None
     operator: Text | None = None
+    signing_key: Text | None = None
 
 
 class Notify(BenchFileTable, frozen=True, kw_only=True):

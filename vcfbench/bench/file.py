@@ -51,6 +51,7 @@ def described(bench: BenchDescription | Path | str | None) -> BenchDescription:
 def _beside(description: BenchDescription, path: Path) -> BenchDescription:
     """Return the bench with the files that it names found from where its bench file is; a table's profile is read."""
     description = _notifying(description, path.parent)
+    description = _signing(description, path.parent)
     table = description.rate_table
     if table is None or not table.dialect.endswith(".toml"):
         return description
@@ -66,6 +67,15 @@ def _notifying(description: BenchDescription, folder: Path) -> BenchDescription:
         return description
     command = (str((folder / notice.command[0]).absolute()), *notice.command[1:])
     return msgspec.structs.replace(description, notify=msgspec.structs.replace(notice, command=command))
+
+
+def _signing(description: BenchDescription, folder: Path) -> BenchDescription:
+    """Return the bench with the key of its laboratory found from where its file is."""
+    laboratory = description.laboratory
+    if laboratory.signing_key is None:
+        return description
+    found = msgspec.structs.replace(laboratory, signing_key=str((folder / laboratory.signing_key).absolute()))
+    return msgspec.structs.replace(description, laboratory=found)
 
 
 def _check_profile(dialect: str, axis: int, *, simulated: bool) -> None:

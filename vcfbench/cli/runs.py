@@ -215,6 +215,51 @@ def amend(
         typer.echo(f"{shown(done.run)}: {printable(done.amendment.words())}")
 
 
+@app.command("verify")
+def verify(
+    names: Annotated[
+        list[str],
+        typer.Argument(metavar="RUN...", autocompletion=run_names, help="Directories of runs, their names, or 'last'."),
+    ],
+    runs: Runs_ = Path("runs"),
+    *,
+    key: Annotated[
+        list[Path] | None,
+        typer.Option("--key", metavar="FILE", help="Public key that must have signed them. Repeatable: one of them."),
+    ] = None,
+    json: Json_ = False,
+) -> None:
+    """Look whether records are what was written: PASS, or the first thing that is wrong; exit 1 unless all pass."""
+    from msgspec import to_builtins  # noqa: PLC0415
+
+    from vcfbench.record.signing import public_key_of  # noqa: PLC0415
+    from vcfbench.runs.verified import verify_run  # noqa: PLC0415
+
+    keys = [public_key_of(each) for each in key or ()]
+    found = [verify_run(each, runs, keys=keys) for each in names]
+    if json:
+        print_json({"runs": [to_builtins(each) for each in found]})
+    for each in () if json else found:
+        typer.echo(f"{printable(each.run)}: {each.verdict}" + (f": {printable(each.wrong)}" if each.wrong else ""))
+        for note in each.notes:
+            typer.echo(f"  {printable(note)}")
+    if any(each.verdict != "PASS" for each in found):
+        raise typer.Exit(1)
+
+
+@app.command("new-key")
+def new_key(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the private key goes; FILE.pub is the public.")],
+) -> None:
+    """Make a key that signs records: name FILE in [laboratory] of the bench file, or in VCFBENCH_SIGNING_KEY."""
+    from vcfbench.record.signing import new_key as made  # noqa: PLC0415
+
+    public = made(file)
+    typer.echo(
+        f"{shown(file)}: keep it where nobody else can read it\n{shown(public)}: give it to who verifies records"
+    )
+
+
 def _key_and_value(text: str) -> tuple[str, str]:
     key, equals, value = text.partition("=")
     if not equals or not key.strip() or not is_utf8(text):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.lock import InUse
     from vcfbench.bench.safing import MadeSafe
+    from vcfbench.record.signing import SigningKey
 
 _TURN_S: Final = 0.1
 _SILENT_TURNS: Final = 20
@@ -110,7 +111,7 @@ def _make_safe(charge: dict[str, Any], watch: _Watch, why: str) -> int:
     try:
         done = _safe(charge, left=watch.left)
     except Exception as error:  # noqa: BLE001  # whatever went wrong, somebody must go and look
-        _write(watch, {"why": f"{why}{where}", "safe": None, "error": f"{type(error).__name__}: {error}"})
+        _write(charge, watch, {"why": f"{why}{where}", "safe": None, "error": f"{type(error).__name__}: {error}"})
         say(f"vcfbench watchdog: {why}{where}; NOT SAFE: {error}", alarm=True)
         _notify(charge, watch, f"{why}{where}; NOT SAFE: {error}", 5)
         return 5
@@ -120,7 +121,7 @@ def _make_safe(charge: dict[str, Any], watch: _Watch, why: str) -> int:
                    for each in done.instruments]  # fmt: skip
     unsafe = isinstance(failure, NotSafe)
     taken = {"left_to": left_to} if left_to else {}
-    _write(watch, {"why": f"{why}{where}", "safe": not unsafe, "instruments": instruments, **taken})
+    _write(charge, watch, {"why": f"{why}{where}", "safe": not unsafe, "instruments": instruments, **taken})
     came = f"what {left_to} has taken over was left to it" if left_to else "the bench was made safe"
     words = f"{why}{where}; {failure if unsafe else came}"
     say(f"vcfbench watchdog: {words}", alarm=unsafe)
@@ -190,14 +191,23 @@ def _without_locks(description: BenchDescription, error: InUse, *, left: bool, d
     raise error
 
 
-def _write(watch: _Watch, values: dict[str, Any]) -> None:
-    """Add a line to the journal of the run, in place of one that was torn."""
+def _write(charge: dict[str, Any], watch: _Watch, values: dict[str, Any]) -> None:
+    """Add a line to the journal of the run, in place of one that was torn, and sign it where the run would have."""
     if watch.journal is None or watch.left:  # who lives on closes its own record
         return
     from vcfbench.record.journal import append_line  # noqa: PLC0415  # as above
 
+    key = None
+    with suppress(Exception):  # a line that is not signed says more than none
+        key = _key_of(charge)
     with suppress(Exception):  # the bench is what counts
-        append_line(watch.journal, {"type": "watchdog", **values})
+        append_line(watch.journal, {"type": "watchdog", **values}, key)
+
+
+def _key_of(charge: dict[str, Any]) -> SigningKey | None:
+    from vcfbench.record.signing import named_key  # noqa: PLC0415  # as above
+
+    return named_key((charge["bench"].get("laboratory") or {}).get("signing_key"))
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from vcfbench.record.journal import JournalRecord
     from vcfbench.record.metadata import RunMetadata
+    from vcfbench.record.signing import SigningKey
 
 _Said = TypeVar("_Said", bound=Struct)
 """What a record tells of its run: all of it, or as much as lists show."""
@@ -124,7 +125,9 @@ def check_of(amendments: Sequence[Amendment]) -> Check | None:
     return None
 
 
-def amend(path: Path, record: JournalRecord, given: Mapping[str, str], *, reason: str, by: str) -> Amendment:
+def amend(
+    path: Path, record: JournalRecord, given: Mapping[str, str], *, reason: str, by: str, key: SigningKey | None = None
+) -> Amendment:
     """Add a line to the journal at `path` that says what is amended.
 
     Args:
@@ -134,6 +137,7 @@ def amend(path: Path, record: JournalRecord, given: Mapping[str, str], *, reason
             certificates know (``customer``); an empty one takes it away.
         reason: why.
         by: who.
+        key: what signs it, where the station has one.
 
     Raises:
         ConfigError: the record is damaged, or something cannot be amended, or not to that.
@@ -155,7 +159,7 @@ def amend(path: Path, record: JournalRecord, given: Mapping[str, str], *, reason
     if not changes:
         raise ConfigError("amend: expected what is to be amended, came nothing", hint="--set dut=G-018")
     made = {"revision": len(before) + 2, "by": by, "reason": reason, "changes": to_builtins(changes)}
-    append_line(path, {"type": "amendment", **made})
+    append_line(path, {"type": "amendment", **made}, key)
     return amendments_at(path)[-1]
 
 

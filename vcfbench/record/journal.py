@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from vcfbench.record.signing import SigningKey
+
 _EXPECTED = "the journal of a run"
 _LONGEST_LINE = 1 << 24
 """Bytes: a window of 100 000 readings, which format 1 wrote in one line, has some 5 MB."""
@@ -93,6 +95,11 @@ class Journal:
     def footer(self, values: Mapping[str, Any]) -> None:
         """Write the last line."""
         self._append({"type": "footer", "utc": _stamp(), **values})
+
+    def signature(self, key: SigningKey) -> None:
+        """Sign what was written until now."""
+        if self._sealer.seal is not None:
+            self._append({"type": "signature", "utc": _stamp(), **key.signature(self._sealer.seal)})
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield what was written until now, line after line."""
@@ -166,6 +173,9 @@ class MemoryJournal(Journal):
     def __init__(self) -> None:
         self._written: list[bytes] = []
 
+    def signature(self, key: SigningKey) -> None:
+        """Sign nothing: it is gone with the run."""
+
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield what was written until now, line after line."""
         return map(msgspec.json.Decoder(dict[str, Any]).decode, self._written)
@@ -191,8 +201,10 @@ def _stamp() -> str:
     return utc_now().isoformat(timespec="microseconds")
 
 
-def append_line(path: Path, values: Mapping[str, Any]) -> None:
+def append_line(path: Path, values: Mapping[str, Any], key: SigningKey | None = None) -> None:
     """Add a line to a journal that nobody writes any more, in place of one that was torn, sealed where the others are.
+
+    With a `key` a further line signs it.
 
     Raises:
         BenchError: a run goes on that writes it, or it cannot be written.
@@ -200,14 +212,14 @@ def append_line(path: Path, values: Mapping[str, Any]) -> None:
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
         try:
-            _add_line(descriptor, path, values)
+            _add_lines(descriptor, path, values, key)
         finally:
             os.close(descriptor)
     except OSError as error:
         raise BenchError(f"the record {shown(path)} cannot be written: {error.strerror}") from error
 
 
-def _add_line(descriptor: int, path: Path, values: Mapping[str, Any]) -> None:
+def _add_lines(descriptor: int, path: Path, values: Mapping[str, Any], key: SigningKey | None) -> None:
     if not _locked(descriptor):
         raise BenchError(f"the record {shown(path)} is being written: its run goes on")
     with os.fdopen(descriptor, "rb", closefd=False) as file:
@@ -215,7 +227,12 @@ def _add_line(descriptor: int, path: Path, values: Mapping[str, Any]) -> None:
     kept = data[: data.rfind(b"\n") + 1]
     line = msgspec.json.encode({**values, "utc": _stamp()})
     if _is_sealed(_decoded(kept[: kept.find(b"\n") + 1]) or {}):
-        line = Sealer(kept.replace(b"\r\n", b"\n")).sealed(line)
+        sealer = Sealer(kept.replace(b"\r\n", b"\n"))
+        line = sealer.sealed(line)
+        sealer.keep()
+        if key is not None and sealer.seal is not None:
+            signed = {"type": "signature", "utc": _stamp(), **key.signature(sealer.seal)}
+            line += sealer.sealed(msgspec.json.encode(signed))
     else:
         line += b"\n"
     if len(kept) < len(data):
@@ -271,8 +288,13 @@ class JournalRecord(Struct, frozen=True):
     """All of them, in the order of the file, without their seals."""
     running: bool = False
     """Whether its run goes on."""
-    seal: str | None = None
-    """Of its last whole line: it vouches for all of them. None where the record is of before there were seals."""
+    seals: tuple[str | None, ...] = ()
+    """Of each line; None where the record is of before there were seals."""
+
+    @property
+    def seal(self) -> str | None:
+        """That of its last whole line, which vouches for all of them."""
+        return self.seals[-1] if self.seals else None
 
     @property
     def status(self) -> Status:
@@ -311,8 +333,8 @@ def read_journal(path: Path) -> JournalRecord:
     with opened(path, _EXPECTED) as file:
         running = being_written(path)  # asked for before it is read: it may end meanwhile, and then has its last line
         lines, torn, unreadable = _whole_lines(file)
-    seal = [line.pop("seal", None) for line in lines][-1:]
-    record = _record(lines, path, torn=torn, running=running, seal=seal[0] if seal else None)
+    seals = [line.pop("seal", None) for line in lines]
+    record = _record(lines, path, torn=torn, running=running, seals=seals)
     try:
         _ = record.status, record.points, record.header.get("bench", {}).get("name")
         _ = None if (error := (record.footer or {}).get("error")) is None else error.get("what")
@@ -380,7 +402,7 @@ def lines_of(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def _record(
-    lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool, running: bool, seal: object
+    lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool, running: bool, seals: Sequence[object]
 ) -> JournalRecord:
     header = lines[0] if lines and lines[0].get("type") == "header" else {}
     number = header.get("format", FORMAT)
@@ -398,7 +420,7 @@ def _record(
         restored=_of_type(lines, "restored"),
         lines=tuple(lines),
         running=running,
-        seal=seal if isinstance(seal, str) else None,
+        seals=tuple(seal if isinstance(seal, str) else None for seal in seals),
     )
 
 

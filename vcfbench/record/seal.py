@@ -17,22 +17,25 @@ _TAIL = len(_BEFORE) + 64 + len(_AFTER)
 class Sealer:
     """Seals line after line; what is not yet kept (:meth:`keep`) can be sealed again after a write that failed."""
 
-    __slots__ = ("_kept", "_next")
+    __slots__ = ("_kept", "_next", "_next_seal", "seal")
 
     def __init__(self, before: bytes = b"") -> None:
         self._kept = self._next = sha256(before)
+        self.seal: str | None = None
+        self._next_seal = ""
 
     def sealed(self, line: bytes) -> bytes:
         """Return a line, one JSON object without its end, with its seal and its end."""
         self._next = self._kept.copy()
         self._next.update(line[:-1])
-        tail = b"%s%s%s" % (_BEFORE, self._next.hexdigest().encode(), _AFTER)
+        self._next_seal = self._next.hexdigest()
+        tail = b"%s%s%s" % (_BEFORE, self._next_seal.encode(), _AFTER)
         self._next.update(tail)
         return line[:-1] + tail
 
     def keep(self) -> None:
         """Go on from the line that was sealed last: it is on the disk."""
-        self._kept = self._next
+        self._kept, self.seal = self._next, self._next_seal
 
 
 class SealChecker:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 
 from vcfbench.record.amendments import amend
+from vcfbench.record.signing import named_key
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,7 +50,8 @@ def amend_run(
     directory = directory_of(run, runs)
     record = directory.read()
     by = f"{getpass.getuser()}@{socket.gethostname()}" if by is None else by
-    made = amend(directory.journal, record, changes, reason=reason, by=by)
+    key = named_key(None)  # no key that the record names: whose it is nobody knows
+    made = amend(directory.journal, record, changes, reason=reason, by=by, key=key)
     device = next((each.was for each in made.changes if each.field == "dut"), None)
     return Amended(directory.run, made, () if device is None else tuple(_stays(directory, record, device)))
 

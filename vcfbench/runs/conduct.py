@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import ExitStack, nullcontext, suppress
 from functools import cache, partial
 from hashlib import sha256
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
+    from vcfbench.record.signing import SigningKey
     from vcfbench.report.shielded import Shielded
     from vcfbench.runs.asked import DryRun, Prepared
     from vcfbench.runs.pausing import Pausing
@@ -359,6 +361,7 @@ class _Record(Struct):
     journal: Journal | None = None
     safe_reports: Sequence[SafeReport] = ()
     watchdog: Watchdog | None = None
+    key: SigningKey | None = None
     identities: Mapping[str, Identity] = field(default_factory=dict)
 
     def prepare(self) -> RunDirectory | None:
@@ -368,6 +371,7 @@ class _Record(Struct):
         """
         from vcfbench.record.directory import create_run  # noqa: PLC0415
 
+        self.key = _key_of(self.prepared.description)
         runs = self.course.asked.runs
         if runs is not None:
             self.course.directory = create_run(runs, self.prepared.procedure.name)
@@ -450,6 +454,7 @@ class _Record(Struct):
             **times,
             "metadata": course.checked.metadata.as_json(),
             "equipment": [each.as_json() for each in equipment],
+            **({} if self.key is None else {"signed_by": self.key.public}),
             **profile_of(description),
             **self.prepared.header_entries(),
         }
@@ -477,6 +482,8 @@ class _Record(Struct):
             try:
                 files = {name: sha256(text.encode()).hexdigest() for name, text in derived.items()}
                 journal.footer({**self._footer(display_lost), "files": files})
+                if self.key is not None:
+                    journal.signature(self.key)
             finally:
                 try:
                     self._write(derived)
@@ -590,6 +597,15 @@ def _without_program(bench: dict[str, Any]) -> dict[str, Any]:
     return bench
 
 
+def _key_of(description: BenchDescription) -> SigningKey | None:
+    """Return the key that signs the record; ConfigError where one is named that cannot be used."""
+    if not description.laboratory.signing_key and not os.environ.get("VCFBENCH_SIGNING_KEY"):
+        return None
+    from vcfbench.record.signing import named_key  # noqa: PLC0415  # few records are signed
+
+    return named_key(description.laboratory.signing_key)
+
+
 def _identified(prepared: Prepared, identities: Mapping[str, Identity]) -> Prepared:
     """Return what was prepared with the serial numbers that the instruments answered: they tell which is which.
 
@@ -619,6 +635,15 @@ def profile_of(description: BenchDescription) -> dict[str, str]:
     from vcfbench.drivers.rate_table.profile import profile_text  # noqa: PLC0415
 
     return {"table_profile": profile_text(dialect)}
+
+
+def other_versions(header: Mapping[str, Any]) -> str:
+    """Say which versions of a record are not those that are installed here, empty where all are."""
+    then, now = header.get("versions", {}), _versions()
+    known = then if isinstance(then, dict) else {}
+    return ", ".join(
+        f"{name} {known[name]}, here {now[name]}" for name in now if known.get(name, now[name]) != now[name]
+    )
 
 
 @cache  # what is installed stays as it is, and asking opens a file of each package
