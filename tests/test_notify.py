@@ -92,7 +92,7 @@ def test_its_failure_is_said_and_changes_nothing(command: tuple[str, ...], words
 def test_what_the_watchdog_did_is_told(tmp_path: Path) -> None:
     """Of a program that was killed, with what the watchdog is told of the bench."""
     told = tmp_path / "told.json"
-    watch = watchdog._Watch(None, 0)  # type: ignore[arg-type]  # it is not asked for
+    watch = watchdog._Watch(None, 0, None)  # type: ignore[arg-type]  # it is not asked for
     watch.journal = tmp_path / "it" / "journal.jsonl"
     charge = {"bench": {"name": "b", "notify": {"command": list(keeps(told)), "timeout_s": 10.0}}}
     watchdog._notify(charge, watch, "the program died; the bench was made safe", None)
