@@ -36,12 +36,23 @@ def advance(self: FaultyDevice) -> None:
         self._spoil_what_is_said()
 
 
+def wait(self: _Port, deadline_s: float | None) -> bool:
+    """As it was once: an instant that has passed is waited for, again and again."""
+    wake_s = self.device.wake_at()
+    assert deadline_s is not None
+    if self.clock.now() >= deadline_s:
+        return False
+    self.clock.sleep_until(deadline_s if wake_s is None else min(wake_s, deadline_s))
+    return True
+
+
 @pytest.mark.exhaustive
 def test_a_freeze_of_bench_time_is_found_and_made_small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trial, "_STILL", 1000)
     draw = replace(drawn(2), language="atl", wires="direct", happenings=(LATE, Happening(0, 0.2, "clock", size=5.0)))
     assert tried(draw).wrong == ()
     monkeypatch.setattr(FaultyDevice, "_advance", advance)
+    monkeypatch.setattr(_Port, "wait", wait)
     found = tried(draw)
     assert "bench time stands still" in found.wrong[0]
     assert shrunk(found).draw.happenings == (LATE,)
