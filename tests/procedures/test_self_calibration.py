@@ -196,8 +196,14 @@ def test_the_same_meter_is_the_one_with_the_same_number_and_calibration(tmp_path
         "calibrated since": set(),
     }
     assert u_ppm["other"] == u_ppm["calibrated since"] > 1.02 * u_ppm["same"]
-    on_one_bench = run(tmp_path, LAB, calibrated(tmp_path / "one", LAB)).drift
-    assert "the multimeter's gain (34401A at GPIB0::22::INSTR of lab)" in on_one_bench.cancelled
+
+
+def test_a_simulated_meter_without_a_number_is_the_same_at_the_same_seed(tmp_path: Path) -> None:
+    """Another seed draws other specimens, at the same address of the same bench."""
+    settings = calibrated(tmp_path, LAB)
+    same, other = (run(tmp_path, LAB, settings, seed).drift.cancelled for seed in (1, 2))
+    assert "the multimeter's gain (34401A at GPIB0::22::INSTR of lab, seed 1)" in same
+    assert not [each for each in other if "multimeter" in each]
 
 
 def test_a_real_instrument_tells_its_number_where_the_bench_file_does_not() -> None:

@@ -137,6 +137,10 @@ class PlacedInstrument(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             return self
         return structs.replace(self, where=f"no. {serial_number}", station=None)
 
+    def drawn_by(self, seed: int | None) -> Self:
+        """Return it as the simulated specimen of a seed, where the bench file has no number of it."""
+        return self if self.station is None else structs.replace(self, station=f"{self.station}, seed {seed}")
+
 
 class MeterKnown(Struct, frozen=True, forbid_unknown_fields=True):
     """What is known of a voltmeter beside its data sheet.

@@ -381,9 +381,9 @@ class _Record(Struct):
 
     def perform(self, bench: Bench, watchers: Sequence[Observer], signals: StopSignals) -> None:
         """Open the journal, perform the plan on `bench`, and keep what came of it."""
-        self.prepared = prepared = _identified(self.prepared, bench.identities)
         course = self.course
         course.checked.seed = bench.seed
+        self.prepared = prepared = _identified(self.prepared, bench.identities, bench.seed)
         self.safe_reports = bench.safe_reports  # filled when the bench is left
         self.identities = dict(bench.identities)
         prepared.require_bench(bench)
@@ -606,18 +606,25 @@ def _key_of(description: BenchDescription) -> SigningKey | None:
     return named_key(description.laboratory.signing_key)
 
 
-def _identified(prepared: Prepared, identities: Mapping[str, Identity]) -> Prepared:
-    """Return what was prepared with the serial numbers that the instruments answered: they tell which is which.
+def _identified(prepared: Prepared, identities: Mapping[str, Identity], seed: int | None) -> Prepared:
+    """Return what was prepared with what tells instruments apart: serial numbers that they answered.
 
-    Simulated ones answer one and the same, whichever specimen was drawn.
+    Simulated ones answer one and the same, whichever specimen the seed has drawn: there the seed tells.
     """
-    if prepared.description.simulated:
+    settings, description = prepared.settings, prepared.description
+    if description.simulation is not None:
+        errors = description.simulation.errors
+        placed = {
+            role: each.drawn_by(seed) if "drawn" in getattr(errors, role, ()) else each
+            for role, each in settings.station.instruments.items()
+        }
+    elif description.simulated:
         return prepared
-    settings = prepared.settings
-    placed = {
-        role: each.answering(identities[role].serial) if role in identities else each
-        for role, each in settings.station.instruments.items()
-    }
+    else:
+        placed = {
+            role: each.answering(identities[role].serial) if role in identities else each
+            for role, each in settings.station.instruments.items()
+        }
     station = structs.replace(settings.station, instruments=placed)
     return structs.replace(prepared, settings=structs.replace(settings, station=station))
 
