@@ -12,7 +12,7 @@ from msgspec import structs
 import vcfbench
 from vcfbench.bench.description import Notify
 from vcfbench.bench.file import parse_bench
-from vcfbench.cli import watchdog
+from vcfbench.cli import left_live
 from vcfbench.clock import WallClock
 from vcfbench.errors import Aborted, ConfigError, NotSafe
 from vcfbench.runs.notified import notify, outcome_word
@@ -92,10 +92,9 @@ def test_its_failure_is_said_and_changes_nothing(command: tuple[str, ...], words
 def test_what_the_watchdog_did_is_told(tmp_path: Path) -> None:
     """Of a program that was killed, with what the watchdog is told of the bench."""
     told = tmp_path / "told.json"
-    watch = watchdog._Watch(None, 0, None)  # type: ignore[arg-type]  # it is not asked for
-    watch.journal = tmp_path / "it" / "journal.jsonl"
+    journal = json.dumps(str(tmp_path / "it" / "journal.jsonl")).encode()
     charge = {"bench": {"name": "b", "notify": {"command": list(keeps(told)), "timeout_s": 10.0}}}
-    watchdog._notify(charge, watch, "the program died; the bench was made safe", None)
+    left_live._notify(charge, {b"journal": journal}, "the program died; the bench was made safe", None)
     said = json.loads(told.read_bytes())
     assert (said["outcome"], said["run"], said["bench"]) == ("failed", "it", "b")
     assert notify(Notify(command=(sys.executable, "-c", "")), {"much": "x" * 200_000}) is None

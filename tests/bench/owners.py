@@ -21,11 +21,11 @@ MISTAKES = {
     "no look at the path": "a lock on a file that was taken away meanwhile counts (lock._is_at)",
     "on before it watches": "outputs go on before the watchdog is ready (open_bench, Watchdog.require_ready)",
     "let go too early": "the watchdog is let go before the bench is safe (Holding.leave)",
-    "hung and left alive": "the watchdog does not end a program that hangs (cli.watchdog._ended)",
+    "hung and left alive": "the watchdog does not end a program that hangs (cli.watchdog.Watch._ended)",
     "number alone": "a process is ended by its number (processes.end without a mark)",
     "lock before wires": "the lock is given back before the wires are closed (Holding.leave)",
-    "dying is dead": "nobody waits for a process that is dying (Owner.ended_within, cli.watchdog._safe)",
-    "left to the first": "the watchdog leaves the bench to a `safe` that dies (cli.watchdog._safe)",
+    "dying is dead": "nobody waits for a process that is dying (Owner.ended_within, cli.left_live._safe)",
+    "left to the first": "the watchdog leaves the bench to a `safe` that dies (cli.left_live._safe)",
 }
 
 
@@ -136,7 +136,7 @@ def _ended(state: State, mistake: str) -> State:
 
 
 def _watchdog(state: State, mistake: str) -> Iterator[State]:
-    """The watchdog: `cli.watchdog._Watch`, then `cli.watchdog._safe`."""
+    """The watchdog: `cli.watchdog.Watch`, then `cli.left_live._safe`."""
     at = state.at[DOG]
     yield from _taking(state, DOG, "refused", mistake)
     yield from _giving_back(state, DOG, "gone")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,10 @@ from tests.bench.test_holding import what_is_on
 from tests.cli.test_safe import UNWATCHED, bench_file, left_live
 from vcfbench.bench.description import Safety
 from vcfbench.bench.watchdog import Watchdog
+from vcfbench.bench.writing import bench_text
+from vcfbench.cli.watchdog import SILENT_TURNS, TURN_S
 from vcfbench.clock import WallClock, sleep
+from vcfbench.errors import ConnectFailed
 from vcfbench.record.journal import append_line, read_journal
 from vcfbench.testing.benches import serve_simulated
 
@@ -40,6 +44,21 @@ def test_a_bench_whose_program_died_or_hangs_is_made_safe(signal: str, tmp_path:
         with left_live(path, f"os.kill(os.getpid(), signal.{signal})") as process:
             assert safe_after_s(lab) < GENEROUS_S
             assert process.wait(GENEROUS_S) == -9  # one that hangs is ended: it might switch things on again
+
+
+def test_a_bench_whose_instruments_take_long_to_open_is_opened(tmp_path: Path) -> None:
+    """A program that waits for an instrument lives."""
+    with serve_simulated() as lab:
+        bench = lab.on_wires()
+        assert bench.multimeter is not None
+        lab.fault("multimeter", "silent")
+        path = tmp_path / "slow.toml"
+        slow = structs.replace(bench, multimeter=structs.replace(bench.multimeter, timeout_s=SILENT_TURNS * TURN_S + 1))
+        path.write_text(bench_text(slow), encoding="utf-8")
+        command = [sys.executable, "-m", "vcfbench", "run", "turntable", "--bench", str(path), "--quiet"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)  # noqa: S603
+    assert "multimeter" in done.stderr
+    assert done.returncode == ConnectFailed.exit_code
 
 
 def test_a_call_that_never_returns_is_ended(tmp_path: Path) -> None:
