@@ -485,11 +485,14 @@ def _part_result(procedure: AnyProcedure, own: ProcedureSettings, part: Measured
 
 
 def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) -> ProcedureSettings:
-    """Return the settings of a part with the scale factor that an earlier one has found, unless it is told one."""
+    """Return the settings of a part with the scale factor that another one has found, unless it is told one.
+
+    That of small rates goes before a line's: it is what holds at rest, the slope of a line through a curved output not.
+    """
     given = not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None
     if given or getattr(own, "scale_factor_from", "none") != "none":
         return own
-    for part in found.values():
+    for part in sorted(found.values(), key=lambda each: each.name != _CERTIFIES):
         tell = getattr(part.results, "acceptance_values", None)
         value = tell().get(_SCALE_FACTOR) if tell is not None else None
         if value:
