@@ -30,12 +30,25 @@ def test_no_ranges_make_a_sum_less_certain_than_unknown_ones() -> None:
 
 def test_zero_and_a_level_share_an_offset_only_where_they_are_known_to_lie_on_one_range() -> None:
     pair, difference = np.array([0.067, 0.0]), np.array([1.0, -1.0])
-    own = np.hypot(0.02 * 0.067, np.sqrt(2.0) * 4e-3) / np.sqrt(3.0)
-    assert spread(of(), pair, difference) == pytest.approx(own)
-    assert spread(of(0.05, 10.0), pair, difference) == pytest.approx(own)
+
+    def apart(low_v: float) -> float:
+        room_v = 0.02 * low_v
+        above_v2 = 4e-3**2 + 4e-3 * room_v + room_v**2 / 3.0
+        return float(np.sqrt((0.02 * 0.067) ** 2 + 4e-3**2 + above_v2) / np.sqrt(3.0))
+
+    assert spread(of(), pair, difference) == pytest.approx(apart(0.067))
+    assert spread(of(0.05, 10.0), pair, difference) == pytest.approx(apart(0.05))
     assert spread(of(0.1, 10.0), pair, difference) == pytest.approx(0.02 * 0.067 / np.sqrt(3.0))
 
 
 def test_levels_of_both_signs_are_one_level() -> None:
     known = of()
     assert spread(known, np.array([1.0, -1.01]), np.array([1.0, -1.0])) == pytest.approx(0.02 * 2.01 / np.sqrt(3.0))
+
+
+def test_the_offset_of_a_range_has_the_variance_of_what_its_lowest_level_leaves_room_for() -> None:
+    random, low_v = np.random.default_rng(3), 1.0
+    gain = random.uniform(-0.02, 0.02, 200_000)
+    offset_v = random.uniform(-1.0, 1.0, gain.size) * (4e-3 + (0.02 - np.abs(gain)) * low_v)
+    assert of().offset_limit_v(low_v) / np.sqrt(3.0) == pytest.approx(offset_v.std(), rel=0.01)
+    assert of().offset_limit_v(0.0) == 4e-3

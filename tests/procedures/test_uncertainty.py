@@ -127,7 +127,7 @@ def test_the_difference_of_the_methods_scatters_as_stated_when_generators_are_dr
     level = rates / K_VC
     own = np.searchsorted([0.32, 1.0, 3.2], np.abs(level))
     gain = rng.uniform(-0.02, 0.02, (4000, 4))
-    offset = rng.uniform(-4e-3, 4e-3, (4000, 4))
+    offset = rng.uniform(-1.0, 1.0, (4000, 4)) * (4e-3 + (0.02 - np.abs(gain)) * np.array([0.0, 0.32, 1.0, 3.2]))
     output = K * K_VC * (level * (1.0 + gain[:, own]) + offset[:, own])
     matched = level[4] / (1.0 + gain[:, 0])  # its setting, zeros taken off
     slope = (output @ rates) / SXX * (matched / level[4])

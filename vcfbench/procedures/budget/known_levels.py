@@ -48,15 +48,32 @@ class KnownLevels(Struct, frozen=True):
         """Return the place of the range that a level is on."""
         return next((n for n, upper in enumerate(self.ranges_v) if abs(level_v) <= upper), len(self.ranges_v) - 1)
 
-    def shared(self, volts: Floats, weights: Floats) -> list[tuple[str, NDArray[np.bool_]]]:
-        """Return the ranges of levels by name, and which levels are on them; `weights` those of what they share."""
+    def offset_limit_v(self, low_v: float) -> float:
+        """Return the limit of the offset of a range whose levels begin at `low_v`, V, as that of a rectangle.
+
+        A data sheet limits the error of a level, gain V + offset: the offset of a range may be as large as its lowest
+        level leaves room for. The limit is that of the same variance where any gain is as likely, and then any offset.
+        """
+        offset_v, room_v = self.offset_v or 0.0, (self.gain or 0.0) * low_v if self.reading_v is None else 0.0
+        return math.sqrt(offset_v**2 + offset_v * room_v + room_v**2 / 3.0)
+
+    def shared(self, kind: str, volts: Floats, weights: Floats) -> list[tuple[str, NDArray[np.bool_], float]]:
+        """Return what levels share: the ranges by name, which levels are on each, and the limit of the error there.
+
+        Args:
+            kind: ``"gain"`` or ``"offset"``.
+            volts: the levels.
+            weights: what a unit of the error adds, by level.
+        """
+        limit = self.offset_limit_v if kind == "offset" else lambda _low_v: self.gain or 0.0
         if self.ranges_v:
-            own = np.array([self.range_of(each) for each in volts])
-            return [(f"{self.ranges_v[n]:g} V range", own == n) for n in sorted(set(own.tolist()))]
-        return [
-            (f"{np.abs(volts[here]).min():.3g} to {np.abs(volts[here]).max():.3g} V", here)
-            for here in _worst_ranges(_sizes(volts), weights)
-        ]
+            own, lows = np.array([self.range_of(each) for each in volts]), (0.0, *self.ranges_v)
+            return [(f"{self.ranges_v[n]:g} V range", own == n, limit(lows[n])) for n in sorted(set(own.tolist()))]
+        found = []
+        for here in _worst_ranges(_sizes(volts), weights, limit):
+            low_v, high_v = float(np.abs(volts[here]).min()), float(np.abs(volts[here]).max())
+            found.append((f"{low_v:.3g} to {high_v:.3g} V", here, limit(low_v)))
+        return found
 
     def errors(self, moved: Mapping[str, tuple[Floats, Floats]]) -> tuple[list[Source], dict[str, dict[str, float]]]:
         """Return the sources of errors that levels share, and what one unit of each adds to each value.
@@ -68,11 +85,8 @@ class KnownLevels(Struct, frozen=True):
         effects: dict[str, dict[str, float]] = {value: {} for value in moved}
         for value, (volts, through) in moved.items():
             of = "" if self.ranges_v else f": {value}"  # the worst of one value is not that of another
-            for kind, limit, unit, weights in (
-                ("gain", self.gain, "1", through * volts),
-                ("offset", self.offset_v, "V", through),
-            ):
-                for where, here in self.shared(volts, weights):
+            for kind, unit, weights in (("gain", "1", through * volts), ("offset", "V", through)):
+                for where, here, limit in self.shared(kind, volts, weights):
                     name = f"{self.by} {kind}, {where}{of}"
                     sources[name] = limited(name, limit, unit, self.sigmas)
                     effects[value][name] = float(weights[here].sum())
@@ -124,18 +138,19 @@ def _sizes(volts: Floats) -> Floats:
     return sizes
 
 
-def _worst_ranges(sizes: Floats, weights: Floats) -> Iterator[NDArray[np.bool_]]:
+def _worst_ranges(sizes: Floats, weights: Floats, limit: Callable[[float], float]) -> Iterator[NDArray[np.bool_]]:
     """Yield which levels are on each range, the ranges so that the sum of the levels' errors is least certain.
 
-    An error that a range shares adds the square of the sum of its weights: best[n] is the largest sum of squares that
-    ranges up to the n-th size can make, found from the smaller ones.
+    An error that a range shares adds the square of the sum of its weights, times its limit: best[n] is the largest sum
+    of squares that ranges up to the n-th size can make, found from the smaller ones.
     """
     steps = np.array(sorted(set(sizes.tolist())))  # np.unique would load numpy.ma
+    limits = np.array([limit(each) for each in steps.tolist()])
     place = np.searchsorted(steps, sizes).ravel()
     total = np.concatenate([[0.0], np.cumsum(np.bincount(place, weights=weights))])
     best, begins = np.zeros(steps.size + 1), np.zeros(steps.size + 1, dtype=int)
     for end in range(1, steps.size + 1):
-        made = best[:end] + (total[end] - total[:end]) ** 2
+        made = best[:end] + (limits[:end] * (total[end] - total[:end])) ** 2
         begins[end] = made.argmax()
         best[end] = made[begins[end]]
     end = steps.size

@@ -66,15 +66,12 @@ class CurvedLine(Struct, frozen=True):
         own = {f"{known.by} {known.besides}": through * u_v}
         if not known.ranges_v:
             largest = int(np.abs(self.residuals.ppm).argmax())
-            for kind, limit, weights in (
-                ("gain", known.gain, through * volts),
-                ("offset", known.offset_v, through),
-            ):
-                ranges = known.shared(volts, weights[largest])
-                columns = [weights[:, here].sum(axis=1) for _, here in ranges]
-                own[f"{known.by} {kind}"] = (limit or 0.0) / math.sqrt(3.0) * np.column_stack(columns)
+            for kind, weights in (("gain", through * volts), ("offset", through)):
+                ranges = known.shared(kind, volts, weights[largest])
+                columns = [limit / math.sqrt(3.0) * weights[:, here].sum(axis=1) for _, here, limit in ranges]
+                own[f"{known.by} {kind}"] = np.column_stack(columns)
             return structs.replace(self, own=own, only_bound=_RANGES_UNKNOWN)
-        for name, here in known.shared(volts, volts):
+        for name, here, _ in known.shared("gain", volts, volts):
             effects[f"{known.by} gain, {name}"] = (through * volts)[:, here].sum(axis=1)
             effects[f"{known.by} offset, {name}"] = through[:, here].sum(axis=1)
         return structs.replace(self, effects=effects, own=own)

@@ -415,10 +415,21 @@ def test_the_converter_is_within_half_a_step_and_the_setting_within_half_a_digit
     assert abs(box.drive.dc_v - setting) <= upper / 2**14 * 1.000001
 
 
-def test_a_drawn_specimen_is_within_its_data_sheet() -> None:
-    errors = GeneratorErrors.drawn(np.random.default_rng(1))
-    assert all(abs(each.gain_error) <= 0.02 and abs(each.offset_error_v) <= 0.004 for each in errors.ranges)
-    assert (errors.dac_bits, errors.setting_digits) == (14, 4)
+@pytest.mark.parametrize("ends_v", [(), (0.1, 1.0, 2.0, 5.0, 10.0)])
+def test_a_drawn_specimen_is_within_its_data_sheet_at_every_level(ends_v: tuple[float, ...]) -> None:
+    furthest = 0.0
+    for seed in range(200):
+        errors = GeneratorErrors.drawn(np.random.default_rng(seed))
+        errors = errors.with_ranges(ends_v) if ends_v else errors
+        low_v = 0.0
+        for each in errors.ranges:
+            for level_v in (low_v, each.upper_v):
+                off_v = abs(each.gain_error) * level_v + abs(each.offset_error_v)
+                assert off_v <= (0.02 * level_v + 0.004) * (1.0 + 1e-12)
+            low_v = each.upper_v
+            furthest = max(furthest, abs(each.offset_error_v))
+        assert (errors.dac_bits, errors.setting_digits) == (14, 4)
+    assert furthest > 0.008
 
 
 CLEARING = {"*ESR", "AER", "TER", "OPERegister[:EVENt]"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -169,6 +169,9 @@ class GeneratorErrors(Struct, frozen=True):
     setting_digits: int
     """Digits to which amplitude, offset and levels are set: 4; 0 for as many as sent."""
 
+    promised: ClassVar[tuple[float, float]] = (0.02, 0.004)
+    """The largest error of a level: a part of it, and V (data sheet: 2 mV into 50 ohm, hence 4 mV open)."""
+
     @classmethod
     def none(cls) -> GeneratorErrors:
         """Return a generator that puts out what it was told."""
@@ -176,19 +179,23 @@ class GeneratorErrors(Struct, frozen=True):
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> GeneratorErrors:
-        """Return a specimen drawn uniformly within the data sheet: 2 % and 2 mV into 50 ohm, hence 4 mV open.
+        """Return a specimen drawn uniformly within the data sheet.
 
         The data sheet does not tell where its ranges end: their ends are drawn too.
         """
         errors = [(float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.004, 0.004))) for _ in _RANGES_V]
         amplitude, frequency = float(rng.uniform(-0.01, 0.01)), float(rng.uniform(-2e-5, 2e-5))
-        return cls(drawn_ranges(rng, errors), amplitude, frequency, 14, 4)
+        return cls(drawn_ranges(rng, errors, cls.promised), amplitude, frequency, 14, 4)
 
     def with_ranges(self, ends_v: Sequence[float]) -> Self:
         """Return a specimen whose ranges end there, with the errors of its own; any beyond them with the last's."""
-        last = len(self.ranges) - 1
-        ranges = tuple(replace(self.ranges[min(n, last)], upper_v=end_v) for n, end_v in enumerate(ends_v))
-        return replace(self, ranges=ranges)
+        lowest_v = [0.0, *(each.upper_v for each in self.ranges[:-1])]
+        errors = [
+            (of.gain_error, of.offset_error_v / _room(of.gain_error, low_v, self.promised))
+            for of, low_v in zip(self.ranges, lowest_v, strict=True)
+        ]
+        last = len(errors) - 1
+        return replace(self, ranges=_ending(ends_v, [errors[min(n, last)] for n in range(len(ends_v))], self.promised))
 
 
 _RANGES_V = (0.32, 1.0, 3.2, 10.0)
@@ -196,8 +203,29 @@ _LEAST_END_V = 0.02
 """Least end of a range that is drawn: a third of the V_Vc at which a calibration compares."""
 
 
-def drawn_ranges(rng: np.random.Generator, errors: Sequence[tuple[float, float]]) -> tuple[OutputRange, ...]:
-    """Return ranges with these gain and offset errors whose ends are drawn, as likely in each decade up to 10 V."""
+def drawn_ranges(
+    rng: np.random.Generator, errors: Sequence[tuple[float, float]], promised: tuple[float, float]
+) -> tuple[OutputRange, ...]:
+    """Return ranges with these gain and offset errors whose ends are drawn, as likely in each decade up to 10 V.
+
+    What is promised is the error of a level, not of a range: an offset is as much larger as its range's levels allow.
+    """
     decades = math.log10(_LEAST_END_V), math.log10(MAX_PEAK_V)
     ends = sorted(10.0 ** float(rng.uniform(*decades)) for _ in errors[1:])
-    return tuple(OutputRange(upper, *each) for upper, each in zip((*ends, MAX_PEAK_V), errors, strict=True))
+    return _ending((*ends, MAX_PEAK_V), errors, promised)
+
+
+def _ending(
+    ends_v: Sequence[float], errors: Sequence[tuple[float, float]], promised: tuple[float, float]
+) -> tuple[OutputRange, ...]:
+    lowest_v = (0.0, *ends_v[:-1])
+    return tuple(
+        OutputRange(end_v, gain, offset_v * _room(gain, low_v, promised))
+        for end_v, low_v, (gain, offset_v) in zip(ends_v, lowest_v, errors, strict=True)
+    )
+
+
+def _room(gain_error: float, low_v: float, promised: tuple[float, float]) -> float:
+    """Return how many times the promised volts an offset may be where the levels of its range begin at `low_v`."""
+    setting, offset_v = promised
+    return 1.0 + max(0.0, setting - abs(gain_error)) * low_v / offset_v

@@ -35,6 +35,8 @@ _FREQUENCY_ERROR = 2e-6
 class TrueformErrors(GeneratorErrors, frozen=True):
     """Imperfections of one specimen; each is off at zero. The converter has 16 bits."""
 
+    promised: ClassVar = (KEYSIGHT_33500B.setting, KEYSIGHT_33500B.offset_v)
+
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> TrueformErrors:
         """Return a specimen drawn uniformly within the data sheet (unverified, as the sheet says itself)."""
@@ -45,7 +47,7 @@ class TrueformErrors(GeneratorErrors, frozen=True):
         ]
         amplitude = float(rng.uniform(-0.01, 0.01))
         frequency = float(rng.uniform(-_FREQUENCY_ERROR, _FREQUENCY_ERROR))
-        return cls(drawn_ranges(rng, errors), amplitude, frequency, sheet.bits, 4)
+        return cls(drawn_ranges(rng, errors, cls.promised), amplitude, frequency, sheet.bits, 4)
 
 
 class SimulatedTrueform(SimulatedAgilent33220A):
