@@ -73,8 +73,9 @@ def _quarter(rng: np.random.Generator, limit: float) -> float:
 
 def meter(rng: np.random.Generator) -> Line:
     """Return a 34401A a year after its calibration, by the 10 V range and the ac table of its guide."""
+    (of_ranges,) = rng.spawn(1)
     ac = {
-        "gain_error": _quarter(rng, 0.00045),
+        "range_gain_error": [_quarter(rng, 0.0006), *(_quarter(of_ranges, 0.0006) for _ in range(4))],
         "low_frequency_error": _quarter(rng, 0.007),
         "flatness_error": _quarter(rng, 0.024),
         "range_share": _quarter(rng, 1.0),

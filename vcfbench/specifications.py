@@ -123,8 +123,11 @@ ROOM_C: Final = (18.0, 28.0)
 """Where data sheets of voltmeters hold."""
 
 
-AC_VOLTS: Final = MappingProxyType({"34401A": Accuracy(6e-4, 3e-4)})
-"""Of alternating voltage, 10 Hz to 20 kHz, a year, 1 V range and above, by model: 34401A, User's Guide p. 218."""
+AC_VOLTS_U: Final = MappingProxyType({"34401A": Accuracy(6e-4 / 4.0, 3e-4 / 4.0)})
+"""Standard uncertainties of alternating voltage, 10 Hz to 20 kHz, a year, 1 V range and above, by model.
+
+34401A: limits of the User's Guide p. 218, which are four standard deviations (p. 227).
+"""
 
 
 class LevelSpecification(Struct, frozen=True):

@@ -30,7 +30,7 @@ from vcfbench.procedures.known.k_vc_change import ASSUMED
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.routines import rails_of, v_vc_level_again, v_vc_on
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
-from vcfbench.specifications import AC_VOLTS
+from vcfbench.specifications import AC_VOLTS_U
 
 if TYPE_CHECKING:
     from vcfbench.plans.measured import Measured
@@ -51,7 +51,7 @@ _BETWEEN = 3e-5
 def compared_amplitudes(settings: KnownVvcSettings) -> Routine[None]:
     """Have the leads of the multimeter moved to drive and carrier and back, and read the AC volts of both."""
     model = settings.station.instruments["multimeter"].model
-    if model not in AC_VOLTS:
+    if model not in AC_VOLTS_U:
         yield NotChecked("amplitudes of drive and carrier", f"nothing is known of the AC volts of a {model}")
         return
     yield Note("Health: amplitudes of drive and carrier, by the multimeter")
@@ -161,14 +161,14 @@ def carrier_over_drive(settings: KnownVvcSettings, measured: Measured) -> Measur
     scatter = [stdev(each.voltages_v) / math.sqrt(_READINGS) / carrier_v for each in (carrier, *again)]
     scatter.append(stdev(drive.voltages_v) / math.sqrt(_READINGS) / drive_v)
     placed = settings.station.instruments["multimeter"]
-    limit = AC_VOLTS[placed.model]
+    u = AC_VOLTS_U[placed.model]
     compared = bool(again) or carrier.range_v == drive.range_v
     apart = abs(1.0 - drive_v / carrier_v) if compared else 1.0
-    limits = {f"zero of AC volts, {drive.range_v:g} V range": limit.range * drive.range_v / drive_v * apart}
+    shares = {f"zero of AC volts, {drive.range_v:g} V range": u.range * drive.range_v / drive_v * apart}
     if not compared:
-        limits[f"zero of AC volts, {carrier.range_v:g} V range"] = limit.range * carrier.range_v / carrier_v
+        shares[f"zero of AC volts, {carrier.range_v:g} V range"] = u.range * carrier.range_v / carrier_v
     if carrier.range_v != drive.range_v:
-        limits |= {f"gain of AC volts, {each.range_v:g} V range": limit.reading * apart for each in (carrier, drive)}
+        shares |= {f"gain of AC volts, {each.range_v:g} V range": u.reading * apart for each in (carrier, drive)}
     ratio = carrier_v / drive_v
     return measurand(
         ratio,
@@ -176,6 +176,6 @@ def carrier_over_drive(settings: KnownVvcSettings, measured: Measured) -> Measur
         [
             UncertaintyPart("records", ratio * math.hypot(*scatter), len(scatter) * (_READINGS - 1)),
             UncertaintyPart("drift between two readings", ratio * _BETWEEN / math.sqrt(3.0)),
-            *(UncertaintyPart(name, ratio * each / math.sqrt(3.0), of=placed.owner) for name, each in limits.items()),
+            *(UncertaintyPart(name, ratio * each, of=placed.owner) for name, each in shares.items()),
         ],
     )

@@ -176,6 +176,7 @@ def test_a_sine_has_no_crest_factor_error_and_other_waveforms_their_class() -> N
     ("errors", "frequency_hz", "change"),
     [
         (AcErrors(gain_error=3e-4), 1e3, 3e-4),
+        (AcErrors(range_gain_error=(1e-3, 2e-3, 3e-4, 4e-3, 5e-3)), 1e3, 3e-4),
         (AcErrors(low_frequency_error=5e-3), 3.0, 5e-3),
         (AcErrors(low_frequency_error=5e-3), 1e3, 0.0),
         (AcErrors(flatness_error=0.02), 3e5, 0.02),

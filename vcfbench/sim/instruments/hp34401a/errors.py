@@ -29,6 +29,8 @@ class AcErrors(Struct, frozen=True):
 
     gain_error: float = 0.0
     """Relative error of the reading at all frequencies (p. 218: 0.06 % from 10 Hz to 20 kHz, 0.045 % of it here)."""
+    range_gain_error: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """Further relative error of each range, lowest first: the published limit does not say that they share one."""
     low_frequency_error: float = 0.0
     """Further relative error at 3 Hz, falling with the fourth power (p. 218: 1 % at 3 Hz, 0.35 % at 5 Hz)."""
     flatness_error: float = 0.0

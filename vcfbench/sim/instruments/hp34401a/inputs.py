@@ -389,7 +389,8 @@ class Inputs:
         errors = self._errors.ac
         crest = crest_limit(seen.peak_v / seen.rms_v) if seen.rms_v else 0.0
         part = _AC_LIMIT_LOWEST if range_ == function.ranges[0] else _AC_LIMIT
-        reading = seen.rms_v * (1.0 + errors.crest_share * crest) + errors.range_share * part * range_
+        relative = errors.range_gain_error[function.ranges.index(range_)] + errors.crest_share * crest
+        reading = seen.rms_v * (1.0 + relative) + errors.range_share * part * range_
         reading = self.corrections.apply(function.name, range_, reading)
         if errors.noise:
             reading += self._noise.gauss(0.0, errors.noise * range_)
