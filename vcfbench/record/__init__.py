@@ -1,1 +1,1 @@
-"""The journal of a run and what is derived from it."""
+"""The journal of a run and its exports."""

@@ -1,4 +1,4 @@
-"""What was said of a run after it had ended: amended words, and who checked it. Lines are added, none changes.
+"""Amendments of a finished record: changed metadata, checks, signatures. Lines are added, none changes.
 
 Only what a person says of a run can be amended; what was measured, set or answered stays as it is.
 """
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from vcfbench.record.signing import SigningKey
 
 _Said = TypeVar("_Said", bound=Struct)
-"""What a record tells of its run: all of it, or as much as lists show."""
+"""Metadata of a record: all of it, or as much as lists show."""
 CHECKED_BY: Final = "checked_by"
 _WORDS: Final = ("dut", "operator", "note")
 _TAG: Final = re.compile(r"tags?\.(.+)")
 _OF_CERTIFICATE: Final = ("customer", "customer_address", "customer_email", "item", "item_manufacturer", "item_model")
 """Tags that a certificate takes its words from, by their names alone."""
 _AFTER: Final = (b'{"type":"amendment"', b'{"type":"signature"')
-"""How lines begin that may come after the footer."""
+"""Beginnings of the lines that may follow the footer."""
 _LONGEST_TAIL: Final = 1 << 22
 
 
@@ -57,13 +57,13 @@ class Amendment(Struct, frozen=True, kw_only=True):
     changes: tuple[Change, ...]
 
     def words(self) -> str:
-        """Say who changed what, when and why."""
+        """Say in words the changes, their author, date and reason."""
         changed = "; ".join(f"{each.field} {each.was or 'nothing'} -> {each.now or 'nothing'}" for each in self.changes)
         return f"revision {self.revision}: {changed}, by {self.by}, {self.utc[:10]}: {self.reason}"
 
 
 class Check(Struct, frozen=True):
-    """Who checked which revision of a record, and when."""
+    """Check of a revision of a record: its checker and date."""
 
     by: str
     revision: int
@@ -71,7 +71,7 @@ class Check(Struct, frozen=True):
 
 
 def amendments_of(lines: Iterable[Mapping[str, Any]]) -> tuple[Amendment, ...]:
-    """Return what was amended, in order.
+    """Return the amendments, in order.
 
     Raises:
         ConfigError: a line is none of this program.
@@ -83,7 +83,7 @@ def amendments_of(lines: Iterable[Mapping[str, Any]]) -> tuple[Amendment, ...]:
 
 
 def amendments_at(path: Path) -> tuple[Amendment, ...]:
-    """Return what was amended in a journal, of which no more than its end is read; errors as above."""
+    """Return the amendments in a journal, of which no more than its end is read; errors as above."""
     with opened(path, "the journal of a run") as file:
         file.seek(-min(_LONGEST_TAIL, os.fstat(file.fileno()).st_size), os.SEEK_END)
         return amendments_of(map(msgspec.json.decode, lines_after(file.read())[0]))
@@ -99,7 +99,7 @@ def lines_after(data: bytes) -> tuple[list[bytes], int]:
 
 
 def amended(metadata: _Said, amendments: Sequence[Amendment]) -> _Said:
-    """Return what a record tells of its run with all that was amended.
+    """Return the metadata of a record with all amendments applied.
 
     Raises:
         ConfigError: a value cannot be what it is to be.
@@ -111,13 +111,13 @@ def amended(metadata: _Said, amendments: Sequence[Amendment]) -> _Said:
 
 
 def amended_fields(amendments: Sequence[Amendment]) -> tuple[str, ...]:
-    """Return the names of what was amended, each once."""
+    """Return the names of the amended fields, each once."""
     names = (change.field for each in amendments for change in each.changes if change.field != CHECKED_BY)
     return tuple(dict.fromkeys(names))
 
 
 def check_of(amendments: Sequence[Amendment]) -> Check | None:
-    """Return who checked the record last; None where nobody has, or the check was taken back."""
+    """Return the last check of the record; None where nobody has checked it, or the check was taken back."""
     for each in reversed(amendments):
         for change in each.changes:
             if change.field == CHECKED_BY:
@@ -128,7 +128,7 @@ def check_of(amendments: Sequence[Amendment]) -> Check | None:
 def amend(
     path: Path, record: JournalRecord, given: Mapping[str, str], *, reason: str, by: str, key: SigningKey | None = None
 ) -> Amendment:
-    """Add a line to the journal at `path` that says what is amended.
+    """Add a line to the journal at `path` that amends its record.
 
     Args:
         path: of the journal.
@@ -164,7 +164,7 @@ def amend(
 
 
 def _field(name: str) -> str:
-    """Return the name of what is amended as a line has it; ConfigError where it cannot be."""
+    """Return the name of an amended field as a line has it; ConfigError where it cannot be."""
     if name in {*_WORDS, CHECKED_BY}:
         return name
     if tag := _TAG.fullmatch(name):

@@ -1,4 +1,4 @@
-"""What no journal has by itself, however its run ended: signs that it was changed, cut or put together afterwards.
+"""Signs that a journal was changed, cut or put together afterwards: none has them by itself, however its run ended.
 
 The journal's own sums are done again: lines are counted, numbers follow each other, bench time goes forwards, a mean is
 that of its readings. What they do not find, the sum over all lines in the last one does (`journal`): a run that was cut
@@ -80,7 +80,7 @@ def _chunks(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _after(step: int, chunk: int) -> str:
-    """Say in words what came before a chunk."""
+    """Say in words the line expected before a chunk."""
     if chunk:
         return f"after chunk {chunk} of step {step + 1}"
     return f"after step {step}" if step else "the first"

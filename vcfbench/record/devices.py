@@ -1,4 +1,4 @@
-"""What is known of each gyroscope by its serial number: certificates, self-calibrations, noise; only added to.
+"""Calibration history of each gyroscope by its serial number: certificates, self-calibrations, noise; only added to.
 
 A directory a device (``devices/G-0042``), a JSON file an entry (``0001.json``), numbered in the order in
 which they were made. An entry appears whole or not at all, and no entry replaces another.
@@ -44,14 +44,14 @@ class _Value(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class Share(_Value, frozen=True, kw_only=True):
-    """What one source puts into a standard uncertainty, in the unit of the value."""
+    """Contribution of one source to a standard uncertainty, in the unit of the value."""
 
     source: Text
-    """What it is, in words."""
+    """Name of the source, in words."""
     u: float
-    """Its part; the sign is that of its effect, the same in all entries."""
+    """Contribution; the sign is that of its effect, the same in all entries."""
     of: Text | None = None
-    """Whose it is, where other entries have the same: an instrument, a certificate. It cancels between them."""
+    """Instrument or certificate that other entries have the same contribution from. It cancels between them."""
     dof: Annotated[float, Meta(gt=0.0)] | None = None
     """Its degrees of freedom; None is as many as one likes."""
 
@@ -65,26 +65,26 @@ class Measured(_Value, frozen=True, kw_only=True):
     dof: Annotated[float, Meta(gt=0.0)] | None = None
     """Effective degrees of freedom of `u`; None is as many as one likes."""
     shares: tuple[Share, ...] = ()
-    """What `u` is made of, where that is known: their squares add up to its square."""
+    """Contributions to `u`, where they are known: their squares add up to its square."""
     missing: tuple[Text, ...] = ()
-    """What `u` is incomplete without, because nobody told it."""
+    """Contributions that `u` lacks, because nobody told them."""
 
 
 class CurveShare(_Value, frozen=True, kw_only=True):
-    """What one source puts into the covariance of a curve."""
+    """Contribution of one source to the covariance of a curve."""
 
     source: Text
-    """What it is, in words."""
+    """Name of the source, in words."""
     of: Text | None = None
-    """Whose it is, as of a :class:`Share`."""
+    """Instrument or certificate, as of a :class:`Share`."""
     dof: Annotated[float, Meta(gt=0.0)] | None = None
     """Its degrees of freedom; None is as many as one likes."""
     covariance: tuple[tuple[float, ...], ...]
-    """Its part; all parts together are the covariance of the curve."""
+    """Covariance from this source; all together are the covariance of the curve."""
 
 
 def _asymmetry(rows: tuple[tuple[float, ...], ...], i: int, j: int) -> float:
-    """Return by how much two elements may differ that should be one: what rounding leaves of their variances.
+    """Return the allowed difference of two elements that should be one: the rounding error of their variances.
 
     Coefficients of even and odd order are hardly correlated where the levels are symmetric: of 0, rounding is all.
     """
@@ -97,17 +97,17 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
     coefficients: Annotated[tuple[float, ...], Meta(min_length=2, max_length=8)]
     """k0 (deg/s), k1 (deg/s/V), k2 (deg/s/V^2), ..."""
     covariance: tuple[tuple[float, ...], ...]
-    """Of the coefficients, row by row, in the products of their units."""
+    """Covariance of the coefficients, row by row, in the products of their units."""
     v_vc_min_v: float
     """Lowest V_Vc at which it was measured; the curve says nothing below."""
     v_vc_max_v: float
     """Highest V_Vc at which it was measured."""
     shares: tuple[CurveShare, ...] = ()
-    """What the covariance is made of, where that is known."""
+    """Contributions to the covariance, where they are known."""
     lack_of_fit_deg_s: float | None = None
-    """What the curve leaves over beyond the uncertainties, root mean square; it is in no uncertainty."""
+    """Lack of fit beyond the uncertainties, root mean square; it is in no uncertainty."""
     missing: tuple[Text, ...] = ()
-    """What the covariance is incomplete without, because nobody told it."""
+    """Contributions that the covariance lacks, because nobody told them."""
 
     def __post_init__(self) -> None:
         """See that the parts fit together; ValueError when they do not."""
@@ -144,14 +144,14 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
 
 
 class Conditions(_Value, frozen=True, kw_only=True):
-    """Under what it was measured."""
+    """Conditions of a measurement."""
 
     bench: Text
     """Name of the station."""
     run: Text
     """Name of the record."""
     simulated: bool
-    """Whether the bench was a simulated one."""
+    """True on a simulated bench."""
     positive_rail_v: float
     """Positive rail of the PCB, V."""
     negative_rail_v: float
@@ -159,17 +159,17 @@ class Conditions(_Value, frozen=True, kw_only=True):
     temperature_c: float | None = None
     """Temperature of the device or of the air at it, degC; None where nobody measured it."""
     instruments: dict[str, str] = {}
-    """Who measured: ``*IDN?`` by role."""
+    """Instruments used: ``*IDN?`` by role."""
 
 
 class Characteristics(_Value, frozen=True, kw_only=True):
-    """What a device is like, as far as K_Vc depends on it; None is what nobody has measured.
+    """Properties of a device on which K_Vc depends; None where nobody has measured one.
 
     The names of what `vcfbench.analysis.k_vc_model` knows are those that it has there.
     """
 
     temperature_c: Measured | None = None
-    """At which the rest was measured, degC."""
+    """Temperature at which the rest was measured, degC."""
     drive_hz: Measured | None = None
     """Drive frequency, locked."""
     split_hz: Measured | None = None
@@ -183,13 +183,13 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     in_phase_share: Measured | None = None
     """Part of the in-phase mode in the static response to V_Vc, each mode by its stiffness; 0 to 1."""
     carrier_phase_deg: Measured | None = None
-    """Of the carrier against the drive's velocity, apart from half turns; 0 is ideal."""
+    """Phase of the carrier against the drive's velocity, apart from half turns; 0 is ideal."""
     demodulator_phase_deg: Measured | None = None
-    """Of the demodulator's reference against the same."""
+    """Phase of the demodulator's reference against the same."""
     comb_mismatch: Measured | None = None
     """In-phase over anti-phase force of the combs, over the same of a rate, less 1; 0 for equal combs."""
     v_vc_feedthrough: Measured | None = None
-    """Of the modulated V_Vc, in the sense signal without motion, over what the modes answer to V_Vc."""
+    """Feedthrough of the modulated V_Vc into the sense signal without motion, over the modes' response to V_Vc."""
     drive_amplitude_v: Measured | None = None
     """Amplitude of the drive signal, V."""
     carrier_amplitude_v: Measured | None = None
@@ -205,7 +205,7 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     output_third_per_deg_s2: Measured | None = None
     """Its third order, 1/(deg/s)^2."""
     sense_phase_deg: Measured | None = None
-    """Of what V_Vc does to the sense signal, less what carrier, splits and quality factors make of it."""
+    """Phase of the sense signal's response to V_Vc, less that by carrier, splits and quality factors."""
     positive_rail_v: Measured | None = None
     """Positive rail as it was read back, V."""
     negative_rail_v: Measured | None = None
@@ -246,16 +246,16 @@ class Sensitivity(_Value, frozen=True, kw_only=True):
     u_ppm_per_unit: Uncertainty
     """Standard uncertainty of that."""
     assumed: bool
-    """Whether nobody measured the quantity itself: then it counts as of the device's class."""
+    """True where the value is that of the device's class, because nobody measured the quantity itself."""
 
 
 class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="certificate"):
-    """What a calibration on a rate table found of a device, so that it can calibrate itself from then on."""
+    """Certificate from a calibration on a rate table, by which a device can calibrate itself from then on."""
 
     serial: str
     """Serial number of the device."""
     issued: Instant
-    """When it was measured."""
+    """Time of the measurement."""
     valid_until: Instant | None = None
     """After that it is out of date; None is no end."""
     procedure: Text
@@ -263,25 +263,25 @@ class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="cert
     k_vc: KvcCurve
     """The rate against V_Vc."""
     conditions: Conditions
-    """Under what it was measured."""
+    """Conditions of the measurement."""
     scale_factor_v_per_deg_s: Measured | None = None
     """Scale factor on the table on that day, to compare with."""
     bias_v: Measured | None = None
     """Output at rest on that day, V."""
     characteristics: Characteristics | None = None
-    """What the device was like, to compare with; None where nobody measured it."""
+    """Properties of the device on that day, to compare with; None where nobody measured them."""
     sensitivities: tuple[Sensitivity, ...] = ()
-    """What K_Vc depends on, and by how much."""
+    """Sensitivities of K_Vc to each quantity."""
     k_vc_drift_ppm_per_year: Uncertainty | None = None
-    """Most by which what nobody sees without a table was taken to change K_Vc in a year, ppm."""
+    """Most by which changes unseen without a table were taken to move K_Vc in a year, ppm."""
     wanted_u95_ppm: Uncertainty | None = None
     """U95 of K_Vc that was wanted of it, ppm."""
     u95_until: Instant | None = None
-    """When U95 of K_Vc comes to that; None where it is beyond it already, or never will be."""
+    """Time at which U95 of K_Vc comes to that; None where it is beyond it already, or never will be."""
     unseen: tuple[Text, ...] = ()
-    """What a self-calibration by this certificate cannot see when it changes, in words."""
+    """Changes that a self-calibration by this certificate cannot see, in words."""
     remarks: tuple[Text, ...] = ()
-    """What else is to be said."""
+    """Further remarks."""
 
     def valid_at(self, instant: datetime) -> bool:
         """Tell whether it is valid at `instant`, which has a time zone."""
@@ -289,12 +289,12 @@ class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="cert
 
 
 class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="self-calibration"):
-    """What a calibration without a table found: one entry of the device's history."""
+    """Result of a calibration without a table: one entry of the device's history."""
 
     serial: str
     """Serial number of the device."""
     done: Instant
-    """When it was measured."""
+    """Time of the measurement."""
     procedure: Text
     """Name of the procedure."""
     certificate: Text | None
@@ -306,7 +306,7 @@ class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="
     nonlinearity_ppm: Measured | None = None
     """Largest residual over the span of the outputs, ppm."""
     conditions: Conditions
-    """Under what it was measured."""
+    """Conditions of the measurement."""
     drift_ppm: Measured | None = None
     """Change of the scale factor since the certificate, ppm of it."""
     e_n: float | None = None
@@ -316,22 +316,22 @@ class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="
     cusum: float | None = None
     """Creep over the entries by the certificate: their cumulative sum, in standard uncertainties."""
     drift_verdict: Literal["pass", "marginal", "fail"] | None = None
-    """What was made of the drift; after ``fail`` the device has failed until it has another certificate."""
+    """Verdict on the drift; after ``fail`` the device has failed until it has another certificate."""
     verdict: Literal["pass", "marginal", "fail"] | None = None
-    """What all acceptance limits made of it."""
+    """Verdict of all acceptance limits."""
     characteristics: Characteristics | None = None
-    """What the device was like, as far as it was looked at."""
+    """Properties of the device, as far as they were measured."""
     remarks: tuple[Text, ...] = ()
-    """What else is to be said."""
+    """Further remarks."""
 
 
 class StaticNoise(_Value, frozen=True, kw_only=True, tag_field="kind", tag="static-noise"):
-    """What a static record found of the noise, for the budgets of later runs."""
+    """Noise of a device from a static record, for the budgets of later runs."""
 
     serial: str
     """Serial number of the device."""
     done: Instant
-    """When it was measured."""
+    """Time of the measurement."""
     valid_until: Instant | None = None
     """After that it is out of date; None is no end."""
     procedure: Text
@@ -341,9 +341,9 @@ class StaticNoise(_Value, frozen=True, kw_only=True, tag_field="kind", tag="stat
     duration_s: Annotated[float, Meta(gt=0.0)]
     """Length of the record."""
     conditions: Conditions
-    """Under what it was measured."""
+    """Conditions of the measurement."""
     remarks: tuple[Text, ...] = ()
-    """What else is to be said."""
+    """Further remarks."""
 
     def valid_at(self, instant: datetime) -> bool:
         """Tell whether it is valid at `instant`, which has a time zone."""
@@ -351,20 +351,20 @@ class StaticNoise(_Value, frozen=True, kw_only=True, tag_field="kind", tag="stat
 
 
 class Characterisation(_Value, frozen=True, kw_only=True, tag_field="kind", tag="characterisation"):
-    """What a procedure found of what K_Vc depends on, for the next certificate."""
+    """Properties of a device on which K_Vc depends, as a procedure measured them, for the next certificate."""
 
     serial: str
     """Serial number of the device."""
     done: Instant
-    """When it was measured."""
+    """Time of the measurement."""
     procedure: Text
     """Name of the procedure."""
     characteristics: Characteristics
-    """What it found."""
+    """Properties that were measured."""
     conditions: Conditions
-    """Under what it was measured."""
+    """Conditions of the measurement."""
     remarks: tuple[Text, ...] = ()
-    """What else is to be said."""
+    """Further remarks."""
 
 
 DeviceRecord = Certificate | SelfCalibration | StaticNoise | Characterisation
@@ -372,7 +372,7 @@ DeviceRecord = Certificate | SelfCalibration | StaticNoise | Characterisation
 
 @dataclass(frozen=True, slots=True)
 class NewEntry:
-    """What is to be added to a device store, and to which."""
+    """An entry to be added to a device store."""
 
     record: DeviceRecord
     store: Path
@@ -393,7 +393,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """What is known of one gyroscope: its entries, oldest first."""
+    """Calibration history of one gyroscope: its entries, oldest first."""
 
     serial: str
     entries: tuple[Entry, ...]
@@ -435,10 +435,10 @@ class DeviceStore:
         return tuple(Entry(path, _read(path, serial)) for _, path in _numbered(self.root / serial))
 
     def device(self, serial: str) -> Device:
-        """Return what is known of a device.
+        """Return the calibration history of a device.
 
         Raises:
-            ConfigError: nothing is known of it, or an entry cannot be read.
+        ConfigError: nothing is known of it, or an entry cannot be read.
         """
         entries = self.entries(serial)
         if not entries:
@@ -463,7 +463,7 @@ class DeviceStore:
         return next((each for each in reversed(self.entries(serial)) if isinstance(each.record, StaticNoise)), None)
 
     def characteristics(self, serial: str) -> Characteristics | None:
-        """Return what is known of what K_Vc depends on, each by its last characterisation; None where there is none."""
+        """Return the properties on which K_Vc depends, each by its last characterisation; None where there is none."""
         records = (each.record for each in self.entries(serial))
         seen = [each.characteristics for each in records if isinstance(each, Characterisation)]
         return together(seen) if seen else None
@@ -518,7 +518,7 @@ class DeviceStore:
 
 
 def together(found: Iterable[Characteristics]) -> Characteristics:
-    """Return each value as it was found last, and what two of them make of K_Vc.
+    """Return each value as it was found last, and the changes of K_Vc that two of them give.
 
     Where the frequency was found last at a temperature that nobody told, that of all is not known.
     """
@@ -559,7 +559,7 @@ def failed_drifts(entries: Sequence[Entry]) -> tuple[Entry, ...]:
 
 
 def load_device(serial: str, devices: Path | str = "devices") -> Device:
-    """Return what is known of a gyroscope: its certificates, self-calibrations and static records.
+    """Return the calibration history of a gyroscope: its certificates, self-calibrations and static records.
 
     Args:
         serial: its serial number.
@@ -600,7 +600,7 @@ def _numbered(directory: Path) -> list[tuple[int, Path]]:
 
 
 def _text(record: DeviceRecord) -> str:
-    """Return the entry as JSON, if it comes back from there as it is: what is no number does not."""
+    """Return the entry as JSON; ConfigError where it does not come back from there the same, as with a NaN."""
     values = {"format": FORMAT, **msgspec.to_builtins(record)}
     text = msgspec.json.format(msgspec.json.encode(values), indent=2).decode() + "\n"
     source = f"the {_kind(record)} of {record.serial}"
@@ -626,7 +626,7 @@ def _record(text: str, source: str) -> DeviceRecord:
 
 
 def read_entry(path: Path) -> DeviceRecord:
-    """Return what the file of an entry says, wherever it lies; ConfigError when it is none."""
+    """Return the entry in a file, wherever it lies; ConfigError when it is none."""
     return _record(read_text(path, "an entry of a device", MOST_SETTINGS), shown(path))
 
 

@@ -1,4 +1,4 @@
-"""Where records lie: one directory a run, named by its start, procedure and six random hexadecimal digits."""
+"""Directories of records: one a run, named by its start, procedure and six random hexadecimal digits."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _try_out(path: Path) -> None:
 
 
 def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
-    """Return the runs under `runs`, oldest first by what their headers say; none when the directory is not there.
+    """Return the runs under `runs`, oldest first by the start in their headers; none when the directory is not there.
 
     Names can be changed and files copied, so the name's stamp and the file's time count only where there is no header.
     """
@@ -116,7 +116,7 @@ def recorded_runs(runs: Path) -> Iterator[RunDirectory]:
 
 
 def _age(run: RunDirectory) -> tuple[datetime, int, str]:
-    """Return what sorts runs by their start, those of one instant by their end."""
+    """Return the sorting key of a run: its start, then its end."""
     changed_ns = _changed_ns(run)
     return _started(run) or datetime.fromtimestamp(changed_ns / 1e9, UTC), changed_ns, run.run
 

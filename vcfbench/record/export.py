@@ -1,4 +1,4 @@
-"""What is made from a journal: CSV files for other programs, and the result as one JSON object."""
+"""Exports of a journal: CSV files for other programs, and the result as one JSON object."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Journal:
         self._append({"type": "restored", "utc": _stamp(), **values})
 
     def paused(self, values: Mapping[str, Any]) -> None:
-        """Write that somebody has the run pause; what brings the bench to rest is `restored`."""
+        """Write that somebody pauses the run; the steps that bring the bench to rest are `restored`."""
         self._append({"type": "paused", "utc": _stamp(), **values})
 
     def went_on(self, values: Mapping[str, Any]) -> None:
@@ -89,7 +89,7 @@ class Journal:
         self._append({"type": "went_on", "utc": _stamp(), **values})
 
     def error(self, values: Mapping[str, Any]) -> None:
-        """Write one failed step, with what it measured before it failed."""
+        """Write one failed step, with its measurements before it failed."""
         self._append({"type": "error", "utc": _stamp(), **values})
 
     def footer(self, values: Mapping[str, Any]) -> None:
@@ -97,12 +97,12 @@ class Journal:
         self._append({"type": "footer", "utc": _stamp(), **values})
 
     def signature(self, key: SigningKey) -> None:
-        """Sign what was written until now."""
+        """Sign all lines until now."""
         if self._sealer.seal is not None:
             self._append({"type": "signature", "utc": _stamp(), **key.signature(self._sealer.seal)})
 
     def lines(self) -> Iterator[dict[str, Any]]:
-        """Yield what was written until now, line after line."""
+        """Yield all lines until now, in order."""
         return lines_of(self.path)
 
     def close(self) -> None:
@@ -110,7 +110,7 @@ class Journal:
         os.close(self._descriptor)
 
     def _see_to_disk(self) -> None:
-        """Have what was written on the disk before anything else happens."""
+        """Have all lines on the disk before anything else happens."""
         _sync(self._descriptor)
 
     def _see_names_to_disk(self) -> None:
@@ -138,7 +138,7 @@ class Journal:
         self._size += len(data)
 
     def _take_back(self) -> None:
-        """Take away what is there of a line that failed."""
+        """Truncate the file to the lines before one that failed."""
         with suppress(OSError):  # what is left of it is found when the record is read
             os.ftruncate(self._descriptor, self._size)
 
@@ -177,11 +177,11 @@ class MemoryJournal(Journal):
         """Sign nothing: it is gone with the run."""
 
     def lines(self) -> Iterator[dict[str, Any]]:
-        """Yield what was written until now, line after line."""
+        """Yield all lines until now, in order."""
         return map(msgspec.json.Decoder(dict[str, Any]).decode, self._written)
 
     def close(self) -> None:
-        """Nothing to give back: what was written can still be read."""
+        """Do nothing: the lines can still be read."""
 
     def _see_names_to_disk(self) -> None:
         """Nothing has a name."""
@@ -270,7 +270,7 @@ def _is_sealed(first: Mapping[str, Any]) -> bool:
 
 
 class JournalRecord(Struct, frozen=True):
-    """What a journal holds.
+    """Contents of a journal.
 
     `torn` tells that it ends in the middle of a line, as that of a run that was cut does; `damage` says in words what a
     journal cannot have by itself, however the run ended: somebody, or a disk, has changed it since.
@@ -287,18 +287,18 @@ class JournalRecord(Struct, frozen=True):
     lines: tuple[Mapping[str, Any], ...] = ()
     """All of them, in the order of the file, without their seals."""
     running: bool = False
-    """Whether its run goes on."""
+    """True while its run goes on."""
     seals: tuple[str | None, ...] = ()
-    """Of each line; None where the record is of before there were seals."""
+    """Seal of each line; None where the record is of before there were seals."""
 
     @property
     def seal(self) -> str | None:
-        """That of its last whole line, which vouches for all of them."""
+        """Seal of the last whole line, which vouches for all of them."""
         return self.seals[-1] if self.seals else None
 
     @property
     def status(self) -> Status:
-        """How the run ended; a record without a readable last line is incomplete, or of a run that goes on."""
+        """Status of the run; a record without a readable last line is incomplete, or of a run that goes on."""
         if self.damage is not None:
             return Status.DAMAGED
         if self.footer is None or self.torn:
@@ -425,7 +425,7 @@ def _record(
 
 
 def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | None]:
-    """Return the lines up to the first that is not a whole JSON object, whether that is torn, and what is wrong else.
+    """Return the lines up to the first that is not a whole JSON object, whether that is torn, and any other damage.
 
     What comes after such a line proves nothing.
     """

@@ -1,4 +1,4 @@
-"""What a record says of its run beside what was measured: device, person, conditions, and the equipment with its dates.
+"""Metadata of a run: device, person, conditions, and the equipment with its dates.
 
 None of it reaches a result; the serial number of the device alone may also choose what a procedure knows of it.
 """
@@ -60,7 +60,7 @@ class RunMetadata(Struct, frozen=True, kw_only=True):
         force_setattr(self, "tags", ReadOnly(_tags(self.tags)))
 
     def as_json(self) -> dict[str, Any]:
-        """Return what is set, by name; what is not set is left out."""
+        """Return the values that are set, by name."""
         values = {name: value for name, value in asdict(self).items() if name != "tags"}
         given = {name: value for name, value in values.items() if value is not None}
         return {**given, **({"tags": dict(self.tags)} if self.tags else {})}
@@ -95,7 +95,7 @@ _DATES: Final = ("calibrated", "calibration_due")
 
 
 def metadata_of(values: Mapping[str, Any] | RunMetadata | None) -> RunMetadata:
-    """Return what a script tells of its run: ``{"dut": "G-0042", "tags": {"batch": "7"}}``.
+    """Return the metadata that a script gives its run: ``{"dut": "G-0042", "tags": {"batch": "7"}}``.
 
     Raises:
         ConfigError: a key is unknown, or a value cannot be what it is to be.
@@ -114,7 +114,7 @@ def metadata_of(values: Mapping[str, Any] | RunMetadata | None) -> RunMetadata:
 
 
 def metadata_from(header: Mapping[str, Any]) -> RunMetadata:
-    """Return what the header of a record tells of its run; records of before tell no more than the device.
+    """Return the metadata in the header of a record; records of before tell no more than the device.
 
     Raises:
         ConfigError: it cannot be what it is to be.

@@ -1,4 +1,4 @@
-"""What a list of runs shows of a journal, without its readings: thousands of records are listed in seconds.
+"""Outline of a journal for lists of runs, without its readings: thousands of records are listed in seconds.
 
 The seal of the last line says whether the lines before it are as they were written. In records of before there were
 seals every line is looked at, and must be JSON, in its place and in order of bench time. What is not plainly whole is
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Mark(Struct, frozen=True, gc=False):
-    """What tells the points of one run from those of another: rate (deg/s), V_Vc (V) and output (V), as recorded."""
+    """Mark that tells the points of one run from those of another: rate (deg/s), V_Vc (V), output (V), as recorded."""
 
     rate_deg_s: float | None = None
     v_vc_v: float | None = None
@@ -36,7 +36,7 @@ class Mark(Struct, frozen=True, gc=False):
 
 
 class ListedMetadata(Struct, frozen=True):
-    """What is known of a run beside its numbers, as far as lists show it."""
+    """Metadata of a run, as far as lists show it."""
 
     dut: str | None = None
     operator: str | None = None
@@ -133,7 +133,7 @@ def outline_of(path: Path) -> Outline | None:
 
 
 def _is_vouched_for(data: bytes, last: int, footer: _Footer) -> bool:
-    """Tell whether the footer, which begins at `last`, has the seal of what is before, or the sum of older records."""
+    """Tell whether the footer, at `last`, has the seal of all before it, or the CRC-32 of older records."""
     if footer.seal is not None:
         return holds_whole(data)
     return footer.crc32 is not None and crc32(memoryview(data)[:last]) == footer.crc32

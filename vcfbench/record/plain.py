@@ -53,7 +53,7 @@ def field_names(value: object) -> Sequence[str] | None:
 
 
 def _single(value: object, name: str) -> Any:
-    """Return one number or text; numpy's are known by what they can do, so that numpy is not needed."""
+    """Return one number or text; numpy's are known by their methods, so that numpy is not needed."""
     match value:
         case None | bool():
             return value
@@ -95,7 +95,7 @@ def _key(key: object, name: str) -> str:
 
 
 class ReadOnly(Mapping[str, Any]):
-    """A mapping that cannot be changed, nor can what it holds; compares, and can be pickled."""
+    """A mapping that cannot be changed, nor can its values; compares, and can be pickled."""
 
     __slots__ = ("_values",)
 

@@ -1,4 +1,4 @@
-"""What a record is made of."""
+"""Parts of a record."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def fits_one_chunk(count: int, interval_s: float) -> bool:
 
 
 class Status(StrEnum):
-    """How a run ended.
+    """Status of a run.
 
     A journal without its last line is `RUNNING` while its run goes on, else `INCOMPLETE`, one that was changed since
     `DAMAGED`, one that is no journal `UNREADABLE`.
@@ -74,7 +74,7 @@ class Point(Struct, frozen=True):
         return replace(self, output_v=self.output_v - self.moved_v, moved_v=0.0) if self.moved_v else self
 
     def as_json(self) -> dict[str, float | int]:
-        """Return the point with the names of the command's JSON output; of V_Vc what was measured only where it was."""
+        """Return the point with the names of the command's JSON output; V_Vc's readings only where it was measured."""
         point: dict[str, float | int] = {
             "step": self.step,
             "rate_deg_s": self.rate_deg_s,
@@ -105,7 +105,7 @@ class Point(Struct, frozen=True):
 
 
 _MOST = 1e9
-"""No table turns so many deg/s, no wire carries so many volts, and squares of what is below are numbers still."""
+"""Largest magnitude: no table turns so many deg/s, no wire carries so many volts, and squares stay finite."""
 
 
 def _measured(value: object) -> float:

@@ -15,7 +15,7 @@ _TAIL = len(_BEFORE) + 64 + len(_AFTER)
 
 
 class Sealer:
-    """Seals line after line; what is not yet kept (:meth:`keep`) can be sealed again after a write that failed."""
+    """Seals line after line; one not yet kept (:meth:`keep`) can be sealed again after a write that failed."""
 
     __slots__ = ("_kept", "_next", "_next_seal", "seal")
 

@@ -45,7 +45,7 @@ class SigningKey:
         return str(self._key.public_key().public_bytes_raw().hex())
 
     def signature(self, seal: str) -> dict[str, str]:
-        """Return what a line says that signs the seal of the line before."""
+        """Return the fields of a line that signs the seal of the line before."""
         return {"key": self.public, "signature": self._key.sign(_SAID + seal.encode()).hex()}
 
 
