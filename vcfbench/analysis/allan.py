@@ -247,10 +247,10 @@ def ieee952_uncertainty(samples: int, factor: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ReadOff:
-    """What is read off the curve by eye and ruler; coefficients in the unit of the record and seconds."""
+    """Coefficients read off the curve by eye and ruler, in the unit of the record and seconds."""
 
     angle_random_walk: float
-    """N: the -1/2 slope through the shortest averaging time, at 1 s. It holds what flicker leaks in."""
+    """N: the -1/2 slope through the shortest averaging time, at 1 s, the share of flicker included."""
     angle_random_walk_duty: float
     """N without the noise that dead time between readings folds in: N * sqrt(aperture / interval)."""
     floor: float

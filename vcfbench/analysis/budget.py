@@ -36,7 +36,7 @@ Correlations: TypeAlias = Mapping[tuple[str, str], float]
 
 
 class Distribution(Enum):
-    """What is known of a source's value."""
+    """Probability distribution of a source's value."""
 
     NORMAL = "normal"
     """With finite degrees of freedom: Student's t."""
@@ -54,7 +54,7 @@ _HALF_WIDTHS = {
 
 
 class Source(Struct, frozen=True):
-    """One input quantity: best value, standard uncertainty, and what that rests on."""
+    """One input quantity: best value, standard uncertainty, degrees of freedom and distribution."""
 
     name: str
     value: float
@@ -84,7 +84,7 @@ class Source(Struct, frozen=True):
 
 
 class Contribution(Struct, frozen=True):
-    """What one source adds to one result."""
+    """Contribution of one source to one result."""
 
     source: str
     u_source: float
@@ -94,7 +94,7 @@ class Contribution(Struct, frozen=True):
     u: float
     """Sensitivity times uncertainty, sign kept: two results with opposite signs get closer or part together."""
     share: float
-    """Of the result's variance; correlated sources share what they have in common by halves, so it may be negative."""
+    """Share of the result's variance; correlated sources halve their common part, so it may be negative."""
 
 
 class Result(Struct, frozen=True):
@@ -122,7 +122,7 @@ class Result(Struct, frozen=True):
 
 
 class Budget(Struct, frozen=True):
-    """All results of one model: what they share makes them correlated."""
+    """All results of one model, with the correlation that their common sources make."""
 
     sources: tuple[Source, ...]
     results: tuple[Result, ...]
@@ -220,7 +220,7 @@ def _value(output: Any) -> float:
 
 
 def _slopes(output: Any, sources: Sequence[Source], quantities: Mapping[str, Any]) -> list[float]:
-    """Return the derivatives of one result by the sources; 0 by what is known exactly."""
+    """Return the derivatives of one result by the sources; 0 for a source without uncertainty."""
     if isinstance(output, int | float):
         return [0.0] * len(sources)
     found = output.derivatives
@@ -237,7 +237,7 @@ def _covariance(sources: Sequence[Source], correlations: Correlations) -> Floats
 
 
 def _correlation(covariance: Floats) -> Floats:
-    """Return the coefficients of a covariance; what has no variance is correlated with itself only."""
+    """Return the coefficients of a covariance; a result without variance is correlated with itself only."""
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     product = np.outer(u, u)
     coefficients = np.divide(covariance, product, out=np.zeros_like(covariance), where=product > 0.0)
@@ -248,7 +248,7 @@ def _correlation(covariance: Floats) -> Floats:
 def _contributions(
     sources: Sequence[Source], slopes: Floats, covariance: Floats
 ) -> tuple[float, tuple[Contribution, ...]]:
-    """Return the combined uncertainty of one result and what it is made of, the largest first."""
+    """Return the combined uncertainty of one result and its contributions, the largest first."""
     parts = slopes * (covariance @ slopes)
     variance = max(0.0, math.fsum(parts))
     shares = parts / variance if variance > 0.0 else np.zeros(len(sources))
@@ -260,7 +260,7 @@ def _contributions(
 
 
 def _effective_dof(groups: list[list[Source]], share: Mapping[str, float]) -> float:
-    """Return the degrees of freedom after Welch and Satterthwaite; what was observed together counts as one source."""
+    """Return the degrees of freedom after Welch and Satterthwaite; sources observed together count as one."""
     terms = math.fsum(math.fsum(share[source.name] for source in group) ** 2 / group[0].dof for group in groups)
     return 1.0 / terms if terms > 0.0 else math.inf
 

@@ -1,4 +1,4 @@
-"""Outputs chopped against drift: zero, plus, minus, minus, plus, zero; what they come to, and how well that is known.
+"""Outputs chopped against drift (zero, plus, minus, minus, plus, zero): their differences and the uncertainty of these.
 
 In such a block a linear drift adds the same to the mean of each pair and cancels in their differences. What is left
 beside levels and drift, two combinations a block, is noise: it tells the flicker that the scatter within a window does
@@ -111,7 +111,7 @@ def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: 
 
 
 def _left_over() -> Floats:
-    """Return an orthonormal basis of what neither levels nor a linear drift can make, a column each."""
+    """Return an orthonormal basis of the space free of levels and linear drift, a column each."""
     drift = np.arange(len(CHOPPED), dtype=np.float64)
     basis = np.linalg.svd(np.column_stack([_LEVELS, drift]))[0]
     return np.asarray(basis[:, _LEVELS.shape[1] + 1 :], dtype=np.float64)

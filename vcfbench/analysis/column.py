@@ -18,14 +18,14 @@ class Quantity(Struct, frozen=True):
     """None where only the points are known: then `u_fit` is all there is."""
     unit: str
     u_fit: float | None = None
-    """What is of the fit and the readings alone, where that was worked out."""
+    """Standard uncertainty by the fit and the readings alone, if worked out."""
     complete: bool = True
     missing: tuple[str, ...] = ()
-    """What `u` is without because nobody tells it; none where it is complete."""
+    """Contributions that `u` lacks because their size is unknown; empty if it is complete."""
 
 
 class TypeA(Struct, frozen=True):
-    """What the noise of the readings alone explains, apart from how well a straight line fits."""
+    """Uncertainty by the noise of the readings alone (Type A), apart from the lack of fit of a straight line."""
 
     u_scale_factor: float
     """Standard uncertainty of the slope from the readings' own scatter, V/(deg/s)."""
@@ -34,7 +34,7 @@ class TypeA(Struct, frozen=True):
     u_output_v: float
     """Root mean square of the standard uncertainties of the points, V."""
     lack_of_fit_v: float
-    """What is left of the residual standard deviation beside that noise, V."""
+    """Residual standard deviation beyond that noise, V."""
 
 
 class Nonlinearity(Struct, frozen=True):
@@ -75,7 +75,7 @@ class CubicFit(Struct, frozen=True):
 
 
 class CalibrationColumn(Struct, frozen=True, kw_only=True):
-    """One column of outputs against rates: the line ``output = scale_factor * rate + bias`` and what it leaves over."""
+    """One column of outputs against rates: the line ``output = scale_factor * rate + bias`` and its residuals."""
 
     scale_factor: Quantity
     """Slope; its `u_fit` is from the scatter about the line, never less than the noise alone."""
@@ -97,7 +97,7 @@ class CalibrationColumn(Struct, frozen=True, kw_only=True):
     coverage_factor: float
     """Two-sided 95 % quantile of Student's t with `dof` degrees of freedom."""
     u95_fit_ppm: float
-    """What the fit alone leaves of the slope at 95 %, of the slope."""
+    """Expanded uncertainty of the slope by the fit alone at 95 %, relative to the slope."""
     covariance: float
     """Covariance of slope and intercept, V^2/(deg/s)."""
     type_a: TypeA | None
@@ -105,7 +105,7 @@ class CalibrationColumn(Struct, frozen=True, kw_only=True):
     polynomial: CubicFit | None
     """None with fewer than four different rates."""
     pairs: tuple[Pair, ...]
-    """What the points at +rate and -rate say together, by falling magnitude."""
+    """Pairs of points at +rate and -rate, by falling magnitude."""
     residuals_v: tuple[float, ...]
     """Output minus line, in the order of the points."""
     durbin_watson: float | None

@@ -1,4 +1,4 @@
-"""Whether results agree with each other and with a limit: E_n (ISO 13528) and guard bands (JCGM 106, ILAC-G8)."""
+"""Agreement of results with each other and with a limit: E_n (ISO 13528) and guard bands (JCGM 106, ILAC-G8)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Conformity(Enum):
-    """What may be said about a limit, given the uncertainty."""
+    """Conformity with a limit, given the uncertainty."""
 
     PASS = "pass"  # noqa: S105 - a verdict
     """Within the limits, with the guard band to spare."""

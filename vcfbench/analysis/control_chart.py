@@ -1,4 +1,4 @@
-"""Whether repeated results of one quantity stay where they were: recursive residuals, and the tabular CUSUM of them."""
+"""Stability of repeated results of one quantity: recursive residuals, and their tabular CUSUM."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ if TYPE_CHECKING:
 
 
 def recursive_residuals(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far each result after the first, (n,), is from what those before it predict, in units of its own u.
+    """Return the distance of each result after the first from its prediction by those before, in units of its u, (n,).
 
-    The prediction is their best mean, and the unit holds its uncertainty, so that what all share cancels. While nothing
-    changes they are independent with mean 0 and standard deviation 1 (Brown, Durbin and Evans 1975; Hawkins 1987).
+    The prediction is their best mean, and the unit holds its uncertainty, so that a common part cancels. While
+    nothing changes they are independent with mean 0 and standard deviation 1 (Brown, Durbin and Evans 1975;
+    Hawkins 1987).
 
     Args:
         values: the results, in order, (n + 1,).

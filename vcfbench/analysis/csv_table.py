@@ -21,14 +21,14 @@ POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
 """Header of a record's ``points.csv``."""
 
 V_VC_COLUMNS = ("v_vc_measured_v", "v_vc_std_v")
-"""What it has besides where V_Vc was measured; where a point has none of it, the cells are empty."""
+"""Optional columns, present when V_Vc was measured; empty cells at a point without."""
 
 _SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
 _FEWEST_POINTS = 3
 _FORMULA = "=+-@"
-"""What spreadsheets take for the beginning of a formula: names of columns go on into what others open."""
+"""First characters that spreadsheets take for a formula: names of columns go on into files that others open."""
 _OVERLOAD = 9.9e37
-"""What SCPI instruments answer when they cannot measure."""
+"""Reading of a SCPI instrument that cannot measure (overload)."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 
@@ -110,7 +110,7 @@ def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
 
 
 def _set_point(line: int, row: list[str], name: str) -> tuple[int, list[str]]:
-    """Return a row without what was measured of V_Vc, to which no line is fitted: two numbers, or two empty cells."""
+    """Return a row without its measured V_Vc, to which no line is fitted: two numbers, or two empty cells."""
     columns = (*POINT_COLUMNS, *V_VC_COLUMNS)
     _values(line, [cell or "0" for cell in row] if row[len(POINT_COLUMNS) :] == ["", ""] else row, columns, name)
     return line, row[: len(POINT_COLUMNS)]

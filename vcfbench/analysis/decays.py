@@ -22,7 +22,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Complexes: TypeAlias = "NDArray[np.complex128]"
 
 _WINDOW_S = 2e-3
-"""Of modes within 200 Hz of the carrier."""
+"""Length of a window: modes within 200 Hz of the carrier."""
 _RELEASE_WINDOW_S = 1e-3
 _LEAST_WINDOWS = 30
 _SEEN = 8.0
@@ -88,7 +88,7 @@ def _mixed(samples: ArrayLike, interval_s: float, carrier_hz: float, window_s: f
 
 
 def _passed(offset_hz: Floats) -> Floats:
-    """Return what is left of a line so far from the carrier in the means of Hann's windows."""
+    """Return the share of a line that passes the means of Hann's windows, by its distance from the carrier."""
     x = offset_hz * _WINDOW_S
     return np.asarray(np.sinc(x) / (1.0 - x**2))
 

@@ -40,12 +40,12 @@ class Curvature:
 
 @dataclass(frozen=True, slots=True)
 class KVcCurve:
-    """A fitted curve; its uncertainty is that of what was measured, whether or not the curve fits."""
+    """A fitted curve; its uncertainty is that of the measured pairs, whether or not the curve fits."""
 
     coefficients: tuple[float, ...]
     """k0, k1, ... in (deg/s)/V^i."""
     covariance: tuple[tuple[float, ...], ...]
-    """Of the coefficients."""
+    """Covariance of the coefficients."""
     v_vc_low_v: float
     """Least matched V_Vc; the curve holds from there ..."""
     v_vc_high_v: float
@@ -57,7 +57,7 @@ class KVcCurve:
     lack_of_fit_p: float | None
     """Probability of residuals as large or larger if the curve is right; below 0.01 it is not. None without dof."""
     lack_of_fit_deg_s: float
-    """What the residuals hold beyond their uncertainties, root mean square; it is in no uncertainty."""
+    """Root mean square of the residuals beyond their uncertainties; it is in no uncertainty."""
 
     @property
     def k_vc(self) -> float:
@@ -183,7 +183,7 @@ def fit_k_vc_curve(
 def covariance_parts(
     curve: KVcCurve, v_vc_v: ArrayLike, of_rate: Mapping[str, ArrayLike], of_v_vc: Mapping[str, ArrayLike]
 ) -> dict[str, Floats]:
-    """Return what each source puts into the covariance of the coefficients; together they are that covariance.
+    """Return the contribution of each source to the covariance of the coefficients; their sum is that covariance.
 
     Args:
         curve: the fit.
@@ -205,7 +205,7 @@ def covariance_parts(
 
 
 def coefficient_weights(curve: KVcCurve, v_vc_v: ArrayLike, covariance: ArrayLike) -> Floats:
-    """Return what the rate of each pair puts into each coefficient, (coefficients, pairs).
+    """Return the weight of each pair's rate in each coefficient, (coefficients, pairs).
 
     Args:
         curve: the fit.

@@ -1,4 +1,4 @@
-"""K_Vc in closed form: what it depends on beside combs and masses, by how much, and what a change of that does to it.
+"""K_Vc in closed form: its dependence on frequencies, damping, phases and feed-through, and its change with them.
 
 Equation (16) of Wang et al. (2018) with both sense modes, their damping, phases of carrier and demodulator, combs that
 excite the modes in another proportion than a rate does, and a feed-through; derived in docs/theory.md. What has no
@@ -20,7 +20,7 @@ _TURN = 2.0 * math.pi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gyroscope:
-    """What K_Vc depends on and can be measured of a gyroscope; the drive is held at its resonance."""
+    """Measurable parameters of a gyroscope that K_Vc depends on; the drive is held at its resonance."""
 
     drive_hz: float
     split_hz: float
@@ -32,17 +32,17 @@ class Gyroscope:
     in_phase_share: float
     """Part of the in-phase mode in the static response to V_Vc, each mode by its stiffness at the drive frequency."""
     carrier_phase_deg: float
-    """Of the carrier against the drive's velocity, apart from half turns: 0 is ideal."""
+    """Phase of the carrier against the drive's velocity, apart from half turns: 0 is ideal."""
     demodulator_phase_deg: float
-    """Of the demodulator's reference against the same."""
+    """Phase of the demodulator's reference against the same."""
     comb_mismatch: float
     """In-phase over anti-phase force of the combs, over the same of a rate, less 1; 0 for equal combs."""
     v_vc_feedthrough: float
-    """Of the carrier that V_Vc modulates, in the sense signal without motion, over what the modes answer to V_Vc."""
+    """Carrier modulated by V_Vc in the sense signal without motion, over the modes' answer to V_Vc."""
     drive_amplitude_v: float
-    """Of the drive signal; in any unit, if it is the same in all that is compared."""
+    """Amplitude of the drive signal; in any unit, if it is the same in all that is compared."""
     carrier_amplitude_v: float
-    """Of the carrier, likewise."""
+    """Amplitude of the carrier, likewise."""
 
 
 QUANTITIES = tuple(field.name for field in fields(Gyroscope))
@@ -79,7 +79,7 @@ def _modes(of: Gyroscope) -> tuple[_Mode, _Mode]:
 
 @dataclass(frozen=True, slots=True)
 class _Structure:
-    """What stays when frequencies and losses change: weight of the in-phase mode for a rate, and the feed-through."""
+    """Weight of the in-phase mode for a rate, and feed-through; they do not depend on frequencies and losses."""
 
     weight: float
     """Force times pick-off of the in-phase mode over those of the anti-phase mode."""
@@ -104,7 +104,7 @@ def _structure(of: Gyroscope, weight: float | None = None) -> _Structure:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """What the demodulator sees of V_Vc and of a rate, in one unit, and the turns by which it sees them."""
+    """Demodulated responses to V_Vc and to a rate, in one unit, and the turns of their phasors."""
 
     by_v_vc: complex
     by_rate: complex

@@ -1,4 +1,4 @@
-"""Least squares with a model of one's own, and what the fit is worth."""
+"""Least squares with a model of one's own, and the goodness of the fit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 
 _DETERMINED = 1e-12
 _AT_REST = 1e-9
-"""Of the scale of a parameter: a step of Gauss's that is smaller ends the search."""
+"""Step of Gauss's, relative to the scale of a parameter, below which the search ends."""
 _NO_MATTER = 1e-6
 """And one that moves all residuals together by less of a standard uncertainty."""
 _ROUNDS = 50
@@ -27,7 +27,7 @@ _HALVINGS = 20
 
 @dataclass(frozen=True, slots=True)
 class ModelFit:
-    """Parameters, their covariance, and what is left."""
+    """Parameters, their covariance, and the chi-square of the residuals."""
 
     parameters: Floats
     covariance: Floats

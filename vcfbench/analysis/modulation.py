@@ -1,4 +1,4 @@
-"""Lock-in: what a sine of known frequency leaves in a record without gaps, window after window, and the noise about it.
+"""Lock-in: a sine of known frequency in a record without gaps, window after window, and the noise about it.
 
 The record is fitted with a constant, a trend, and the sine with its second and third harmonic. A curve of third order
 makes three times as much of the fundamental as of the third harmonic, and shifts the mean by the second: so one record
@@ -32,7 +32,7 @@ _NEAREST, _FARTHEST = 2, 9
 """Lines of the spectrum, counted from a harmonic, that show the noise about it."""
 _ROUNDS = 3
 _MOST_OFF = 0.01
-"""By which part the frequency that a record shows may differ from what it should be: a meter's spacing is not known
+"""Largest relative difference of the frequency shown by a record from the nominal one: a meter's spacing is not known
 below a millisecond."""
 
 

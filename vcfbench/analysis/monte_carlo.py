@@ -49,7 +49,7 @@ class Agreement:
 
     @property
     def holds(self) -> bool:
-        """Whether first-order propagation is good enough here."""
+        """True if first-order propagation is good enough here."""
         return max(self.low_apart, self.high_apart) <= self.tolerance
 
 

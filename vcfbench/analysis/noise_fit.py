@@ -1,4 +1,4 @@
-"""What an Allan curve is made of: the coefficients Q, N, B, K, R of IEEE 952 Annex C, with their uncertainties.
+"""Noise coefficients Q, N, B, K, R of an Allan curve (IEEE 952 Annex C), with their uncertainties.
 
 sigma^2(tau) = 3 Q^2/tau^2 + N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3 + R^2 tau^2/2 is linear in the squares, so these are
 fitted by least squares, none below zero, each point weighted by its equivalent degrees of freedom under that noise.
@@ -33,7 +33,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 _ROUNDS = 4
 _CONFIDENCE = 0.95
 _HARDLY = 1e-3
-"""An uncertainty that grows by less of what it is of is that of a normal distribution."""
+"""Relative growth of an uncertainty below which it counts as that of a normal distribution."""
 _SHOWN = 3.0
 """A term is shown where its square is so many of the uncertainties that it would have if it were 0."""
 
@@ -89,7 +89,7 @@ class Coefficients:
         return np.asarray(_columns(np.asarray(tau_s, dtype=np.float64)) @ self.squares())
 
     def phase_noise(self, sampling: Sampling) -> PhaseNoise:
-        """Return the noise of a record so sampled, time in samples; what dead time folds in counts as white."""
+        """Return the noise of a record so sampled, time in samples; noise folded in by dead time counts as white."""
         white = deviation_factor(sampling, Noise.WHITE) ** 2 * self.angle_random_walk**2 / sampling.interval_s
         folded = deviation_factor(sampling, Noise.FLICKER) ** 2 - 1.0
         white += folded * (BIAS_INSTABILITY_FACTOR * self.bias_instability) ** 2
@@ -111,7 +111,7 @@ class NoiseTerm:
 
     value: float
     u: float | None
-    """Standard uncertainty; None where the coefficient is 0, because its square is what is estimated."""
+    """Standard uncertainty; None where the coefficient is 0, because its square is the estimate."""
     upper_95: float
     """With 95 % the true one is not above that."""
     u_square_if_0: float
@@ -125,7 +125,7 @@ class NoiseFit:
     coefficients: Coefficients
     terms: dict[Term, NoiseTerm]
     covariance_of_squares: Floats
-    """Of Q^2, N^2, B^2, K^2, R^2, in that order; rows of what was not fitted are 0."""
+    """Covariance of Q^2, N^2, B^2, K^2, R^2, in that order; rows of terms that were not fitted are 0."""
 
     def variance(self, sampling: Sampling, factor: int) -> tuple[float, float]:
         """Return the Allan variance of a record so sampled at `factor` intervals, and its degrees of freedom."""
@@ -218,7 +218,7 @@ def _coefficients(squares: Floats, places: list[int]) -> Coefficients:
 
 @dataclass(frozen=True, slots=True)
 class _Estimator:
-    """What makes squared coefficients of the points of a curve, and what those vary by."""
+    """Weighted estimator of the squared coefficients from the points of a curve, and their covariance."""
 
     design: Floats
     weight: Floats
@@ -300,7 +300,7 @@ def _covariance(noise: Coefficients, sampling: Sampling, samples: int, first: in
 
 
 def _design(factors: Sequence[int], sampling: Sampling) -> Floats:
-    """Return what each squared coefficient adds to the Allan variance of the record, one row a factor."""
+    """Return the addition of each squared coefficient to the Allan variance of the record, one row a factor."""
     columns = _columns(np.array(factors, dtype=np.float64) * sampling.interval_s)
     for place, term in enumerate(Term):
         if term in _LAWS:

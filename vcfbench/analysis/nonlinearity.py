@@ -43,7 +43,7 @@ DEFINITIONS: dict[str, str] = {
     "asym": "slope change at 0, own intercepts",
     "asym_common": "slope change at 0, one intercept",
 }
-"""What each id means, in the order of reports; full scale is one-sided: |slope| times the largest rate."""
+"""Meaning of each id, in the order of reports; full scale is one-sided: |slope| times the largest rate."""
 
 
 def nonlinearity_ppm(rate_deg_s: ArrayLike, output_v: ArrayLike, fit: LineFit) -> dict[str, float | None]:

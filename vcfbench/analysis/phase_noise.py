@@ -42,7 +42,7 @@ class PhaseNoise(Struct, frozen=True):
     flicker: float = 0.0
     random_walk: float = 0.0
     averaged_over: int = 1
-    """How many successive phases each value is the sum of."""
+    """Number of successive phases that each value is the sum of."""
 
     def averaged(self, count: int) -> PhaseNoise:
         """Return the same noise as seen in sums of `count` successive phases, which the modified variance uses."""
@@ -91,7 +91,7 @@ _LAWS: Final[tuple[Callable[[Floats], Floats], ...]] = (_quantisation, _white, _
 
 
 def _summed(law: Callable[[Floats], Floats], lag: Floats, count: int) -> Floats:
-    """Return what `law` gives at `lag` samples for sums of `count` successive phases."""
+    """Return the covariance `law` at `lag` samples for sums of `count` successive phases."""
     if count == 1:
         return law(np.abs(lag))
     if law is _quantisation:  # it has no width: nothing may be spread
@@ -104,7 +104,7 @@ def _summed(law: Callable[[Floats], Floats], lag: Floats, count: int) -> Floats:
 
 
 def _each_law(lag: Floats, count: int) -> Floats:
-    """Return what each law gives at `lag` samples for sums of `count` phases, shape (4, n)."""
+    """Return the covariance of each law at `lag` samples for sums of `count` phases, shape (4, n)."""
     return np.stack([_summed(law, lag, count) for law in _LAWS])
 
 
@@ -140,7 +140,7 @@ def correlated_squares(
 
 
 class _Sums(Struct, frozen=True):
-    """What the covariances of the differences come to for each law with the coefficient 1, over all lags."""
+    """Sums over all lags of the covariances of the differences, for each law with the coefficient 1."""
 
     first: Floats
     """Expectations of a squared first difference, (4,)."""
@@ -153,7 +153,7 @@ class _Sums(Struct, frozen=True):
 
 @lru_cache(maxsize=4096)
 def _sums(of_first: tuple[int, int], of_second: tuple[int, int], order: int, averaged_over: int) -> _Sums:
-    """Return them for terms and stride of either set; who fits a noise asks for the same sums again and again."""
+    """Return the sums for terms and stride of either set; a fit of the noise asks for the same ones again and again."""
     (terms_first, first), (terms_second, second) = of_first, of_second
     shifts = _shifts(first, second, order)
     low, high = 1 - terms_first, terms_second - 1

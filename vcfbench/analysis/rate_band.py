@@ -32,17 +32,17 @@ _TRIES = 100
 _NOISE_TO_HZ = 500.0
 """Beyond it no noise passes the filter of a gyroscope of some 100 Hz."""
 _ROUNDING = 1e-12
-"""What floats leave of an amplitude without noise."""
+"""Relative rounding error of an amplitude without noise."""
 _LEAST_U = 5.0
 """An amplitude of less than so many times its uncertainty is mostly noise, which has no sign there."""
 _LEVEL = 3e-4
 """By which the output's curve and the generator may make one tone larger than others (assumed)."""
 _UNLIKE = 100.0
-"""So many times what noise leaves of chi-square no noise leaves."""
+"""Ratio of chi-square to its expectation that no noise reaches."""
 _ROUNDS, _SETTLED = 40, 1e-6
 _LEAST_SHARE = 0.03
-"""Of the amplitude at the lowest frequency. A smaller one lies in the dip where the modes cancel: what it says of their
-shares is so far from linear that no fit ends there."""
+"""Least amplitude, relative to that at the lowest frequency. A smaller one lies in the dip where the modes cancel: its
+dependence on their shares is so far from linear that no fit ends there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Tone:
     third: float
     """Third harmonic as the cube of the tone has it, with its sign: cos 3 phi where the tone is cos phi."""
     spacing_s: float
-    """Of the samples."""
+    """Spacing of the samples."""
     noise_dof: float
     noise_hz: tuple[float, ...] = ()
     """Lines beside the tone from which the noise was read, Hz; none: the tone's own place."""
@@ -64,17 +64,17 @@ class Tone:
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What is known of a gyroscope before its response is fitted."""
+    """Parameters of a gyroscope known before its response is fitted."""
 
     drive_hz: float
     in_phase_split_hz: float = 147.0
     """Drive less in-phase sense frequency."""
     u_in_phase_split_hz: float = 30.0
     u_phase_rad: float = 0.1
-    """Of the demodulator against the force."""
+    """Standard uncertainty of the demodulator's phase against the force."""
     low_pass_hz: float = 100.0
     low_pass_order: int = 4
-    """Of the Butterworth filter behind the demodulator; it is divided out."""
+    """Order of the Butterworth filter behind the demodulator; it is divided out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +206,7 @@ def _checked(samples: ArrayLike, spacing_s: float, frequency_hz: float) -> Float
 
 
 def _aperture(frequency_hz: float, aperture_s: float) -> float:
-    """Return what averaging over the aperture leaves of a sine."""
+    """Return the attenuation of a sine by averaging over the aperture."""
     return float(np.sinc(frequency_hz * aperture_s))
 
 
@@ -326,7 +326,7 @@ def fit_near_split(
 
 
 def _settled(left: Callable[[Floats], Floats], at: Floats) -> tuple[Floats, Floats]:
-    """Return where split and logarithm of Q end by Gauss and Newton, and the derivatives of what is left there."""
+    """Return split and logarithm of Q found by Gauss and Newton, and the derivatives of the residuals there."""
     for _ in range(_ROUNDS):
         rows = np.column_stack([(left(at + step) - left(at - step)) / 2e-3 for step in 1e-3 * np.diag([at[0], 1.0])])
         change = -np.linalg.lstsq(rows, left(at), rcond=None)[0]
@@ -368,7 +368,7 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
 
 @dataclass(frozen=True, slots=True)
 class _Gains:
-    """What is fitted: frequencies, gains and their uncertainties, and what those rest on."""
+    """Points to fit: frequencies, gains, their uncertainties and degrees of freedom."""
 
     f: Floats
     gain: Floats
@@ -432,7 +432,7 @@ def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats
 
 
 def _passed(f: Floats, parameters: Floats, known: Known) -> Floats:
-    """Return what passes the anti-phase mode of a force noise that is white, both side bands, in any unit."""
+    """Return the response of the anti-phase mode to a white force noise, both side bands, in any unit."""
     own = known.drive_hz - parameters[0]
     sides = [1.0 / (own**2 - s**2 + 1j * s * own / parameters[1]) for s in (known.drive_hz + f, f - known.drive_hz)]
     return np.asarray(np.abs(sides[0]) ** 2 + np.abs(sides[1]) ** 2)
@@ -495,7 +495,7 @@ class _Curve:
         return float(split_response(at_hz, self.drive_hz, self.shape)[0])
 
     def peak(self) -> float:
-        """Where the gain no longer grows."""
+        """Frequency of the largest gain."""
         split = float(self.shape[0])
         near = 1e-4 * split
         return self._zero(lambda at: self.gain(at + near) - self.gain(at - near), 0.5 * split, 1.5 * split)

@@ -1,4 +1,4 @@
-"""The straight line through a calibration, and what it says about itself.
+"""The straight line through a calibration, and its diagnostics.
 
 Notation: `rate_deg_s` is the applied rate, `output_v` the mean output at each rate; one-dimensional, of one length.
 """
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _LARGEST = 1e100
-"""Nothing physical comes near; squares and products of what is smaller neither overflow nor vanish."""
+"""Far above all physical values; squares and products of smaller ones neither overflow nor vanish."""
 
 
 class LineFit(Struct, frozen=True):
@@ -63,7 +63,7 @@ class LineFit(Struct, frozen=True):
 
     @property
     def cook_distance(self) -> Floats:
-        """How far each point alone pulls the line, in units of its uncertainty."""
+        """Cook's distance: pull of each point alone on the line, in units of the line's uncertainty."""
         leverage = self.leverage
         scaled = self.residuals_v**2 / (2.0 * self.s_v**2)
         return np.asarray(scaled * leverage / (1.0 - leverage) ** 2)

@@ -1,4 +1,4 @@
-"""The phase of a demodulator's reference from records of what goes in and what comes out.
+"""The phase of a demodulator's reference from records of its input and its output.
 
 A force at f_d + delta makes the phasor of the sense signal turn against the drive once in 1/delta; the demodulated
 output is its projection on the reference, a sine of |delta|. So the reference lies where the phasor is when the output

@@ -1,4 +1,4 @@
-"""What the aperture of a reading and the dead time between readings do to an Allan curve.
+"""Effect of the aperture of a reading and of the dead time between readings on an Allan curve.
 
 A reading is the mean over its aperture. Readings with time between them see white noise as strongly as one aperture
 does, and not as the whole interval would: 0.2 s of every second show sqrt(5) = 2.24 times the noise. Slow noise passes
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _SUMMED = 1024
-"""Up to so many readings a cluster the covariances are summed; beyond, what dead time folds in falls as white noise."""
+"""Most readings a cluster with summed covariances; beyond, noise folded in by dead time falls as white noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How a record was taken: one reading every `interval_s`, each the mean over `aperture_s`."""
+    """Sampling of a record: one reading every `interval_s`, each the mean over `aperture_s`."""
 
     interval_s: float
     aperture_s: float
@@ -39,7 +39,7 @@ class Sampling:
     """
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Refuse impossible values."""
         if not 0.0 < self.aperture_s <= self.interval_s or not math.isfinite(self.interval_s):
             raise ConfigError(f"an aperture of {self.aperture_s:g} s does not fit an interval of {self.interval_s:g} s")
         if self.noise_bandwidth_hz is not None and (self.gapless or self.noise_bandwidth_hz <= 0.0):
@@ -54,7 +54,7 @@ class Sampling:
 
     @property
     def gapless(self) -> bool:
-        """Whether there is no dead time, to a part in a million."""
+        """True if there is no dead time, to a part in a million."""
         return self.interval_s - self.aperture_s <= 1e-6 * self.interval_s
 
 
@@ -115,7 +115,7 @@ def _random_walk(lag: Floats, duty: float) -> Floats:
 
 
 def block_means(record: ArrayLike, readings: int) -> Floats:
-    """Return the means of successive blocks of `readings`; what does not fill the last block is left out.
+    """Return the means of successive blocks of `readings`; an incomplete last block is left out.
 
     Five readings of 0.2 s without gaps make one of 1 s without dead time.
 

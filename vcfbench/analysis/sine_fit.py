@@ -67,7 +67,7 @@ class _Common:
     offset: Floats
     rms: Floats
     covariance: Floats
-    """Of frequency, then cosine, sine and offset of each channel."""
+    """Covariance of frequency, then cosine, sine and offset of each channel."""
 
 
 def fit_sine_at(samples: ArrayLike, interval_s: float, frequency_hz: float) -> Sine:

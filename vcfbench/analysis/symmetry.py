@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Pair(Struct, frozen=True):
-    """What the points at +`rate_deg_s` and -`rate_deg_s` say together."""
+    """Chopped scale factor and even part of the points at +`rate_deg_s` and -`rate_deg_s`."""
 
     rate_deg_s: float
     scale_factor: float

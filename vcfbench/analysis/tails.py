@@ -1,4 +1,4 @@
-"""How improbable a value is: Student's t and Fisher's F, exact, without heavy imports."""
+"""Probabilities of a value: Student's t and Fisher's F, exact, without heavy imports."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def t_quantile(tail: float, degrees: float) -> float:
 
 
 def t_of_largest(number: int, degrees: float) -> float:
-    """Return what the largest of `number` independent ``|T|`` stays below with 95 % (Sidak); dependent ones as well."""
+    """Return the 95 % limit of the largest of `number` ``|T|``, independent (Sidak) or dependent."""
     return t_quantile(1.0 - 0.95 ** (1.0 / number), degrees)
 
 

@@ -1,4 +1,4 @@
-"""Standard uncertainty of means, and of what is computed from them, under the noise that an Allan curve shows.
+"""Standard uncertainty of means, and of quantities computed from them, under the noise that an Allan curve shows.
 
 The scatter of the readings over the root of their number is too small once noise is not white: flicker leaves as much
 in the mean of an hour as in that of ten seconds (Witt and Reymann 2000). The noise is that of a fit
@@ -86,7 +86,7 @@ def u_of_combination(
 
 
 def _share(term: Term, sampling: Sampling, lags: Floats, shares: Floats) -> float:
-    """Return what a coefficient of 1 adds to the variance of the combination."""
+    """Return the contribution of a coefficient of 1 to the variance of the combination."""
     if term is Term.RATE_RAMP:  # no noise: a line of slope 1, and phases of t^2 / 2
         return float(shares @ (lags[0] ** 2 / 2.0)) ** 2 * sampling.interval_s**2
     unit = {
