@@ -1,0 +1,82 @@
+"""Points, steps, results and replies have the bytes whose hashes are kept in ``hashes.json``.
+
+They are made anew by ``python -m tests.golden``.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.cells import few
+from tests.cli.test_run_served import everywhere, needs_ptys, require_wires, serving
+from tests.golden.cases import (
+    HASHES,
+    MODELS,
+    RUNS,
+    WIRED,
+    WIRES,
+    GoldenRun,
+    arithmetic,
+    jobs,
+    replies_hash,
+    wired_bench,
+    wired_hashes,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+GOLDEN = json.loads(HASHES.read_text(encoding="utf-8"))
+FAST = (
+    *((name, bench) for name in ("turntable", "virtual-coriolis", "polarity") for bench in ("paper", "ideal")),
+    *(("self-calibration", "ideal"), ("zero", "ideal"), ("warmup", "ideal"), ("power", "ideal")),
+)
+
+QUICK_MODELS = ("e3631a", "e36312a", "keysight33622a", "keysight34465a", "keithley2000", "dmm6500", "dsox3024a")
+
+
+@pytest.fixture
+def same_arithmetic() -> None:
+    """Skip where last digits may differ."""
+    differing = {name: (GOLDEN["made_with"][name], here) for name, here in arithmetic().items()}
+    differing = {name: both for name, both in differing.items() if both[0] != both[1]}
+    if differing:
+        words = ", ".join(f"{name} {there}, here {here}" for name, (there, here) in differing.items())
+        pytest.skip(f"the hashes were made with {words}")
+
+
+def test_every_procedure_model_and_seed_has_a_hash() -> None:
+    assert {section: set(parts) for section, parts in jobs().items()} == {
+        section: set(GOLDEN[section]) for section in jobs()
+    }
+
+
+@pytest.mark.usefixtures("same_arithmetic")
+@pytest.mark.parametrize(
+    "run", few(RUNS, *(GoldenRun(name, bench, 0) for name, bench in FAST)), ids=lambda run: run.key
+)
+def test_a_run_has_the_same_bytes(run: GoldenRun) -> None:
+    assert run.hashes() == GOLDEN["runs"][run.key]
+
+
+@pytest.mark.usefixtures("same_arithmetic")
+@pytest.mark.parametrize("model", few(MODELS, *QUICK_MODELS))
+def test_an_instrument_answers_in_the_same_bytes(model: str) -> None:
+    assert replies_hash(model) == GOLDEN["replies"][model]
+
+
+@pytest.mark.exhaustive
+@needs_ptys
+@pytest.mark.usefixtures("same_arithmetic")
+@pytest.mark.parametrize("wires", WIRES)
+@pytest.mark.parametrize("bench", ["paper", "ideal"])
+@pytest.mark.parametrize("procedure", WIRED)
+def test_a_run_over_wires_has_the_bytes_of_one_in_process(
+    procedure: str, bench: str, wires: str, tmp_path: Path
+) -> None:
+    with serving(wired_bench(tmp_path, bench), *everywhere(wires), "--seed", "7") as served:
+        require_wires(served, wires)
+        assert wired_hashes(procedure, served, seed=None) == GOLDEN["wired"][f"{procedure} {bench}"]
