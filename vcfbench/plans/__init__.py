@@ -1,1 +1,1 @@
-"""Plans: generators of frozen steps, the executor that carries them out, and what they measured."""
+"""Plans: generators of frozen steps, their executor, and the measured points and results."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Routine
 
 _DRIVE_STEADY = 0.03
-"""Two looks at the drive's amplitude that differ by less, relative, are the same: somewhat above what 8 bit resolve."""
+"""Largest relative difference of two looks at a steady drive amplitude: somewhat above the resolution of 8 bit."""
 _DRIVE_INTERVAL_S = 0.5
 """Between two looks: four time constants of the drive loop (0.13 s, gyro-metrology 1.3)."""
 
@@ -70,7 +70,7 @@ def _measure_drive(drive: DriveWindow, channels: tuple[int, int], found: DriveAm
 
 
 def _complaint(reading: DriveReading, drive: DriveWindow, previous_v: float) -> str:
-    """Say what is wrong with the drive signal; empty when nothing is."""
+    """Name the deviation of the drive signal from its window; empty when there is none."""
     low_deg = drive.phase_deg[0]
     for name, value, (low, high), unit in (
         ("frequency", reading.frequency_hz, drive.frequency_hz, "Hz"),

@@ -115,13 +115,13 @@ class WentOn(Struct, frozen=True):
     moved: Moved | None
 
     def describe(self) -> str:
-        """Say who, after how long, and by how much the output moved."""
+        """Name the person, the time waited, and the shift of the output."""
         moved = "nothing had been measured to compare" if self.moved is None else self.moved.describe()
         return f"goes on ({self.by}) after {self.waited_s:.0f} s; {moved}"
 
 
 Event = StepStarted | ReadingTaken | StepFinished | StepFailed | Paused | WentOn
-"""What an observer is told."""
+"""Events that observers are told."""
 
 
 class Observer(Protocol):
@@ -133,7 +133,7 @@ class Observer(Protocol):
 
 
 class StepJournal(Protocol):
-    """Where steps are written before the next one begins, and the readings of a long one as they come."""
+    """Journal of steps, each written before the next one begins, and of the readings of a long one as they come."""
 
     def readings(self, values: Mapping[str, Any]) -> None:
         """Write a chunk of the readings of the step under way."""
@@ -152,7 +152,7 @@ class StepJournal(Protocol):
         ...
 
     def paused(self, values: Mapping[str, Any]) -> None:
-        """Write that the run is to pause, and who wants it."""
+        """Write that the run is to pause, and at whose wish."""
         ...
 
     def went_on(self, values: Mapping[str, Any]) -> None:
@@ -161,15 +161,15 @@ class StepJournal(Protocol):
 
 
 class Pauses(Protocol):
-    """Who may have a run pause; what is done around that, and how long it takes."""
+    """Pauses of a run: the wish for one, the steps before and after it, and its length."""
 
     @property
     def by(self) -> str:
-        """Who wants a pause after the step under way; empty: nobody."""
+        """Name of the person asking for a pause after the step under way; empty: nobody."""
         ...
 
     def wait(self) -> tuple[str, float]:
-        """Wait until somebody wants the run to go on; return who, and how long that took, s of wall time."""
+        """Wait until somebody wants the run to go on; return that name and the time waited, s of wall time."""
         ...
 
     def to_rest(self, done: Sequence[Step]) -> Routine[Window | None]:
@@ -190,7 +190,7 @@ class Pauses(Protocol):
 
 
 class Execution(Struct, frozen=True):
-    """How a plan went: status, the points kept, the first error, and times in bench seconds.
+    """Outcome of a plan: status, the points kept, the first error, and times in bench seconds.
 
     `physical_minimum_s` is the sum of the averaging windows, ramps and settling of the steps performed: the time
     below which no controller can come with this table and this settling. `asked_again` says which answers could not be
@@ -261,7 +261,7 @@ class Executor:
         return self.so_far()
 
     def take_over(self, taken: Iterable[TakenOver]) -> None:
-        """Write down, and count as this run's, what was performed before the run was broken off. Nothing is done."""
+        """Write down, and count as this run's, the steps performed before the run was broken off. Nothing is done."""
         for each in taken:
             for chunk in each.chunks:
                 self.journal.readings(chunk)
@@ -277,7 +277,7 @@ class Executor:
                     self._moved = point.moved_v, point.moved_u_v
 
     def restore(self, steps: Routine[None]) -> None:
-        """Perform what brings the bench to where it was when the run was broken off; none of it is a step of the run.
+        """Perform the steps that restore the bench as it was when the run broke off; they are not steps of the run.
 
         Raises:
             BenchError: it did not come to that; what brings it to rest is up to the safety stack.
@@ -289,7 +289,7 @@ class Executor:
             raise
 
     def _beside(self, steps: Routine[_T], why: str, context: Context) -> _T:
-        """Perform `steps` that are none of the run; return what they come to."""
+        """Perform `steps` outside the run; return their result."""
         advance: Callable[[], Step] = partial(next, steps)
         try:
             while True:
@@ -351,7 +351,7 @@ class Executor:
         self._tell(went_on)
 
     def _count_from(self, moved: Moved | None) -> None:
-        """Count what is measured from now on from where the output is now.
+        """Count later measurements from the present output.
 
         Raises:
             MeasurementError: it is not where noise and drift could have brought it.
@@ -434,7 +434,7 @@ class Executor:
         self.journal.readings(chunk)
 
     def _write_owed(self) -> None:
-        """Write the failures that the disk did not take when they came: what is written after them leaves no gap."""
+        """Write the failures that the disk did not take when they came, so that later lines leave no gap."""
         while self._owed:
             self.journal.error(self._owed[0])
             del self._owed[0]
@@ -465,7 +465,7 @@ class Executor:
         }
 
     def _count(self, step: Step, result: StepResult, asked_again: Sequence[str]) -> None:
-        """Keep of a performed step what the run is told at its end."""
+        """Keep the point and the notes of a performed step for the end of the run."""
         self._asked_again += (f"step {self._number}: {said}" for said in asked_again)
         if step.not_checked and step.not_checked not in self._not_checked:  # parts of one run may leave out the same
             self._not_checked.append(step.not_checked)
@@ -477,7 +477,7 @@ class Executor:
         return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": to_builtins(step)}
 
     def _seen(self) -> dict[str, Any]:
-        """Return what a line says only where there is something to say: chunks before it, answers not believed."""
+        """Return the optional fields of a line: chunks before it, answers not believed."""
         context = self._context
         chunks = {"chunks": context.chunks} if context.chunks else {}
         return {**chunks, "asked_again": list(context.asked_again)} if context.asked_again else chunks
@@ -501,7 +501,7 @@ class Executor:
         return error
 
     def _keep(self, error: BenchError) -> None:
-        """Keep the first error: what follows it while the bench comes to rest is a consequence.
+        """Keep the first error: those that follow while the bench comes to rest are consequences.
 
         A plan knows roles only; where an instrument answers is added here.
         """
@@ -534,7 +534,7 @@ def _error_fields(error: BenchError) -> dict[str, Any]:
 
 
 def _as_measured(error: BenchError) -> BenchError:
-    """Return what an analysis that finds nothing in what was measured means: a bench that does not answer."""
+    """Return an analysis' failure to find a signal as a MeasurementError: a bench that does not answer."""
     if not isinstance(error, ConfigError):
         return error
     failed = MeasurementError(f"nothing answers: {error.what}", step=error.step, hint=error.hint or LOOK_AT_SIGNALS)

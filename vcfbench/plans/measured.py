@@ -1,4 +1,4 @@
-"""What a run measured, as the results of a procedure see it: its points, and all else that the journal keeps.
+"""Measured data of a run, as the results of a procedure see it: its points, and all else that the journal keeps.
 
 A run keeps its points in memory and nothing more; readings and what steps have found are in the journal, and are read
 from there when they are asked for. So it is the same for a run that has just ended and for its record.
@@ -58,7 +58,7 @@ class Readings(Struct, frozen=True, eq=False):
 
 
 class Measured(Sequence[Point]):
-    """The points of a run, in the order in which they were measured, and what else its journal keeps of it.
+    """The points of a run, in the order of measurement, and the other contents of its journal.
 
     Args:
         points: the averaged points, as they were measured.
@@ -77,7 +77,7 @@ class Measured(Sequence[Point]):
             self._points = tuple(self._known.corrected_point(point.referred()) for point in self._raw)
 
     def read_again_from(self, lines: _Lines) -> None:
-        """Read the journal from `lines` from now on; what has been read of it is kept."""
+        """Read the journal from `lines` from now on; data read already is kept."""
         self._lines = lines
 
     @overload
@@ -90,14 +90,14 @@ class Measured(Sequence[Point]):
         return self._points[index]
 
     def corrected(self, known: Sources) -> Measured:
-        """Return what was measured with the corrections of the meters' certificates, and with no others."""
+        """Return the run with the corrections of the meters' certificates, and with no others."""
         if self._known is None and not known.corrects and not self._paused:
             return self
         return self._with(self._raw, self._lines, known)
 
     @property
     def _paused(self) -> bool:
-        """Whether some of it counts from another reference than the rest."""
+        """True if some points count from another reference than the rest."""
         return any(point.moved_v for point in self._raw)
 
     def _with(self, points: Iterable[Point], lines: _Lines, known: Sources | None) -> Self:
@@ -119,7 +119,7 @@ class Measured(Sequence[Point]):
         return self._kept[0]
 
     def found(self, kind: type[_Found]) -> tuple[tuple[Step, _Found], ...]:
-        """Return what steps have found, of `kind` or a kind of it, each with its step, in the order of the run.
+        """Return the results of `kind` or a subclass, each with its step, in the order of the run.
 
         Of a window too long for one line of the journal the result holds the point; its readings are in `readings`.
 
@@ -130,7 +130,7 @@ class Measured(Sequence[Point]):
 
     @property
     def broken_off(self) -> bool:
-        """Whether it was broken off and taken up again in between: some of its steps are those of an earlier record.
+        """True if the run was broken off and resumed: some of its steps are those of an earlier record.
 
         Raises:
             ConfigError: the journal cannot be read any more.
@@ -138,7 +138,7 @@ class Measured(Sequence[Point]):
         return len({line.get("taken_over") for line in self._lines() if line.get("type") == "step"}) > 1
 
     def parted(self, kind: type[_Mark]) -> tuple[tuple[_Mark, Measured], ...]:
-        """Return each step of `kind` with what was measured from it to the next of them, or to the end of the run.
+        """Return each step of `kind` with the data measured from it to the next of them, or to the end of the run.
 
         So each part of a run in parts can be evaluated like a run.
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 _LOOKS_AT_DRIVE = (ConfigureScope, FindDrive, MeasureDrive)
 _COMES_TO_REST = {Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, DisableVvc, DisableSupply}
-"""A plan that asks for no other steps any more does nothing but what making safe has done."""
+"""Steps of coming to rest: a plan that asks for no others any more only repeats making safe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class TakenOver:
 
 
 def taken_over(record: JournalRecord, run: str) -> tuple[TakenOver, ...]:
-    """Return what a run that goes on from `record` takes over: the steps before the first that failed.
+    """Return the steps that a run resumed from `record` takes over: those before the first that failed.
 
     `run` is the name of the record; lines that it took over itself keep the name of the run that wrote them. A check of
     the drive signal after which nothing was measured is left out: it waits for something that begins anew.
@@ -99,7 +99,7 @@ def _believed(steps: Sequence[Step]) -> int:
 
 
 def rest_of(plan: Plan, taken: Sequence[TakenOver]) -> Plan:
-    """Start `plan`, answer it with what was `taken` over, and return what is left of it.
+    """Start `plan`, answer it with the steps `taken` over, and return the rest of it.
 
     Raises:
         PlanError: it asks for another step than the record has; both are named.
@@ -132,7 +132,7 @@ def _another(step: Step, each: TakenOver) -> PlanError:
 
 
 def _going_on(plan: Plan, advance: Callable[[], Step]) -> Plan:
-    """Yield what `plan` yields from where it stands."""
+    """Yield the steps of `plan` from its present one."""
     while True:
         try:
             step = advance()
@@ -148,7 +148,7 @@ def _going_on(plan: Plan, advance: Callable[[], Step]) -> Plan:
 
 
 def is_left(rest: Plan, gyro: LinearGyro) -> bool:
-    """Tell whether `rest` of a plan does more than come to rest; `gyro` answers what it asks for until that is known.
+    """Tell whether `rest` of a plan does more than come to rest; `gyro` answers its steps until that is known.
 
     Raises:
         BenchError: it ends with that, by itself: what was measured is refused.

@@ -1,4 +1,4 @@
-"""Whether the readings of a window scatter as the readings of this run do.
+"""Scatter of the readings of a window, tested against that of the other windows of the run.
 
 Nothing is known of a gyroscope's noise beforehand, so the run itself is the measure: each window is held against all
 others. Within a window the readings stand about a straight line, because a gyroscope that warms up drifts; how far the
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 FALSE_ALARM = 1e-9
-"""How probable it may be that one test refuses a window whose noise is Gaussian and stationary.
+"""Probability that one test refuses a window of Gaussian, stationary noise.
 
 A calibration of 43 windows makes 170 tests: one honest run in six million is refused, not one in a thousand.
 """
@@ -40,7 +40,7 @@ _STILL = 0.5
 """Steps of the last digit by which readings of something that stands still may scatter."""
 
 _TABLE = 5e-5
-"""Of what the table's rate moves the output: by so much its ripple and flutter may make the readings scatter besides.
+"""Ripple and flutter of a turning table, relative to the output's change by its rate: they add to the scatter.
 
 Rate tables promise stabilities of 10 to 100 ppm; seen is only a gyroscope of less noise than that.
 """
@@ -72,7 +72,7 @@ class Scatter(Struct, frozen=True):
 
     @property
     def distance_v(self) -> float:
-        """How far the farthest reading stands from the line through the others, V."""
+        """Distance of the farthest reading from the line through the others, V."""
         return self.residual_v / (1.0 - self.leverage)
 
     @classmethod
@@ -108,7 +108,7 @@ class NoiseSeen(Struct):
         return math.sqrt(self._squares_v2 / self._degrees) if self._degrees else None
 
     def doubt(self, readings_v: Sequence[float], *, turning: bool = False) -> str:
-        """Take the readings of one more window; say what is wrong with it or with an earlier one, empty if nothing is.
+        """Take the readings of one more window; name the doubt about it or an earlier one, empty if there is none.
 
         An earlier window is looked at again, for the first ones had little to be held against: the one with the reading
         that stands farthest, the one that scatters most, the one that scatters least. On a table that is `turning` the

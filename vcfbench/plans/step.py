@@ -1,4 +1,4 @@
-"""What a step is: one frozen value that can describe itself, be predicted, be held against limits and be performed.
+"""Steps: frozen values that can describe themselves, be predicted, be held against limits and be performed.
 
 A procedure is a generator that yields steps and is sent their results (:data:`Plan`). Since a step is a value, a plan
 can be walked without a bench: dry run, estimate of the time and limits read the same steps that the executor performs.
@@ -49,7 +49,7 @@ LOOK_AT_SIGNALS = (
 
 
 class Effect(Enum):
-    """What a step does: sets something, lets time pass, measures, checks the bench, or nothing at all.
+    """Effect of a step: sets something, lets time pass, measures, checks the bench, or nothing at all.
 
     What was measured stands for ever; what was only checked is checked once more when a run is resumed.
     """
@@ -62,7 +62,7 @@ class Effect(Enum):
 
 
 class OpenBench(Protocol):
-    """What a procedure needs of a bench: its instruments by role, and its clock.
+    """Bench as procedures see it: its instruments by role, and its clock.
 
     Asking for an instrument that the bench has not is a ConfigError that says what its bench file lacks.
     """
@@ -99,7 +99,7 @@ class OpenBench(Protocol):
 
     @property
     def chamber(self) -> TemperatureChamber:
-        """What brings the gyroscope to a temperature."""
+        """The temperature chamber."""
         ...
 
     @property
@@ -114,7 +114,7 @@ class OpenBench(Protocol):
 
 
 class Request(Struct, frozen=True):
-    """What a person is asked to do with his hands.
+    """Manual task for a person.
 
     `takes_s` is how long that takes, about. `adjustments` are what comes to the same on a simulated bench: names and
     values as ``vcfbench sim ctl set`` takes them.
@@ -126,7 +126,7 @@ class Request(Struct, frozen=True):
 
 
 Operator = Callable[[Request], str]
-"""Does what is requested, or has it done, and returns when it is; what it says is kept in the record."""
+"""Does the request, or has it done, and returns when it is done; the answer is kept in the record."""
 
 
 def nobody(request: Request) -> str:
@@ -144,7 +144,7 @@ class Reading(Struct, frozen=True):
     voltage_v: float
 
     def corrected(self, known: Sources) -> Self:
-        """Return it with what the multimeter's certificate adds to it."""
+        """Return the reading with the correction of the multimeter's certificate."""
         return replace(self, voltage_v=known.corrected(self.voltage_v))
 
 
@@ -153,7 +153,7 @@ def _nowhere(readings: Sequence[Reading]) -> None:
 
 
 class Context(Struct):
-    """What a step works with while it is performed: the bench, and where readings and doubts are written down.
+    """Context of a step while it is performed: the bench, and the places for readings and doubts.
 
     `hear` is called with every reading as it comes. `readings` holds those of the step under way that are not yet
     written down, so that a window that fails leaves them behind: at most one chunk. `chunks` counts those that `keep`
@@ -175,7 +175,7 @@ class Context(Struct):
     undivided: Callable[[], AbstractContextManager[None]] = nullcontext
 
     def begin(self, keep: Callable[[Sequence[Reading]], None] = _nowhere) -> None:
-        """Forget what the step before left; `keep` writes down each chunk of readings of the step that begins."""
+        """Clear the readings of the step before; `keep` writes down each chunk of readings of the step that begins."""
         self.readings.clear()
         self.asked_again.clear()
         self.keep, self.chunks = keep, 0
@@ -222,7 +222,7 @@ class Context(Struct):
 
 
 def problem(instrument: Instrument, what: str) -> MeasurementError:
-    """Return the error that says what is wrong at `instrument`."""
+    """Return a MeasurementError at `instrument`, with its words."""
     return MeasurementError(what, instrument=instrument.name, resource=instrument.resource)
 
 
@@ -238,7 +238,7 @@ _OF_PROCEDURES: Final = frozenset(
 
 
 def _make_known(kinds: dict[str, type[_T]], kind: type[_T]) -> None:
-    """Keep `kind` by its name, by which records know it; one's own, defined once more, replaces what it was.
+    """Keep `kind` by its name, by which records know it; one's own, defined once more, replaces the earlier one.
 
     Raises:
         PlanError: it is one's own, and has the name of one that comes along.
@@ -272,9 +272,10 @@ class StepResult:
         return None
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return it with what the meters' certificates add to the direct voltages in it; `step` is the one it is of.
+        """Return the result of `step` with the corrections of the meters' certificates to its direct voltages.
 
-        Results of it are made of that; the journal keeps what was read. By default nothing in it is such a voltage.
+        The procedure's results are made of the corrected ones; the journal keeps the readings. By default nothing is
+        corrected.
         """
         del step, known
         return self
@@ -285,7 +286,7 @@ class StepResult:
         return self
 
     def referred(self) -> Self:
-        """Return what it would be, had the output not moved in pauses: plans and results go by that."""
+        """Return the result referred to the output before all pauses: plans and results go by that."""
         return self
 
     def as_json(self) -> dict[str, Any]:
@@ -293,12 +294,12 @@ class StepResult:
         return dict(to_builtins(self))
 
     def describe(self) -> str:
-        """Say in a few words what the step gave; empty when there is nothing to say."""
+        """Summarize the result in a few words; empty when there is nothing to say."""
         return ""
 
 
 class Step:
-    """What all steps have in common; each kind is its own frozen dataclass or msgspec struct.
+    """Common base of all steps; each kind is its own frozen dataclass or msgspec struct.
 
     `subject` names what is set, waited for, checked or measured, ``"table rate"``.
     """
@@ -309,9 +310,9 @@ class Step:
     effect: ClassVar[Effect] = Effect.NOTHING
     subject: ClassVar[str] = ""
     overhead_s: ClassVar[float] = 0.0
-    """Estimate of the time that talking to the instruments takes, beside what physics asks for."""
+    """Estimated time of the communication with the instruments, beside the physical time."""
     waits_for_person: ClassVar[bool] = False
-    """Whether it may take any time."""
+    """True if a person does it, in any time."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Make the kind known, so that a record can be read into values again; PlanError where its name is taken."""
@@ -319,11 +320,11 @@ class Step:
         _make_known(Step.kinds, cls)
 
     def describe(self) -> str:
-        """Say what the step does, as the work instruction would."""
+        """Describe the action of the step, as the work instruction would."""
         raise NotImplementedError
 
     def perform(self, context: Context) -> StepResult:
-        """Do the step on the bench of `context`. The executor is the only one who calls this.
+        """Do the step on the bench of `context`. Only the executor calls this.
 
         Raises:
             BenchError: the instrument, the wire or the bench did not let it be done.
@@ -331,26 +332,26 @@ class Step:
         raise NotImplementedError
 
     def predict(self, gyro: LinearGyro) -> StepResult:
-        """Return what the step would give with `gyro` on the bench; nothing is opened or sent."""
+        """Return the result that the step would have with `gyro` on the bench; nothing is opened or sent."""
         raise NotImplementedError
 
     def within(self, limits: LimitChecks) -> None:
         """Raise LimitError when the step would leave the limits of the bench. One that sets nothing cannot."""
 
     def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the fields of the step's result, from what :meth:`StepResult.as_json` wrote of them."""
+        """Return the fields of the step's result, from those that :meth:`StepResult.as_json` wrote."""
         return result
 
     def again(self) -> tuple[Step, ...]:
-        """Return what does the same to a bench that was made safe meanwhile: by default the step itself."""
+        """Return the steps that repeat this one on a bench made safe meanwhile: by default the step itself."""
         return (self,)
 
     def recall(self, readings_v: Sequence[float], context: Context) -> None:
-        """Take notice of one chunk of what this step read before a run was broken off, V."""
+        """Take notice of one chunk of this step's readings before a run was broken off, V."""
 
     @property
     def sets(self) -> tuple[str, ...]:
-        """What the step sets, each by a name: of all steps that set the same, the last one counts."""
+        """Quantities that the step sets, by name: of all steps that set the same, the last one counts."""
         return (self.subject,) if self.effect is Effect.SETS else ()
 
     @property
@@ -360,7 +361,7 @@ class Step:
 
     @property
     def not_checked(self) -> str:
-        """What a run with this step leaves unchecked, and why: its answer says so. Empty: nothing."""
+        """Checks that a run with this step leaves out, and the reason, for its answer. Empty: none."""
         return ""
 
     @property
@@ -375,7 +376,7 @@ class Step:
 
 
 class Outcome(Struct, frozen=True):
-    """A plan came to its end. What it measured is in the points; this says in one line that it is all there."""
+    """End of a plan: a summary in one line, the measured values being in the points."""
 
     summary: str
 
@@ -383,7 +384,7 @@ class Outcome(Struct, frozen=True):
 Plan = Generator[Step, StepResult, Outcome]
 """A generator of steps, to which their results are sent back; it returns its outcome."""
 Routine = Generator[Step, StepResult, _T]
-"""Part of a plan, which returns what it has found."""
+"""Part of a plan, which returns its finding."""
 
 
 class _Abandoned(BenchError):

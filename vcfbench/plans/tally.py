@@ -49,5 +49,5 @@ class Tally(Struct):
 
     @property
     def within_std_v(self) -> float:
-        """Standard deviation of one reading within its chunk, V: without what drifts from chunk to chunk."""
+        """Standard deviation of one reading within its chunk, V: without the drift from chunk to chunk."""
         return math.sqrt(self.within_v2 / max(1, self.count - self.chunks))

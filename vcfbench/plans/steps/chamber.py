@@ -27,7 +27,7 @@ class TemperatureReading(StepResult, Struct, frozen=True):
     t_s: float
 
     def describe(self) -> str:
-        """Name what was read."""
+        """Name the temperatures read."""
         device = "" if self.device_c is None else f", device {self.device_c:.1f} degC"
         return f"air {self.air_c:.1f} degC{device}"
 
@@ -124,7 +124,7 @@ class StopFlow(Step, Struct, frozen=True):
     overhead_s: ClassVar[float] = 0.2
 
     def describe(self) -> str:
-        """Say what it does."""
+        """Describe the action."""
         return "air off"
 
     def perform(self, context: Context) -> Done:

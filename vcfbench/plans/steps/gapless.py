@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from vcfbench.plans.tally import Tally
 
 _BETWEEN_S = 2.0
-"""Estimate of what lies between two bursts: both transfers, autozero, setting up."""
+"""Estimated time between two bursts: both transfers, autozero, setting up."""
 
 
 class AcquireGapless(Acquire, frozen=True, kw_only=True):
@@ -34,7 +34,7 @@ class AcquireGapless(Acquire, frozen=True, kw_only=True):
 
     @property
     def duration_s(self) -> float:
-        """The readings, and what lies between the bursts, s."""
+        """Time of the readings and between the bursts, s."""
         return self.physical_s + -(-self.samples // self.burst) * _BETWEEN_S
 
     def _read(self, start_s: float, tally: Tally, context: Context) -> None:

@@ -56,7 +56,7 @@ class Window(StepResult, Struct, frozen=True):
         return self.point
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return it with what the meters' certificates add to its readings and to its point."""
+        """Return the window with the corrections of the meters' certificates to its readings and its point."""
         del step
         readings = tuple(each.corrected(known) for each in self.readings)
         return replace(self, readings=readings, point=known.corrected_point(self.point))
@@ -150,7 +150,7 @@ class MeasureAc(Step, Struct, frozen=True):
 
     @property
     def physical_s(self) -> float:
-        """About what the readings take, s."""
+        """Approximate time of the readings, s."""
         return 1.1 * self.count + 1.0
 
     def perform(self, context: Context) -> AcMeasured:
@@ -165,7 +165,7 @@ class MeasureAc(Step, Struct, frozen=True):
         return AcMeasured(*meter.read_ac_voltages_v(self.count, self.range_v))
 
     def predict(self, gyro: LinearGyro) -> AcMeasured:
-        """Predict what is expected."""
+        """Predict the expected voltage."""
         del gyro
         return AcMeasured((self.expected_v,) * self.count, self.range_v or 1.0)
 
@@ -250,7 +250,7 @@ class Acquire(Step, Struct, frozen=True):
         return {**result, "point": self._point(tally).as_json()}
 
     def recall(self, readings_v: Sequence[float], context: Context) -> None:
-        """Hold what comes later against the scatter of these readings too."""
+        """Hold later readings against the scatter of these too."""
         if context.noise is None:
             context.noise = NoiseSeen(self.resolution_v)
         context.noise.doubt(readings_v, turning=bool(self.table_deg_s))  # nothing is wrong with them: the run went on
@@ -268,7 +268,7 @@ class Acquire(Step, Struct, frozen=True):
         return Point(self.step, self.rate_deg_s, self.v_vc_v, tally.mean_v, tally.std_v, tally.count)
 
     def _new_tally(self) -> Tally:
-        """Return what the readings of the window are summed up in."""
+        """Return the empty tally that sums up the readings of the window."""
         return Tally()
 
     def _add(self, tally: Tally, readings: Sequence[Reading]) -> None:
@@ -316,7 +316,7 @@ class Acquire(Step, Struct, frozen=True):
             raise problem(context.bench.multimeter, f"{said}{among}; a mean of them is no measurement")
 
     def _require_expected_noise(self, tally: Tally, context: Context) -> None:
-        """See that the readings scatter as the bench file expects; a long window is not asked what it drifted."""
+        """Raise MeasurementError unless the readings scatter as the bench file expects, apart from drift."""
         if self.noise_v is not None and not self.noise_v[0] <= tally.within_std_v <= self.noise_v[1]:
             low_v, high_v = self.noise_v
             raise problem(
@@ -334,7 +334,7 @@ class VerifyZero(Acquire, frozen=True):
     """Take the zero before or after everything else, or a level again: a window that is compared, and is no point."""
 
     def describe(self) -> str:
-        """Say what the window is for."""
+        """Name the purpose of the window."""
         at = f"V_Vc of {self.v_vc_v:+.6g} V again" if self.v_vc_v else "the zero"
         return f"{at}, to compare: {self.samples} readings, one every {self.interval_s:g} s"
 

@@ -1,4 +1,4 @@
-"""What only hands can do: a person is asked, and the run waits until it is done."""
+"""Manual steps: a person is asked, and the run waits until it is done."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NAMES = {"v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative
 
 
 class OperatorAnswer(StepResult, Struct, frozen=True):
-    """What was answered when it was done."""
+    """Answer of the person when it was done."""
 
     answer: str
 
@@ -42,11 +42,11 @@ class AskOperator(Step, Struct, frozen=True):
 
     @property
     def sets(self) -> tuple[str, ...]:
-        """What is adjusted; where nothing says what that is, no other request undoes this one."""
+        """Names of the adjustments; without any, the words, so that no other request undoes this one."""
         return tuple(f"{self.subject}: {name}" for name, _ in self.adjustments) or (f"{self.subject}: {self.words}",)
 
     def describe(self) -> str:
-        """Say what is asked for."""
+        """Describe the request."""
         return f"by hand: {self.words}"
 
     def perform(self, context: Context) -> OperatorAnswer:
@@ -60,7 +60,7 @@ class AskOperator(Step, Struct, frozen=True):
 
     @property
     def duration_s(self) -> float:
-        """What a person takes, s."""
+        """Time that a person takes, s."""
         return self.takes_s
 
 

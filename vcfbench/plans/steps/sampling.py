@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 
 class SineResponse(StepResult, Struct, frozen=True):
-    """What the multimeter sampled while V_Vc was a sine: voltages (V) in the order in which they were taken.
+    """Samples of the multimeter while V_Vc was a sine: voltages (V) in the order of time.
 
-    `interval_s` is the spacing that was asked for; what the meter needs beside it makes the true one a little longer.
-    `aperture_s` is how long each integrates.
+    `interval_s` is the spacing asked for; the meter's overhead makes the true one a little longer. `aperture_s` is the
+    integration time of each.
     """
 
     interval_s: float
@@ -34,7 +34,7 @@ class SineResponse(StepResult, Struct, frozen=True):
     voltages_v: tuple[float, ...]
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return it with what the multimeter's certificate adds."""
+        """Return the samples with the correction of the multimeter's certificate."""
         del step
         return replace(self, voltages_v=tuple(map(known.corrected, self.voltages_v)))
 
@@ -118,7 +118,7 @@ class ModulatedRecord(StepResult, Struct, frozen=True):
     table_rate_deg_s: float | None
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return it with what the certificates add, of V_Vc that of the meter that read it."""
+        """Return the record with the certificates' corrections, of V_Vc that of the meter that read it."""
         by_hand = isinstance(step, SampleModulated) and step.of == "v_vc"
         v_vc = known.corrected if by_hand else known.v_vc_corrected
         output_v = tuple(map(known.corrected, self.output_v))

@@ -153,7 +153,7 @@ class MeasureDrive(Step, Struct, frozen=True):
     expected: tuple[float, float, float]
 
     def describe(self) -> str:
-        """Name what is measured."""
+        """Name the measured quantities."""
         return "oscilloscope: frequency, amplitude and phase of the drive signal"
 
     def perform(self, context: Context) -> DriveReading:
@@ -263,7 +263,7 @@ class CaptureSines(Step, Struct, frozen=True):
         scope.acquire(*self.channels)
 
     def predict(self, gyro: LinearGyro) -> SineRecords:
-        """Predict what is expected."""
+        """Predict the expected records."""
         del gyro
         return SineRecords(self.channels, (self.expected,) * self.count)
 
@@ -294,7 +294,7 @@ class Amplitudes(StepResult, Struct, frozen=True):
 
 
 _DIGIT = 8.0 / 256.0
-"""Of a division: the last bit of a screen of eight. What is smaller may be seen as nothing, and is not."""
+"""Last bit of a screen of eight divisions, in divisions. A smaller amplitude may show as nothing, and is not."""
 
 
 class FindAmplitudes(Step, Struct, frozen=True):
@@ -330,7 +330,7 @@ class FindAmplitudes(Step, Struct, frozen=True):
         return Amplitudes(self.channels, tuple(levels_v))
 
     def predict(self, gyro: LinearGyro) -> Amplitudes:
-        """Predict what is expected."""
+        """Predict the expected amplitudes."""
         del gyro
         return Amplitudes(self.channels, (self.expected_v,) * len(self.channels))
 

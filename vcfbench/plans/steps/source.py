@@ -148,7 +148,7 @@ class DisableVvc(Step, Struct, frozen=True):
     overhead_s: ClassVar[float] = 0.05
 
     def describe(self) -> str:
-        """Name the output, and what the PCB does then."""
+        """Name the output, and the effect on the PCB."""
         return "generator output off, the PCB holds V_Vc at 0 V"
 
     def perform(self, context: Context) -> Done:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class RailReading(Struct, frozen=True):
-    """What the supply says of one rail: voltage at the terminals (V), current (A) and regulation."""
+    """Reading of one rail at the supply: voltage at the terminals (V), current (A) and regulation."""
 
     rail: str
     voltage_v: float
@@ -29,7 +29,7 @@ class RailReading(Struct, frozen=True):
 
 
 class RailsReading(StepResult, Struct, frozen=True):
-    """What the supply says of all rails."""
+    """Readings of all rails at the supply."""
 
     rails: tuple[RailReading, ...]
 
@@ -130,7 +130,7 @@ class CheckRails(Step, Struct, frozen=True):
     tolerance_v: float
 
     def describe(self) -> str:
-        """Name the rails and what is asked of them."""
+        """Name the rails and their required levels."""
         levels = ", ".join(f"{rail.voltage_v:+g} V" for rail in self.rails)
         return f"read back the rails: {levels} within {self.tolerance_v:g} V, constant voltage"
 
@@ -146,7 +146,7 @@ class CheckRails(Step, Struct, frozen=True):
 
 
 def predicted_rail(rail: ConfigureRail) -> RailReading:
-    """Return what a rail that is as it should be reads."""
+    """Return the reading of a rail in order."""
     return RailReading(rail.output, rail.voltage_v, 0.0, Regulation.CONSTANT_VOLTAGE)
 
 
@@ -173,9 +173,9 @@ def read_rail(context: Context, rail: ConfigureRail, tolerance_v: float) -> Rail
 
 
 def supply_behind(error: BenchError, context: Context) -> BenchError:
-    """Return what is behind the error of a measurement: a supply that is in current limit, else the error itself.
+    """Return the cause behind the error of a measurement: a supply that is in current limit, else the error itself.
 
-    What a gyroscope without its rails does (no sine, a scatter, nothing that decays) is seen by another instrument.
+    The symptoms of a gyroscope without its rails (no sine, a scatter, nothing that decays) show at another instrument.
     """
     if not isinstance(error, MeasurementError | ConfigError) or error.instrument == "power":
         return error

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vcfbench.plans.step import Context
 
 _POLL_S = 0.05
-"""How often the table is asked whether it is at its rate, s."""
+"""Interval of the queries whether the table is at its rate, s."""
 
 
 class RateReading(StepResult, Struct, frozen=True):
@@ -107,7 +107,7 @@ class SetRate(Step, Struct, frozen=True):
         return abs(self.rate_deg_s - self.previous_deg_s) / self.acceleration_deg_s2
 
     def again(self) -> tuple[Step, ...]:
-        """Ramp from rest, and give the ramp its time: what follows knows only that from the rate before."""
+        """Ramp from rest, with the full time of that ramp: later steps only know the one from the rate before."""
         from_rest = SetRate(self.rate_deg_s, self.acceleration_deg_s2, 0.0)
         return (from_rest, Settle(from_rest.ramp_s, "the table ramps from rest")) if self.rate_deg_s else (from_rest,)
 

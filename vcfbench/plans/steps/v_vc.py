@@ -41,12 +41,12 @@ class ConfigureVvcMeter(ConfigureMeter, frozen=True):
 
 
 class PairedReading(Reading, frozen=True):
-    """One reading of the output, and what the meter on V_Vc read at the same time, V."""
+    """One reading of the output, and the simultaneous one of the meter on V_Vc, V."""
 
     v_vc_v: float
 
     def corrected(self, known: Sources) -> Self:
-        """Return it with what the certificates of both meters add to it."""
+        """Return the reading with the corrections of both meters' certificates."""
         return replace(self, voltage_v=known.corrected(self.voltage_v), v_vc_v=known.v_vc_corrected(self.v_vc_v))
 
 
@@ -56,7 +56,7 @@ class VvcWindow(Window, frozen=True):
     readings: tuple[PairedReading, ...]
 
     def describe(self) -> str:
-        """Name mean and scatter of the output, and what V_Vc was."""
+        """Name mean and scatter of the output, and the measured V_Vc."""
         return f"{Window.describe(self)}, V_Vc measured {self.point.v_vc_measured_v:+.6g} V"
 
 
@@ -108,7 +108,7 @@ class AcquireWithVvc(Acquire, frozen=True, kw_only=True):
         return PairedReading(t_s, output_v, self.v_vc_v)
 
     def perform(self, context: Context) -> Window:
-        """Take the window; MeasurementError also when what was measured of V_Vc is not what was set."""
+        """Take the window; MeasurementError also when the measured V_Vc is not the set one."""
         window = Acquire.perform(self, context)
         measured_v = window.point.v_vc_measured_v
         if measured_v is not None:
@@ -151,7 +151,7 @@ class VvcMeasured(StepResult, Struct, frozen=True):
     std_v: float
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return it with what the certificate of the meter that read it adds."""
+        """Return the readings with the correction of the certificate of the meter that read them."""
         by_hand = isinstance(step, MeasureVvc) and step.meter == "multimeter"
         by = known.corrected if by_hand else known.v_vc_corrected
         v_vc = tuple(replace(each, voltage_v=by(each.voltage_v)) for each in self.v_vc)
@@ -217,7 +217,7 @@ def _measured(readings: Sequence[Reading]) -> VvcMeasured:
 
 
 def require_as_set(meter: Multimeter, measured_v: float, set_v: float, tolerance_v: float) -> None:
-    """Raise MeasurementError when V_Vc is not what was set, within the tolerance: the leads may be elsewhere."""
+    """Raise MeasurementError when V_Vc is not at its setting, within the tolerance: the leads may be elsewhere."""
     if not abs(measured_v - set_v) <= tolerance_v:
         error = problem(
             meter, f"reads {measured_v:+.6g} V where V_Vc was set to {set_v:+.6g} V, within {tolerance_v:.2g} V"

@@ -45,12 +45,12 @@ class NotChecked(Step, Struct, frozen=True):
     reason: str
 
     def describe(self) -> str:
-        """Say what is not checked, and why."""
+        """Name the check left out, and the reason."""
         return f"NOT CHECKED: {self.not_checked}"
 
     @property
     def not_checked(self) -> str:
-        """What is not checked, and why."""
+        """The check left out, and the reason."""
         return f"{self.what}: {self.reason}"
 
     def perform(self, context: Context) -> Done:
