@@ -101,9 +101,11 @@ def test_windows_taken_again_tell_what_readings_within_one_do_not() -> None:
 
 def test_the_accuracy_of_the_generator_is_the_one_that_its_specimens_are_drawn_within() -> None:
     random = np.random.default_rng(1)
-    ranges = [each for _ in range(200) for each in GeneratorErrors.drawn(random).ranges]
-    assert 0.98 < max(abs(each.gain_error) for each in ranges) / AGILENT_33220A.setting <= 1.0
-    assert 0.98 < max(abs(each.offset_error_v) for each in ranges) / AGILENT_33220A.offset_v <= 1.0
+    drawn = [GeneratorErrors.drawn(random).ranges for _ in range(400)]
+    assert 0.98 < max(abs(each.gain_error) for ranges in drawn for each in ranges) / AGILENT_33220A.setting <= 1.0
+    smallest = [ranges[0] for ranges in drawn]  # the others' offsets have more room
+    assert 0.98 < max(abs(each.offset_error_v) for each in smallest) / AGILENT_33220A.offset_v <= 1.0
+    assert GeneratorErrors.promised == (AGILENT_33220A.setting, AGILENT_33220A.offset_v)
 
 
 def test_a_level_that_nobody_measured_is_known_to_per_cents() -> None:
