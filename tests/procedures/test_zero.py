@@ -13,7 +13,9 @@ from msgspec import structs
 import vcfbench
 from tests.cells import few
 from tests.procedures.fakes import FakeBench, MemoryJournal
-from vcfbench.analysis.sampling import Sampling
+from vcfbench.analysis.allan import Noise
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term
+from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.bench.description import Limits
 from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError, MeasurementError
@@ -23,7 +25,7 @@ from vcfbench.plans.executor import Executor
 from vcfbench.plans.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.procedures.known.scale_factor import ScaleFactor, scale_factor_of
 from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
-from vcfbench.procedures.zero.results import ZeroResult, zero_report, zero_results
+from vcfbench.procedures.zero.results import ZeroResult, with_what_is_let_through, zero_report, zero_results
 from vcfbench.record import journal
 from vcfbench.sim.gyro.design import paper_bench
 
@@ -125,6 +127,24 @@ def test_where_it_is_not_known_what_a_reading_lets_through_n_has_a_bound_only(ho
     assert N_DEG_RTH < walk.upper_95 < 1.25 * N_DEG_RTH
     assert found.coefficient("bias instability").value is not None
     assert "N has an upper bound only" in vcfbench.text_of(zero_report(found, bandwidth_stated=False))
+
+
+def test_n_is_the_middle_of_what_flicker_between_readings_may_leave_of_it() -> None:
+    """Readings of white noise 6 and flicker 0.3: N if a 1/f without end is folded in, and if nothing is."""
+    sampling, b, u = Sampling(1.0, 0.2), 0.3, 0.02
+    fitted = 6.0 / math.sqrt(5.0)
+    terms = {
+        Term.ANGLE_RANDOM_WALK: NoiseTerm(fitted, u, fitted + 1.645 * u, u),
+        Term.BIAS_INSTABILITY: NoiseTerm(b, None, b, 0.0),
+    }
+    fit = NoiseFit(Coefficients(angle_random_walk=fitted, bias_instability=b), terms, np.zeros((5, 5)))
+    found = with_what_is_let_through(fit, sampling, 0.0).terms[Term.ANGLE_RANDOM_WALK]
+    excess = deviation_factor(sampling, Noise.FLICKER) ** 2 - 1.0
+    nothing = math.sqrt((36.0 + excess * 2.0 * math.log(2.0) / math.pi * b**2) / 5.0)
+    assert found.value == pytest.approx(0.5 * (fitted + nothing), rel=1e-6)
+    half = 0.5 * (nothing - fitted) / math.sqrt(3.0)
+    assert found.u == pytest.approx(math.hypot(u, half), rel=1e-5)
+    assert found.upper_95 == pytest.approx(found.value + 1.645 * math.hypot(u, half), rel=1e-5)
 
 
 def test_a_bandwidth_of_another_integration_time_is_not_known() -> None:

@@ -217,7 +217,7 @@ def zero_results(
     )
     follows = _follows(curve, rates.size, fitted, gapless=sampling.gapless)
     fit = _fit(follows, rates.size, fitted, gapless=sampling.gapless)
-    fit = fit if fit is None else _with_what_is_let_through(fit, fitted, u_bandwidth_hz)
+    fit = fit if fit is None else with_what_is_let_through(fit, fitted, u_bandwidth_hz)
     curve = curve if fit is None else _with_honest_bounds(curve, rates.size, fitted, fit)
     walk = _walk_as_it_stands(follows, rates.size, sampling.interval_s)
     output, bias, trend = (None, None, None) if fit is None else _stated(volts, fitted, scale, settings, fit)
@@ -248,11 +248,12 @@ def _is_passed(sampling: Sampling, mode: str) -> bool:
     return mode == "dead-time" or sampling.gapless or sampling.noise_bandwidth_hz is not None
 
 
-def _with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: float) -> NoiseFit:
+def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: float) -> NoiseFit:
     """Return the fit, N as uncertain as what a reading lets through of white noise, and what dead time folds in.
 
-    Of flicker between readings it is known neither how far up it goes nor how it goes on there: all of what a 1/f up to
-    the reading's bandwidth would fold in is the rectangular limit of that (ours).
+    Of flicker between readings it is known neither how far up it goes nor how it goes on there. The fit has taken all
+    that a 1/f without end would fold in out of N; anything from that to nothing is as likely, so half of it is given
+    back, and the other half is a rectangular limit (ours).
     """
     walk = fit.terms[Term.ANGLE_RANDOM_WALK]
     if sampling.gapless or not walk.value:
@@ -261,9 +262,10 @@ def _with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz:
     folded = deviation_factor(sampling, Noise.FLICKER) ** 2 - 1.0
     folded *= (BIAS_INSTABILITY_FACTOR * fit.terms[Term.BIAS_INSTABILITY].value) ** 2
     let_through = u_bandwidth_hz / sampling.noise_bandwidth_hz if sampling.noise_bandwidth_hz else 0.0
-    besides = 0.5 * walk.value * math.hypot(let_through, folded / white / math.sqrt(3.0))
-    upper = walk.value + math.hypot(walk.upper_95 - walk.value, _ONE_SIDED * besides)
-    wider = replace(walk, u=math.hypot(walk.u or 0.0, besides), upper_95=upper)
+    value = walk.value * (1.0 + 0.25 * folded / white)
+    besides = 0.5 * walk.value * math.hypot(let_through, 0.5 * folded / white / math.sqrt(3.0))
+    upper = value + math.hypot(walk.upper_95 - walk.value, _ONE_SIDED * besides)
+    wider = replace(walk, value=value, u=math.hypot(walk.u or 0.0, besides), upper_95=upper)
     return replace(fit, terms={**fit.terms, Term.ANGLE_RANDOM_WALK: wider})
 
 
