@@ -269,6 +269,16 @@ def kvc(seed: int, where: str) -> Iterator[Stated]:
     yield from stated("scale_factor", found.scale_factor, true.scale_factor)
 
 
+def kvc_as_set(seed: int, where: str) -> Iterator[Stated]:
+    """K_Vc on the table, V_Vc believed as it is set, the generator's ranges unknown."""
+    bench = drawn_bench(seed, told={"generator_ranges_v": None})
+    output = true_output(bench)
+    slope = (output(0.01, None) - output(-0.01, None)) / 0.02
+    per_volt = (output(0.0, 1e-4) - output(0.0, -1e-4)) / 2e-4
+    found = run("kvc", bench, seed, where, warm_up_s=1800.0, v_vc="set").results
+    yield from stated("k_vc", found.k_vc, per_volt / slope)
+
+
 def self_calibration(seed: int, where: str) -> Iterator[Stated]:
     """K_Vc on the table, then the gyroscope by itself, the noise another."""
     bench = drawn_bench(seed)
@@ -576,6 +586,7 @@ STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "zero": zero,
     "warmup": warmup,
     "kvc": kvc,
+    "kvc-as-set": kvc_as_set,
     "self-calibration": self_calibration,
     "characterize": characterize,
     "bandwidth": bandwidth,

@@ -12,6 +12,7 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 import vcfbench
+from tests.cells import few
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
@@ -112,13 +113,25 @@ def test_what_is_measured_with_drawn_instruments_is_within_its_uncertainty(by: s
     assert ("its leads moved by hand" in run.results.v_vc_by) == (by == "hand")
 
 
-def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator(tmp_path: Path) -> None:
+@pytest.mark.parametrize("seed", few([7, 8, 9], 7))
+def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator_s_ranges(seed: int, tmp_path: Path) -> None:
     errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
     bench = structs.replace(LAB, v_vc_meter=None, simulation=structs.replace(LAB.simulation, errors=errors))
-    found = vcfbench.run("kvc", bench, seed=7, settings={"v_vc": "set", **QUICK}, runs=tmp_path).results
-    assert found.k_vc.u / found.k_vc.value == pytest.approx(0.02 / math.sqrt(3.0), rel=0.1)
-    assert found.k_vc.parts[0].source == "gain of what V_Vc is known by"
-    assert "setting" in found.v_vc_by
+    unknown = structs.replace(bench, uncertainty=structs.replace(bench.uncertainty, generator_ranges_v=None))
+    settings = {"v_vc": "set", **QUICK}
+    told, found = (
+        vcfbench.run("kvc", each, seed=seed, settings=settings, runs=tmp_path).results for each in (bench, unknown)
+    )
+    ranges = {part.source for part in told.k_vc.parts if part.rectangular}
+    assert "gain of what V_Vc is known by, 3.16 V range" in ranges
+    assert len(ranges) == 6
+    true = truth(warm(physical_parameters(bench)))[1]  # at the input: 50 ohm take 5e-4 or less of the open level
+    for k_vc in (told.k_vc, found.k_vc):
+        assert abs(k_vc.value - true) <= k_vc.expanded_u
+        assert sum(part.u**2 for part in k_vc.parts) == pytest.approx(k_vc.u**2)
+    assert 0.005 * true < told.k_vc.u <= found.k_vc.u
+    assert told.curve.u_k_vc == pytest.approx(told.k_vc.u)
+    assert "setting" in told.v_vc_by
 
 
 def test_the_certificate_is_written_when_the_run_is_over(tmp_path: Path) -> None:

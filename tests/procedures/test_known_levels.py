@@ -52,3 +52,14 @@ def test_the_offset_of_a_range_has_the_variance_of_what_its_lowest_level_leaves_
     offset_v = random.uniform(-1.0, 1.0, gain.size) * (4e-3 + (0.02 - np.abs(gain)) * low_v)
     assert of().offset_limit_v(low_v) / np.sqrt(3.0) == pytest.approx(offset_v.std(), rel=0.01)
     assert of().offset_limit_v(0.0) == 4e-3
+
+
+def test_the_covariance_of_sums_is_that_of_drawn_ranges() -> None:
+    random, ends = np.random.default_rng(6), np.array([0.32, 1.0, 10.0])
+    volts, per_v = random.uniform(-3.0, 3.0, 8), random.normal(size=(2, 8))
+    own = np.searchsorted(ends, np.abs(volts))
+    gain, share = random.uniform(-0.02, 0.02, (100_000, 3)), random.uniform(-1.0, 1.0, (100_000, 3))
+    offset = share * (4e-3 + (0.02 - np.abs(gain)) * np.array([0.0, 0.32, 1.0]))
+    drawn = (volts * gain[:, own] + offset[:, own]) @ per_v.T
+    found = sum(part for _, _, part in of(*ends).covariances(volts, per_v, 0))
+    assert found == pytest.approx(np.cov(drawn.T), rel=0.03)

@@ -92,6 +92,19 @@ class KnownLevels(Struct, frozen=True):
                     effects[value][name] = float(weights[here].sum())
         return list(sources.values()), effects
 
+    def covariances(self, volts: Floats, per_v: Floats, counts: int) -> Iterator[tuple[str, str, Floats]]:
+        """Yield by kind and range what errors that levels share put into the covariance of several values.
+
+        Args:
+            volts: the levels, V.
+            per_v: (values, levels): what a volt of error of each level adds to each value.
+            counts: place of the value whose worst ranges count where none are known.
+        """
+        for kind, effects in (("gain", per_v * volts), ("offset", per_v)):
+            for where, here, limit in self.shared(kind, volts, effects[counts]):
+                moved = effects[:, here].sum(axis=1) * limit / (self.sigmas or math.sqrt(3.0))
+                yield kind, where, np.outer(moved, moved)
+
     def u_mean_v(self, level_v: float, per_reading: float) -> float:
         """Return the standard uncertainty of what a level has of its own, V, the mean of 1 / `per_reading` readings."""
         return self.u_besides_v(level_v) if self.reading_v is None else self.reading_v * math.sqrt(per_reading)

@@ -11,9 +11,17 @@ import numpy as np
 from msgspec import structs
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
-from vcfbench.analysis.k_vc_curve import Curvature, KVcCurve, covariance_of, covariance_parts, fit_k_vc_curve
+from vcfbench.analysis.k_vc_curve import (
+    Curvature,
+    KVcCurve,
+    coefficient_weights,
+    covariance_of,
+    covariance_parts,
+    fit_k_vc_curve,
+)
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.budget.at_rest import as_rate
+from vcfbench.procedures.budget.known_levels import known_levels
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.found import Health, health_of, with_output_curve
 from vcfbench.procedures.known.device import UNSEEN
@@ -147,6 +155,7 @@ _HOLDS_NOT = (
 READ_TABLE, READ_DRIVEN = "readings on the table", "readings with V_Vc"
 RATE, EARTH = "the table's rate", "the Earth's rate and the tilt of the axis"
 MISALIGNMENT = "misalignment of the gyroscope on the table"
+RESOLUTION = "steps of the generator"
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +197,8 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     }
     curve = fit_k_vc_curve(levels.rate, matched_v, sum(of_rate.values()), sum(of_v_vc.values()), settings.curve_order)
     parts = covariance_parts(curve, matched_v, of_rate, of_v_vc)
+    if settings.v_vc_role is None:
+        curve, parts = _as_set(settings, curve, matched_v, of_rate, of_v_vc)
     u_matched = np.sqrt(2.0 * np.diag(noise)) / np.abs(per_v)
     scale_factor = _scale_factor(settings, levels, noise, len(points))
     at_rest = [place for place, point in enumerate(points) if point.step == TABLE and point.rate_deg_s == 0.0]
@@ -212,6 +223,26 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         v_vc_by=_known_by(settings, error.name),
         holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),
     )
+
+
+def _as_set(
+    settings: KVcSettings, curve: KVcCurve, v_vc_v: Floats, of_rate: Mapping[str, Floats], of_v_vc: Mapping[str, Floats]
+) -> tuple[KVcCurve, dict[str, Floats]]:
+    """Return curve and parts where V_Vc is believed as it was set: a generator has ranges, each with its own errors.
+
+    The fit stays as it is; the errors of the ranges that make K_Vc least certain go through it, unless they are known.
+    """
+    slope = np.polynomial.polynomial.polyval(v_vc_v, derivative_of(np.array(curve.coefficients)))
+    fitted = sum(of_rate.values()) + sum(of_v_vc.values()) * np.outer(slope, slope)
+    making = coefficient_weights(curve, v_vc_v, fitted)
+    per_v, known = making * slope, known_levels((), settings.station.sources)
+    own = per_v * np.array([known.u_besides_v(volts) for volts in v_vc_v])
+    parts = {name: making @ part @ making.T for name, part in of_rate.items()}
+    parts[RESOLUTION] = own @ own.T
+    for kind, where, part in known.covariances(v_vc_v, per_v, 1):
+        parts[f"{V_VC_GAIN if kind == 'gain' else V_VC_OFFSET}, {where}"] = part
+    together = np.sum(list(parts.values()), axis=0)
+    return replace(curve, covariance=tuple(map(tuple, together.tolist()))), parts
 
 
 def _characteristics(settings: KVcSettings, curved: Curvature, health: Health | None) -> Characteristics:
@@ -243,12 +274,13 @@ def _u_earth(settings: KVcSettings) -> float:
 def _part(name: str, covariance: Floats, levels: _Levels, known_by: str) -> UncertaintyPart:
     """Return what a source puts into the uncertainty of k1."""
     u = math.sqrt(max(0.0, float(covariance[1, 1])))
-    return UncertaintyPart(name, u, _dof(name, levels.noise), whose(name, known_by))
+    of_range = name.startswith((f"{V_VC_GAIN}, ", f"{V_VC_OFFSET}, "))
+    return UncertaintyPart(name, u, _dof(name, levels.noise), whose(name, known_by), rectangular=of_range)
 
 
 def whose(name: str, known_by: str) -> str | None:
     """Return whose a source is: of the instrument that V_Vc is known by, or nobody else's."""
-    return known_by if name in {V_VC_GAIN, V_VC_OFFSET} else None
+    return known_by if name.startswith((V_VC_GAIN, V_VC_OFFSET)) else None
 
 
 def _dof(name: str, noise: BlockNoise) -> float | None:
