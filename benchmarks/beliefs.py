@@ -218,12 +218,12 @@ def _no_lead(role: str, name: str) -> Prepare:
 
 def _no_source(generator: str) -> Prepare:
     def undone(bench: SimulatedBench) -> None:
-        connect = bench.world._connect  # noqa: SLF001 - both generators come through it
+        drive = bench.world.drive  # both generators come through it
 
-        def through(who: str, source: Any) -> None:
-            connect(who, None if who == generator else source)
+        def through(node: str, source: Any) -> None:
+            drive(node, None if node == generator else source)
 
-        setattr(bench.world, "_connect", through)  # noqa: B010 - in place of a method
+        setattr(bench.world, "drive", through)  # noqa: B010 - in place of a method
 
     return undone
 
@@ -236,7 +236,7 @@ DEAD: dict[str, tuple[Prepare, dict[str, Any]]] = {
     "output lead off": (_no_lead("multimeter", "input"), {}),
     "supply's leads off": (_no_supply, {}),
     "no demodulator": (_nothing, {"sense_path": {"multiplier_per_v": 0.0}}),
-    "V_Vc lead off": (_no_source("rate"), {}),
+    "V_Vc lead off": (_no_source("v_vc"), {}),
     "no carrier": (_nothing, {"virtual_path": {"left_comb_n_per_v2": 0.0, "right_comb_n_per_v2": 0.0}}),
     "V_Vc meter's lead off": (_no_lead("v_vc_meter", "input"), {}),
     "vibration lead off": (_no_source("vibration"), {}),

@@ -33,8 +33,8 @@ def dwell(made: World, seconds: float) -> float:
 
 
 def switching_dwell(made: World, seconds: float) -> float:
-    made.drive_v_vc(Drive(dc_v=0.25))
-    made.drive_v_vc(None)
+    made.drive("v_vc", Drive(dc_v=0.25))
+    made.drive("v_vc", None)
     return dwell(made, seconds)
 
 

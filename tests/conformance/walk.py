@@ -131,8 +131,10 @@ _DEVICES: dict[str, Callable[[World, str], Device]] = {
     ),
     "keithley2000": lambda world, _interface: Keithley2000Twin(world, errors=MeterErrors.none()),
     "dmm6500": lambda world, _interface: KeithleyDMM6500Twin(world, errors=MeterErrors.none()),
-    "agilent33220a": lambda world, _interface: Agilent33220ATwin(world, GeneratorErrors.none()),
-    "keysight33622a": lambda world, _interface: TrueformTwin.of_model("33622A", 120e6)(world, TrueformErrors.none()),
+    "agilent33220a": lambda world, _interface: Agilent33220ATwin(world, GeneratorErrors.none(), node="v_vc"),
+    "keysight33622a": lambda world, _interface: TrueformTwin.of_model("33622A", 120e6)(
+        world, TrueformErrors.none(), node="v_vc"
+    ),
     "dsox3024a": lambda world, _interface: InfiniiVisionXTwin.of_model("DSOX3024A")(
         world, {1: "drive", 2: "carrier", 3: "sense", 4: "output"}, XSeriesErrors.none()
     ),

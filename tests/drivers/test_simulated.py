@@ -101,7 +101,7 @@ def test_a_supply_in_current_limit_says_so(plugs: Plugs) -> None:
     ],
 )
 def test_generator(plugs: Plugs, interface: str, resource: str) -> None:
-    device = Agilent33220ATwin(plugs.world, GeneratorErrors.none(), interface)
+    device = Agilent33220ATwin(plugs.world, GeneratorErrors.none(), interface, node="v_vc")
     generator = plugs.open("rate_source", "33220A", resource, device)
     generator.configure_sine(1000.0, 2.0, 4.0)
     assert generator.configure_dc(-9.876) == pytest.approx(-9.876, abs=1e-3)

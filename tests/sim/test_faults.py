@@ -9,7 +9,8 @@ from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
-from vcfbench.sim.faults import Fault, FaultInjector, FaultScript, FaultyDevice, parse_script, read_faults, read_script
+from vcfbench.sim.fault_scripts import parse_script, read_faults, read_script
+from vcfbench.sim.faults import Fault, FaultInjector, FaultScript, FaultyDevice
 
 if TYPE_CHECKING:
     from pathlib import Path

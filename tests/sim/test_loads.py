@@ -57,7 +57,7 @@ def test_two_loads_on_one_node_are_parallel() -> None:
 
 def test_a_load_on_v_vc_takes_the_drive_from_the_gyroscope_too() -> None:
     clock, world = powered(IDEAL)
-    world.drive_v_vc(Drive(1.0, overtones=(Sine(0.5, 10.0, 0.0),)))
+    world.drive("v_vc", Drive(1.0, overtones=(Sine(0.5, 10.0, 0.0),)))
     world.load_node("scope", "v_vc", 50.0)
     clock.sleep_until(22.0)
     pull_down = IDEAL.virtual_path.pull_down_ohm
@@ -65,7 +65,7 @@ def test_a_load_on_v_vc_takes_the_drive_from_the_gyroscope_too() -> None:
     assert world.value_v("v_vc") == pytest.approx(loaded, rel=1e-9)  # a whole number of periods: the sine is at zero
     full = mean_v(clock, world, 1.0)
     other_clock, other = powered(IDEAL)
-    other.drive_v_vc(Drive(loaded * (pull_down + 50.0) / pull_down, overtones=(Sine(0.25, 10.0, 0.0),)))
+    other.drive("v_vc", Drive(loaded * (pull_down + 50.0) / pull_down, overtones=(Sine(0.25, 10.0, 0.0),)))
     other_clock.sleep_until(22.0)
     assert full == pytest.approx(mean_v(other_clock, other, 1.0), rel=1e-4)
 
@@ -135,7 +135,7 @@ def test_a_recording_forgets_what_it_is_told_to() -> None:
 
 def test_what_a_capture_says_of_its_finest_features() -> None:
     clock, world = powered(IDEAL)
-    world.drive_v_vc(Drive(0.0, 1.0, 1e6, overtones=(Sine(0.1, 3e6, 0.0),)))
+    world.drive("v_vc", Drive(0.0, 1.0, 1e6, overtones=(Sine(0.1, 3e6, 0.0),)))
     capture = world.capture(clock.now(), clock.now() + 1e-3)
     clock.sleep_until(clock.now() + 1e-3)
     capture.samples("drive", np.array([capture.start_s]))

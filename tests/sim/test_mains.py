@@ -70,7 +70,7 @@ def test_the_meters_ways_of_looking_agree() -> None:
     """Window, record, history and the volts of a moment, the leads reversed too."""
     clock, leads = leads_of(CAUGHT)
     leads.connect("input", "v_vc")
-    leads._world.drive_v_vc(Drive(0.5, source_ohm=0.0))
+    leads._world.drive("v_vc", Drive(0.5, source_ohm=0.0))
     for reversed_ in (False, True):
         leads.turn("input", reversed_=reversed_)
         trace = leads.trace(1.0)
@@ -98,13 +98,13 @@ def test_the_lead_to_v_vc_brings_the_mains_to_the_gyroscope() -> None:
     shown = {}
     for name, bench in (("clean", IDEAL), ("caught", CAUGHT)):
         clock, world = powered(bench)
-        world.drive_v_vc(Drive(0.0, source_ohm=0.0))
+        world.drive("v_vc", Drive(0.0, source_ohm=0.0))
         clock.sleep_until(8.0)
         capture, start = world.capture(8.0, 8.2), clock.now()
         clock.sleep_until(8.2)
         shown[name] = capture.samples("output", start + np.arange(2000) * 1e-4), mean_v(clock, world, 0.2)
     clock, world = powered(IDEAL)
-    world.drive_v_vc(Drive(0.0, 5e-3 * math.sqrt(2), 50.0, source_ohm=0.0))
+    world.drive("v_vc", Drive(0.0, 5e-3 * math.sqrt(2), 50.0, source_ohm=0.0))
     clock.sleep_until(8.0)
     capture = world.capture(8.0, 8.2)
     clock.sleep_until(8.2)

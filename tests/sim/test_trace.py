@@ -32,7 +32,7 @@ def _sum(piece: Piece, times_s: np.ndarray) -> np.ndarray:
 def test_the_sines_of_a_piece_are_the_waveform(world: World) -> None:
     world.clock.sleep_until(0.123)
     trace = world.trace(1.0)
-    world.drive_v_vc(Drive(0.3, 1.5, 1e6, 0.4, overtones=(Sine(0.5, 3e6, 1.0),)))
+    world.drive("v_vc", Drive(0.3, 1.5, 1e6, 0.4, overtones=(Sine(0.5, 3e6, 1.0),)))
     world.clock.sleep_until(0.456)
     (piece,) = trace.pieces("v_vc")
     times = 0.2 + np.linspace(0.0, 3e-6, 50)
@@ -43,7 +43,7 @@ def test_the_sines_of_a_piece_are_the_waveform(world: World) -> None:
 def test_a_change_of_the_source_begins_another_piece_and_old_ones_go(world: World) -> None:
     trace = world.trace(0.5)
     for volts in (1.0, 2.0, 3.0):
-        world.drive_v_vc(Drive(volts, source_ohm=0.0))
+        world.drive("v_vc", Drive(volts, source_ohm=0.0))
         world.clock.sleep_until(world.clock.now() + 0.3)
     assert [piece.dc_v for piece in trace.pieces("v_vc")] == pytest.approx([2.0, 3.0])
     world.clock.sleep_until(1.2)
@@ -69,7 +69,7 @@ def test_a_node_of_the_pcb_is_zero_without_power_and_has_only_a_waveform_with_it
 def test_leads_reverse_exchange_and_free(world: World) -> None:
     leads = Leads(world, "multimeter", {"input": "v_vc"})
     trace = leads.trace(1.0)
-    world.drive_v_vc(Drive(1.0, 2.0, 50.0, source_ohm=0.0))
+    world.drive("v_vc", Drive(1.0, 2.0, 50.0, source_ohm=0.0))
     world.clock.sleep_until(0.1)
     leads.turn("input", reversed_=True)
     (piece,) = trace.pieces("input")

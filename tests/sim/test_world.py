@@ -50,7 +50,7 @@ def steady_v(bench: BenchParameters, rate_deg_s: float, virtual_v: float = 0.0) 
 def test_without_supply_there_is_no_signal_and_no_current() -> None:
     clock = VirtualClock()
     world = World(clock, PAPER, 0)
-    world.drive_v_vc(Drive(5.0))
+    world.drive("v_vc", Drive(5.0))
     world.table.close_servo()
     world.table.demand_rate(100.0, 100.0)
     clock.sleep_until(5.0)
@@ -116,7 +116,7 @@ def test_v_vc_by_equation_16_gives_the_output_of_the_rate_on_ideal_within_1e_9()
     world.table.demand_rate(0.0, 100.0)
     v_vc = 80.0 / k_vc_deg_s_v(IDEAL)
     loaded = (1e6 + 50.0) / 1e6  # the generator's 50 ohm against the pull-down
-    world.drive_v_vc(Drive(v_vc * loaded))
+    world.drive("v_vc", Drive(v_vc * loaded))
     clock.sleep_until(22.0)
     assert world.value_v("v_vc") == pytest.approx(v_vc, rel=1e-12)
     assert mean_v(clock, world, 1.0) == pytest.approx(turned, rel=1e-9)
@@ -125,12 +125,12 @@ def test_v_vc_by_equation_16_gives_the_output_of_the_rate_on_ideal_within_1e_9()
 def test_generator_switched_on_at_0_v_shifts_the_output_of_paper_by_the_modulators_leakage() -> None:
     clock, world = powered(QUIET, wait_s=20.0)
     before = mean_v(clock, world, 1.0)
-    world.drive_v_vc(Drive(0.0))
+    world.drive("v_vc", Drive(0.0))
     clock.sleep_until(25.0)
     shift = steady_v(PAPER, 0.0, PAPER.virtual_path.offset_v) - steady_v(PAPER, 0.0)
     assert mean_v(clock, world, 1.0) - before == pytest.approx(shift, abs=0.1e-3)
     assert 0.03 < shift < 0.08
-    world.drive_v_vc(None)
+    world.drive("v_vc", None)
     clock.sleep_until(30.0)
     assert mean_v(clock, world, 1.0) == pytest.approx(before, abs=1e-5)
 
@@ -227,7 +227,7 @@ def test_k_vc_does_not_see_an_error_of_the_agc(rail_v: float) -> None:
     clock.sleep_until(12.0)
     assert mean_v(clock, world, 1.0) == pytest.approx(75.0 * K_IDEAL * amplitude**2, rel=1e-9)
     world.table.demand_rate(0.0, 1000.0)
-    world.drive_v_vc(Drive(0.5, source_ohm=0.0))
+    world.drive("v_vc", Drive(0.5, source_ohm=0.0))
     clock.sleep_until(22.0)
     assert mean_v(clock, world, 1.0) == pytest.approx(0.5 * k_vc_deg_s_v(IDEAL) * K_IDEAL * amplitude**2, rel=1e-9)
     capture = world.capture(clock.now(), clock.now() + 0.002)
@@ -239,7 +239,7 @@ def test_k_vc_does_not_see_an_error_of_the_agc(rail_v: float) -> None:
 def test_a_sine_at_twice_the_drive_frequency_is_a_steady_output() -> None:
     """The carrier's image at f_d passes the demodulator: half of V_Vc, one more exponential that does not turn."""
     clock, world = powered(IDEAL)
-    world.drive_v_vc(Drive(0.2, 0.3, 2 * 3488.9, 0.2))
+    world.drive("v_vc", Drive(0.2, 0.3, 2 * 3488.9, 0.2))
     clock.sleep_until(12.0)
     window = world.window("output", 12.0, 13.0)
     clock.sleep_until(13.0)
@@ -274,7 +274,7 @@ def test_any_partition_of_time_gives_the_same_state_within_1e_12(cuts: list[floa
         world = World(clock, QUIET, 0)
         world.set_rail("positive", 10.0)
         world.set_rail("negative", -10.0)
-        world.drive_v_vc(Drive(1.0, 0.5, 7.0, 0.3))
+        world.drive("v_vc", Drive(1.0, 0.5, 7.0, 0.3))
         world.table.close_servo()
         world.table.demand_rate(50.0, 40.0)
         for wait in looks:
@@ -307,7 +307,7 @@ def test_a_thousand_intervals_are_one_within_1e_12() -> None:
     (clock, world), (other_clock, other) = powered(QUIET), powered(QUIET)
     for each in (world, other):
         each.table.demand_rate(-30.0, 100.0)
-        each.drive_v_vc(Drive(1.0))
+        each.drive("v_vc", Drive(1.0))
     clock.sleep_until(14.0)
     for index in range(1, 1001):
         other_clock.sleep_until(4.0 + 0.01 * index)
@@ -335,7 +335,7 @@ def test_window_over_a_transient_is_the_mean_of_what_a_capture_shows() -> None:
     clock, world = powered(QUIET)
     start = clock.now()
     world.table.demand_rate(200.0, 1000.0)
-    world.drive_v_vc(Drive(0.0, 8.0 / k_vc_deg_s_v(PAPER), 24.0))
+    world.drive("v_vc", Drive(0.0, 8.0 / k_vc_deg_s_v(PAPER), 24.0))
     window, capture = world.window("output", start + 0.05, start + 0.65), world.capture(start, start + 1.0)
     node = world.window("v_vc", start + 0.01, start + 0.02)
     clock.sleep_until(start + 1.0)
@@ -348,7 +348,7 @@ def test_window_over_a_transient_is_the_mean_of_what_a_capture_shows() -> None:
 def test_a_window_in_which_the_output_clips_is_right_to_a_microvolt() -> None:
     clock, world = powered(QUIET)
     start = clock.now()
-    world.drive_v_vc(Drive(120.0 / k_vc_deg_s_v(PAPER), 80.0 / k_vc_deg_s_v(PAPER), 24.0))
+    world.drive("v_vc", Drive(120.0 / k_vc_deg_s_v(PAPER), 80.0 / k_vc_deg_s_v(PAPER), 24.0))
     window, capture = world.window("output", start + 0.05, start + 0.65), world.capture(start, start + 1.0)
     clock.sleep_until(start + 1.0)
     middles = np.asarray(start + 0.05 + (np.arange(60_000) + 0.5) * 1e-5, float)
@@ -360,12 +360,12 @@ def test_a_window_in_which_the_output_clips_is_right_to_a_microvolt() -> None:
 def test_overlapping_windows_do_not_disturb_each_other() -> None:
     clock, world = powered(QUIET)
     start = clock.now()
-    world.drive_v_vc(Drive(1.0))
+    world.drive("v_vc", Drive(1.0))
     alone = [world.window("output", start + a, start + b) for a, b in ((0.1, 0.3), (0.2, 0.4), (0.1, 0.4))]
     clock.sleep_until(start + 1.0)
     first, second, both = (each.mean_v() for each in alone)
     clock, world = powered(QUIET)
-    world.drive_v_vc(Drive(1.0))
+    world.drive("v_vc", Drive(1.0))
     middle = world.window("output", start + 0.2, start + 0.3)
     clock.sleep_until(start + 1.0)
     assert 0.3 * both == pytest.approx(0.2 * first + 0.2 * second - 0.1 * middle.mean_v(), rel=1e-12)
@@ -411,7 +411,7 @@ def test_slow_time_base_shows_the_output_over_events() -> None:
     world.table.demand_rate(100.0, 50.0)
     clock.sleep_until(8.0)
     v_vc = 40.0 / k_vc_deg_s_v(PAPER)
-    world.drive_v_vc(Drive(v_vc))
+    world.drive("v_vc", Drive(v_vc))
     clock.sleep_until(14.0)
     volts = capture.samples("output", np.linspace(4.0, 14.0, 1001))
     before, after = steady_v(PAPER, 100.0), steady_v(PAPER, 100.0, modulated_v(PAPER, v_vc))
@@ -487,7 +487,7 @@ def test_several_sines_on_v_vc_are_seen_and_averaged() -> None:
     sines = (Sine(0.4, 30.0, 0.3), Sine(0.2, 90.0, -1.0), Sine(0.1, 7.0, 2.0))
     first, *others = sines
     clock, world = powered(QUIET)
-    world.drive_v_vc(Drive(0.5, first.amplitude_v, first.frequency_hz, first.phase_rad, 50.0, tuple(others)))
+    world.drive("v_vc", Drive(0.5, first.amplitude_v, first.frequency_hz, first.phase_rad, 50.0, tuple(others)))
     start = clock.now()
     capture, window = world.capture(start, start + 1.0), world.window("v_vc", start, start + 0.13)
     clock.sleep_until(start + 1.0)
@@ -544,7 +544,7 @@ def test_looks_from_outside_change_no_reading_that_comes_later() -> None:
             if index == 10:
                 world.table.demand_rate(50.0, 60.0)
             if index == 20:
-                world.drive_v_vc(Drive(0.3, 0.1, 7.0))
+                world.drive("v_vc", Drive(0.3, 0.1, 7.0))
             window = world.window("output", clock.now() + 0.05, clock.now() + 0.25)
             for _ in range(3):
                 clock.sleep_until(clock.now() + 0.11)
@@ -585,7 +585,7 @@ def test_asking_in_between_changes_nothing_but_the_draws() -> None:
             if index == 10:
                 world.table.demand_rate(50.0, 60.0)
             if index == 20:
-                world.drive_v_vc(Drive(0.3, 0.1, 7.0))
+                world.drive("v_vc", Drive(0.3, 0.1, 7.0))
             window = world.window("output", clock.now() + 0.05, clock.now() + 0.25)
             for _ in range(3):
                 clock.sleep_until(clock.now() + 0.11)

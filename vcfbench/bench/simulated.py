@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.device import Device
     from vcfbench.sim.parameters import BenchParameters
     from vcfbench.sim.scpi import ScpiTwin
-    from vcfbench.sim.sources import Drive, Played
     from vcfbench.sim.world import World
 
 _STREAMS = {
@@ -46,6 +45,9 @@ _STREAMS = {
     "chamber": 8,
 }
 """Number of each random stream; numbers are never given again, so that a seed keeps its meaning."""
+
+_DRIVES = {"rate_source": "v_vc", "vibration_source": "vibration"}
+"""What the output of each generator is wired to."""
 
 
 def chosen_seed(description: BenchDescription, seed: int | None) -> int:
@@ -282,7 +284,7 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
         }
     return {
         "rails": {wiring.rails.positive: "positive", wiring.rails.negative: "negative"},
-        "node": "input",
+        "node": _DRIVES.get(role, "input"),
         "channels": {n: f"channel_{n}" for n in wiring.oscilloscope.channels()},
         "mains_hz": float(description.site.mains_hz),
         "interface": "rs232" if _is_serial(part) else None,
@@ -300,7 +302,6 @@ def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, A
     seen: dict[str, Any] = {
         "multimeter": Leads(world, "multimeter", {"input": wiring.multimeter}, caught.in_meter_leads),
         "oscilloscope": Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in channels.items()}),
-        "vibration_source": _VibrationInput(world),
     }
     if description.v_vc_meter is not None:
         seen["v_vc_meter"] = LoadingLeads(
@@ -311,19 +312,6 @@ def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, A
             load_ohm=getattr(errors["v_vc_meter"], "input_ohm", math.inf),
         )
     return seen
-
-
-class _VibrationInput(Struct, frozen=True):
-    """The World as seen by the second generator, whose voltage is added to that of the first on V_Vc."""
-
-    world: World
-
-    @property
-    def clock(self) -> Clock:
-        return self.world.clock
-
-    def drive_v_vc(self, source: Drive | Played | None) -> None:
-        self.world.drive_vibration(source)
 
 
 def _header(asked: str) -> str:

@@ -206,7 +206,8 @@ def _speed(text: str) -> float:
 
 
 def _settings(host: str, ports: str, faults: Path | None) -> ServerSettings:
-    from vcfbench.sim.faults import FaultScript, read_script  # noqa: PLC0415
+    from vcfbench.sim.fault_scripts import read_script  # noqa: PLC0415
+    from vcfbench.sim.faults import FaultScript  # noqa: PLC0415
     from vcfbench.sim.serve import ServerSettings  # noqa: PLC0415
 
     if ports != "auto" and not (re.fullmatch(r"[0-9]{1,5}", ports) and 0 < int(ports) < 65536):

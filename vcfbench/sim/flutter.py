@@ -21,7 +21,7 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.sim.parameters import TableMechanics
+    from vcfbench.sim.mechanics import TableMechanics
 
 _EVEN, _GEOMETRIC = 40, 8
 LINES = _EVEN + _GEOMETRIC

@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.sim import mains
-from vcfbench.sim.world import NODES
-
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
 
@@ -18,9 +15,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.clock import Clock
+    from vcfbench.sim.observations import Capture, Recording, Window
+    from vcfbench.sim.rack_world import World
     from vcfbench.sim.sources import Sine
     from vcfbench.sim.trace import Piece, Trace
-    from vcfbench.sim.world import Capture, Recording, Window, World
 
 
 class Lead(Struct, frozen=True):
@@ -52,7 +50,7 @@ class _LeadWindow:
             return 0.0
         caught = self._lead.pick_up
         seen = self._lead.sign * mean
-        return seen if caught is None else seen + mains.mean_v(caught, self._window.start_s, self._window.stop_s)
+        return seen if caught is None else seen + caught.mean_v(self._window.start_s, self._window.stop_s)
 
 
 def _seen(known: Trace | Capture, lead: Lead) -> list[Piece]:
@@ -170,8 +168,9 @@ class Leads:
 
     def connect(self, name: str, node: str | None) -> None:
         """Put the lead of input `name` on another node, or leave it free; what is being measured already goes on."""
-        if node is not None and node not in NODES:
-            raise ValueError(f"{node!r} is none of {', '.join(NODES)}")
+        nodes = self._world.nodes
+        if node is not None and node not in nodes:
+            raise ValueError(f"{node!r} is none of {', '.join(nodes)}")
         self._change(name, replace(self._leads[name], node=node))
 
     def turn(self, name: str, *, reversed_: bool) -> None:
@@ -192,12 +191,12 @@ class Leads:
     def _hang(self, name: str) -> None:
         node = self._leads[name].node
         resistance_ohm = math.inf if node is None else self._loads_ohm[name]
-        self._world.load_node((self._role, name), node or NODES[0], resistance_ohm)
+        self._world.load_node((self._role, name), node or self._world.nodes[0], resistance_ohm)
 
     def window(self, name: str, start_s: float, stop_s: float) -> _LeadWindow:
         """Register an averaging window at input `name`; as of the World."""
         lead = self._leads[name]
-        return _LeadWindow(self._world.window(lead.node or NODES[0], start_s, stop_s), lead)
+        return _LeadWindow(self._world.window(lead.node or self._world.nodes[0], start_s, stop_s), lead)
 
     def capture(self, start_s: float, stop_s: float) -> _LeadCapture:
         """Register a stretch of time whose waveforms will be asked for; as of the World."""

@@ -6,9 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Mapping
 
-    from vcfbench.sim.parameters import SourceResistance
     from vcfbench.sim.sources import Drive, Played
 
 
@@ -16,11 +15,11 @@ class NodeLoads:
     """The resistances that hang on the nodes, each put there by somebody.
 
     Args:
-        sources: resistance of each of the PCB's outputs.
+        sources_ohm: resistance of each of the nodes that are outputs of a device.
     """
 
-    def __init__(self, sources: SourceResistance) -> None:
-        self._sources_ohm = sources.by_node()
+    def __init__(self, sources_ohm: Mapping[str, float]) -> None:
+        self._sources_ohm = dict(sources_ohm)
         self._loads: dict[Hashable, tuple[str, float]] = {}
         self._conductances_s: dict[str, float] = {}
         self.shares: dict[str, float] = {}
@@ -53,9 +52,9 @@ class NodeLoads:
         own = self._sources_ohm.get(node, 0.0) if own_ohm is None else own_ohm
         return own / (1.0 + own * self.conductance_s(node))
 
-    def behind(self, source: Drive | Played | None) -> Drive | Played | None:
-        """Return the source that a generator and the load on the V_Vc input are together (Thevenin)."""
-        conductance = self.conductance_s("v_vc")
+    def behind(self, node: str, source: Drive | Played | None) -> Drive | Played | None:
+        """Return the source that a generator and the load on the input `node` are together (Thevenin)."""
+        conductance = self.conductance_s(node)
         if source is None or not conductance:
             return source
         share = 1.0 / (1.0 + source.source_ohm * conductance)

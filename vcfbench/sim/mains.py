@@ -53,13 +53,6 @@ class Mains(Struct, frozen=True):
         return _Overlaid(source, self.in_v_vc_lead)
 
 
-def mean_v(sine: Sine, start_s: float, stop_s: float) -> float:
-    """Return the mean of a sine over a stretch of bench time."""
-    turned = math.pi * sine.frequency_hz * (stop_s - start_s)
-    middle = math.pi * sine.frequency_hz * (start_s + stop_s) + sine.phase_rad
-    return sine.amplitude_v * math.sin(middle) * math.sin(turned) / turned
-
-
 class _Overlaid(Struct, frozen=True):
     """A source that plays, and a small sine in series; of an input's curvature the sine sees none."""
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from vcfbench.clock import Clock
     from vcfbench.sim.flutter import Flutter
-    from vcfbench.sim.parameters import TableMechanics
+    from vcfbench.sim.mechanics import TableMechanics
 
 ARCSEC = math.pi / 648000.0
 _SLIGHT = 1e-4

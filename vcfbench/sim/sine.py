@@ -27,6 +27,12 @@ class Sine(Struct, frozen=True):
         """Return its volts at one bench time."""
         return self.amplitude_v * math.sin(math.tau * self.frequency_hz * now_s + self.phase_rad)
 
+    def mean_v(self, start_s: float, stop_s: float) -> float:
+        """Return its mean over a stretch of bench time."""
+        turned = math.pi * self.frequency_hz * (stop_s - start_s)
+        middle = math.pi * self.frequency_hz * (start_s + stop_s) + self.phase_rad
+        return self.amplitude_v * math.sin(middle) * math.sin(turned) / turned
+
 
 def sines(summed: tuple[Sine, ...], times_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the volts of a sum of sines at bench times."""

@@ -12,13 +12,12 @@ from msgspec.structs import replace
 from vcfbench.sim.sources import Sine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
 
     from vcfbench.sim.components import Component
-    from vcfbench.sim.gyro.stretch import Stretch
     from vcfbench.sim.sources import Played
 
 
@@ -93,6 +92,48 @@ def merged(pieces: Iterable[Piece]) -> list[Piece]:
         else:
             joined.append(piece)
     return joined
+
+
+class ClosedForm(Protocol):
+    """constant_v + Re sum a exp(s t), terms (a, s), t from the start of a stretch."""
+
+    @property
+    def constant_v(self) -> float:
+        """The constant part."""
+
+    @property
+    def terms(self) -> Sequence[tuple[complex, complex]]:
+        """Size and exponent of each sine."""
+
+
+class Stretch(Protocol):
+    """What every node of a World did over [start_s, stop_s]; what the World hands to who looks at it."""
+
+    @property
+    def start_s(self) -> float:
+        """Bench time of its start."""
+
+    @property
+    def stop_s(self) -> float:
+        """Bench time of its end."""
+
+    def integral(self, node: str) -> float:
+        """Return the integral of a node's voltage over it, V s."""
+
+    def at(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a node's voltage at absolute times within it."""
+
+    def finest_s(self, node: str) -> float:
+        """Return a time in which a node does next to nothing that a cubic through its ends and neighbours misses."""
+
+    def fed(self, node: str) -> bool:
+        """Tell whether a node's voltage is put on it from outside the device."""
+
+    def closed_form(self, node: str) -> ClosedForm | None:
+        """Return what a node carries as undamped sines; None where only `at` tells."""
+
+    def source(self, node: str) -> tuple[Played, float] | None:
+        """Return what plays on a node, and what part of it is there; None where nothing does."""
 
 
 class History(Protocol):

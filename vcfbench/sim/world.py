@@ -7,180 +7,48 @@ a second does.
 
 from __future__ import annotations
 
-import bisect
 import math
-from typing import TYPE_CHECKING, Protocol
+from functools import partial
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from vcfbench.sim.adding import added
+from vcfbench.sim.adjustment import Adjustment
 from vcfbench.sim.flutter import Flutter
 from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.loads import NodeLoads
 from vcfbench.sim.mains import Mains
 from vcfbench.sim.motion import TableMotion
+from vcfbench.sim.observations import Observed
 from vcfbench.sim.sources import Approach
-from vcfbench.sim.trace import Trace, piece_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
-
-    import numpy as np
-    from numpy.typing import NDArray
+    from collections.abc import Callable, Hashable, Iterator
+    from typing import Any
 
     from vcfbench.clock import Clock
     from vcfbench.sim.gyro.stretch import Stretch
     from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.sim.rack_world import LeadsOfRole
     from vcfbench.sim.sources import Drive, Played, Ripple
-    from vcfbench.sim.trace import Piece
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
-EARLY_S = 1e-9
+INPUTS = ("v_vc", "vibration")
+"""Where generators are connected: what is put on the second is added to what is on the first."""
 
 
-class LeadEnd(Protocol):
-    """Where a lead goes."""
-
-    @property
-    def node(self) -> str | None:
-        """The node of the PCB, None when it hangs free."""
-
-    @property
-    def reversed(self) -> bool:
-        """Whether it is the wrong way round."""
-
-
-class LeadsOfRole(Protocol):
-    """What a person can do to the leads of one instrument; they look at the World, which only knows that there are."""
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """The names of the inputs."""
-
-    def lead(self, name: str) -> LeadEnd:
-        """Return where the lead of an input goes."""
-
-    def connect(self, name: str, node: str | None) -> None:
-        """Put the lead of input `name` on another node, or leave it free."""
-
-    def turn(self, name: str, *, reversed_: bool) -> None:
-        """Put the lead of input `name` on the right way round, or reversed."""
-
-
-class Window:
-    """An averaging window on a node."""
-
-    __slots__ = ("_integral_v_s", "_world", "node", "start_s", "stop_s")
-
-    def __init__(self, world: World, node: str, start_s: float, stop_s: float) -> None:
-        self._world = world
-        self._integral_v_s = 0.0
-        self.node = node
-        self.start_s = start_s
-        self.stop_s = stop_s
-
-    def mean_v(self) -> float:
-        """Return the mean voltage over the window.
-
-        Raises:
-            RuntimeError: the window is not over yet.
-        """
-        if not self._world.reach(self.stop_s):
-            raise RuntimeError("the averaging window is not over yet")
-        return self._integral_v_s / (self.stop_s - self.start_s)
-
-    def take(self, stretch: Stretch) -> None:
-        """Add a stretch that lies within the window."""
-        self._integral_v_s += stretch.integral(self.node)
-
-
-class Capture:
-    """A stretch of time whose waveforms can be looked at, at carrier level too."""
-
-    __slots__ = ("_stretches", "_world", "start_s", "stop_s")
-
-    def __init__(self, world: World, start_s: float, stop_s: float) -> None:
-        self._world = world
-        self._stretches: list[Stretch] = []
-        self.start_s = start_s
-        self.stop_s = stop_s
-
-    def samples(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the node's volts at absolute times within the capture, in the shape of `times_s`.
-
-        Raises:
-            RuntimeError: the capture is not over yet.
-        """
-        import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
-
-        times = np.asarray(times_s, dtype=float)
-        self._require_over(times)
-        starts = [each.start_s for each in self._stretches]
-        held = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, None)
-        volts = np.empty_like(times)
-        for index in np.unique(held):
-            volts[held == index] = self._stretches[index].at(node, times[held == index])
-        return volts
-
-    def finest_s(self, node: str) -> float:
-        """Return a time in which a node's voltage bends so little that a cubic tells it, but where it jumps."""
-        return min((each.finest_s(node) for each in self._stretches), default=math.inf)
-
-    def fed(self, node: str) -> bool:
-        """Tell whether a node's voltage is put on it from outside the PCB."""
-        return all(each.fed(node) for each in self._stretches)
-
-    def whole(self, start_s: float, stop_s: float) -> bool:
-        """Tell whether nothing happened between two times that could make a node jump."""
-        return sum(each.start_s < stop_s and each.stop_s > start_s for each in self._stretches) <= 1
-
-    def pieces(self, node: str) -> list[Piece]:
-        """Return what is known of a node up to now, oldest first."""
-        self._world.advance()
-        return [piece_of(stretch, node) for stretch in self._stretches]
-
-    def take(self, stretch: Stretch) -> None:
-        """Keep a stretch that lies within the capture."""
-        self._stretches.append(stretch)
-
-    def _require_over(self, times_s: NDArray[np.float64]) -> None:
-        del times_s
-        self._world.advance()
-        if self._world.reached_s < self.stop_s:
-            raise RuntimeError("the capture is not over yet")
-
-
-class Recording(Capture):
-    """A capture without an end: what has passed can be looked at already. It leaves no mark in the World's course."""
-
-    __slots__ = ("_open",)
-
-    def __init__(self, world: World, start_s: float) -> None:
-        super().__init__(world, start_s, math.inf)
-        self._open = True
-
-    def forget(self, before_s: float) -> None:
-        """Drop what was over before a time."""
-        self._stretches = [each for each in self._stretches if each.stop_s > before_s]
-
-    def close(self) -> None:
-        """Keep what there is and take nothing more."""
-        self._world.advance()
-        self._world.dismiss(self)
-        self._open = False
-
-    def _require_over(self, times_s: NDArray[np.float64]) -> None:
-        self._world.advance()
-        if self._open and times_s.size and self._world.reached_s < times_s.max():
-            raise RuntimeError("the recording has not come so far yet")
-
-
-class World:
+class World(Observed):
     """Gyro, PCB, table, rails and wiring at bench time; see the module's words on how time passes."""
 
+    device = "gyroscope"
+    nodes = NODES
+    rails = RAILS
+    inputs = INPUTS
+
     def __init__(self, clock: Clock, parameters: BenchParameters, seed: int) -> None:
-        self.clock = clock
+        super().__init__(clock)
         self.parameters = parameters
         self.table = TableMotion(clock, parameters.table, self.advance, Flutter.of(parameters.table, seed))
         self._gyro = Gyro(parameters, seed, clock.now())
@@ -190,22 +58,16 @@ class World:
         """The leads of what looks at the World, by role."""
         self._rails = dict.fromkeys(RAILS, Approach(0.0))
         self._loads_ohm = dict.fromkeys(RAILS, math.inf)
-        self._node_loads = NodeLoads(parameters.source)
-        self._generators: dict[str, Drive | Played | None] = {"rate": None, "vibration": None}
+        self._node_loads = NodeLoads(parameters.source.by_node())
+        self._generators: dict[str, Drive | Played | None] = dict.fromkeys(INPUTS)
         self._v_vc_source: Drive | Played | None = None
         self._imagined: Gyro | None = None
         self._on_load: list[Callable[[], None]] = []
-        self._edges_s: list[float] = []
-        self._observers: list[Window | Capture | Trace] = []
 
     @property
     def reached_s(self) -> float:
         """The bench time that the world was taken to."""
         return self._gyro.now_s
-
-    def advance(self) -> None:
-        """Take the world to `clock.now()`."""
-        self.reach(self.clock.now())
 
     def reach(self, instant_s: float) -> bool:
         """Take the world to an instant if it has not been there; return whether it lies in the past."""
@@ -225,10 +87,9 @@ class World:
     def _step(self, target_s: float) -> None:
         now = self._gyro.now_s
         rate = self.table.segment(now)
-        edge = self._edges_s[0] if self._edges_s else math.inf
+        edge = self._next_edge_s()
         stop = min(target_s, rate.stop_s, self._gyro.next_event_s(), edge)
-        looking = [each for each in self._observers if each.start_s <= now]
-        if looking:
+        if looking := self._looking(now):
             stretch = self._loaded(self._gyro.propagate(rate, stop))
             for each in looking:
                 each.take(stretch)
@@ -240,10 +101,6 @@ class World:
     def _loaded(self, stretch: Stretch) -> Stretch:
         shares = self._node_loads.shares
         return replace(stretch, shares=shares) if shares else stretch
-
-    def _pass_edge(self, now_s: float) -> None:
-        del self._edges_s[: bisect.bisect_right(self._edges_s, now_s)]
-        self._observers = [each for each in self._observers if each.stop_s > now_s]
 
     def set_rail(self, rail: str, voltage_v: float) -> None:
         """Put a voltage on a supply pin from now on, signed: "positive" +10 V, "negative" -10 V.
@@ -307,7 +164,7 @@ class World:
         self._require(node, NODES)
         self.advance()
         self._node_loads.put(who, node, resistance_ohm)
-        self._gyro.connect_v_vc(self._node_loads.behind(self._v_vc_source))
+        self._gyro.connect_v_vc(self._node_loads.behind("v_vc", self._v_vc_source))
         self._regulate()
 
     def source_ohm(self, node: str) -> float:
@@ -345,61 +202,18 @@ class World:
         self.advance()
         return self._gyro.temperature_c()
 
-    def drive_v_vc(self, source: Drive | Played | None) -> None:
-        """Connect a generator to the V_Vc input from now on, or None.
+    def drive(self, node: str, source: Drive | Played | None) -> None:
+        """Connect a generator to the V_Vc input ("v_vc") from now on, or None; a second one to "vibration".
 
         None is a generator whose relay is open: the pull-down holds the node at 0 V and the carrier switch opens, so
-        that the modulator's leakage does not reach the combs.
+        that the modulator's leakage does not reach the combs. What the second puts out is added to the first's.
         """
-        self._connect("rate", source)
-
-    def drive_vibration(self, source: Drive | Played | None) -> None:
-        """Connect a second generator from now on, or None: its voltage is added to what the first puts on V_Vc."""
-        self._connect("vibration", source)
-
-    def _connect(self, generator: str, source: Drive | Played | None) -> None:
+        self._require(node, INPUTS)
         self.advance()
-        self._generators[generator] = source
-        both = added(self._generators["rate"], self._generators["vibration"])
+        self._generators[node] = source
+        both = added(self._generators["v_vc"], self._generators["vibration"])
         self._v_vc_source = self.mains.through_v_vc_lead(both)
-        self._gyro.connect_v_vc(self._node_loads.behind(self._v_vc_source))
-
-    def window(self, node: str, start_s: float, stop_s: float) -> Window:
-        """Register an averaging window that begins now or later.
-
-        Raises:
-            ValueError: it begins in the past, does not last, or the node is unknown.
-        """
-        self._require(node, NODES)
-        start_s = self._coming(start_s, stop_s)
-        window = Window(self, node, start_s, stop_s)
-        self._observe(window)
-        return window
-
-    def capture(self, start_s: float, stop_s: float) -> Capture:
-        """Register a stretch of time that begins now or later, whose waveforms will be asked for.
-
-        Raises:
-            ValueError: it begins in the past or does not last.
-        """
-        start_s = self._coming(start_s, stop_s)
-        capture = Capture(self, start_s, stop_s)
-        self._observe(capture)
-        return capture
-
-    def record(self) -> Recording:
-        """Keep all that happens from now on, until the recording is closed."""
-        self.advance()
-        recording = Recording(self, self._gyro.now_s)
-        self._observers.append(recording)
-        return recording
-
-    def trace(self, span_s: float) -> Trace:
-        """Keep the last `span_s` of every node from now on, until the trace is ended."""
-        self.advance()
-        trace = Trace(self._gyro.now_s, span_s, self.advance, self.dismiss)
-        self._observers.append(trace)
-        return trace
+        self._gyro.connect_v_vc(self._node_loads.behind("v_vc", self._v_vc_source))
 
     def value_v(self, node: str) -> float:
         """Return a node's voltage now."""
@@ -445,25 +259,11 @@ class World:
         self._imagined = gyro
         return gyro
 
-    def _coming(self, start_s: float, stop_s: float) -> float:
-        """Return the start of an observation; a start in the past by less than 1 ns is round-off and becomes now."""
-        now = self.clock.now()
-        if not now - EARLY_S <= start_s < stop_s:
-            raise ValueError(f"an observation from {start_s} to {stop_s} s cannot be registered at {now} s")
-        return max(start_s, now)
+    def adjustments(self) -> Iterator[Adjustment]:
+        """Yield the physical parameters, for who looks from outside the bench; none can be changed."""
+        for row in self.parameters.rows():
+            yield Adjustment(f"parameter.{row.path}", row.unit, row.meaning, partial(_constant, row.value))
 
-    def _observe(self, observer: Window | Capture) -> None:
-        self._observers.append(observer)
-        for edge in (observer.start_s, observer.stop_s):
-            if edge > self._gyro.now_s:
-                bisect.insort(self._edges_s, edge)
 
-    def dismiss(self, observer: Recording | Trace) -> None:
-        """Let go of what would otherwise look on for ever."""
-        if observer in self._observers:
-            self._observers.remove(observer)
-
-    @staticmethod
-    def _require(name: str, known: tuple[str, ...]) -> None:
-        if name not in known:
-            raise ValueError(f"{name!r} is none of {', '.join(known)}")
+def _constant(value: Any) -> Any:
+    return value

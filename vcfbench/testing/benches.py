@@ -25,7 +25,8 @@ from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench, chosen_seed
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml
-from vcfbench.sim.faults import Fault, FaultInjector, FaultScript, parse_script, read_script
+from vcfbench.sim.fault_scripts import parse_script, read_script
+from vcfbench.sim.faults import Fault, FaultInjector, FaultScript
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -119,7 +119,7 @@ class NoPcb:
     def __init__(self) -> None:
         self.clock = VirtualClock()
 
-    def drive_v_vc(self, source: object) -> None: ...
+    def drive(self, node: str, source: object) -> None: ...
 
 
 def peak_v(guarded: Guarded) -> float:

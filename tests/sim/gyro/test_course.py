@@ -39,7 +39,7 @@ def test_who_looks_late_sees_what_one_who_always_looked_sees(seen_s: float) -> N
         world.table.demand_rate(100.0, 50.0)
     clock.sleep_until(0.2)
     for world in (always, late):
-        world.drive_v_vc(Drive(1.0))
+        world.drive("v_vc", Drive(1.0))
     clock.sleep_until(seen_s)
     times = seen_s + np.arange(200) * 1e-5
     capture = late.capture(seen_s, times[-1])
@@ -80,7 +80,7 @@ def test_a_picture_of_the_output_may_be_asked_for_late() -> None:
     late.advance()
     for instant_s in (0.7, 3.0, 30.0):
         clock.sleep_until(instant_s)
-        late.drive_v_vc(Drive(instant_s))
+        late.drive("v_vc", Drive(instant_s))
         late.value_v("output")
     np.testing.assert_array_equal(captures[1].samples("output", times), shown)
 
@@ -92,6 +92,6 @@ def test_what_nobody_sees_does_not_pile_up() -> None:
     lengths = []
     for number in range(400):
         clock.sleep_until(1.0 + number)
-        world.drive_v_vc(Drive(0.01 * (number % 7)))
+        world.drive("v_vc", Drive(0.01 * (number % 7)))
         lengths.append(len(world._gyro._course._noted))
     assert max(lengths[100:]) <= 10

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.sim.gyro.bench import powered
-from vcfbench.sim.gyro.dense import coarser
+from vcfbench.sim.dense import coarser
 from vcfbench.sim.gyro.design import paper_bench
 
 

@@ -35,7 +35,7 @@ SEALED = replace(LEAKING, sense_path=replace(LEAKING.sense_path, carrier_feedthr
 def settled(bench: BenchParameters, volts: float) -> tuple[float, np.ndarray, np.ndarray]:
     """Output, V_s and carrier of two carrier cycles, V_Vc having stood long."""
     clock, world = powered(bench)
-    world.drive_v_vc(Drive(volts, source_ohm=0.0))
+    world.drive("v_vc", Drive(volts, source_ohm=0.0))
     clock.sleep_until(9.0)
     capture = world.capture(9.0, 9.0 + 2 / 3488.9)
     clock.sleep_until(10.0)
@@ -64,7 +64,7 @@ def test_a_step_of_it_passes_the_filter_as_an_integration_at_carrier_level_says(
         sense_path=replace(LEAKING.sense_path, carrier_feedthrough=0.0),
     )
     clock, world = powered(bench)
-    world.drive_v_vc(Drive(0.5, source_ohm=0.0))
+    world.drive("v_vc", Drive(0.5, source_ohm=0.0))
     start = clock.now()
     capture = world.capture(start, start + 0.012)
     clock.sleep_until(start + 0.012)

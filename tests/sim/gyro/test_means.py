@@ -35,7 +35,7 @@ def test_direct_voltage_of_a_carrier_is_the_mean_over_the_aperture(node: str, ap
     """Against the mean of points 1 us apart, good to (w h)^2/24 = 2e-5 of it; 1 V leaves up to 0.23 V in 0.4 ms."""
     clock, world = powered(QUIET)
     world.table.demand_rate(150.0, 100.0)
-    world.drive_v_vc(Drive(0.3, 0.2, 30.0))
+    world.drive("v_vc", Drive(0.3, 0.2, 30.0))
     clock.sleep_until(7.0)
     start = clock.now() + 1.234e-4
     window, capture = world.window(node, start, start + aperture_s), world.capture(start, start + aperture_s)

@@ -38,7 +38,7 @@ SECONDS = 0.12
 def playing(*messages: str) -> tuple[VirtualClock, World]:
     """A powered World with a 33220A that has been told so much and, last of all, to put it out."""
     clock, world = powered(BENT)
-    generator = Agilent33220ATwin(world, GeneratorErrors.none(), noise_seed=3)
+    generator = Agilent33220ATwin(world, GeneratorErrors.none(), noise_seed=3, node="v_vc")
     for message in ("OUTP:LOAD INF;:VOLT 2", *messages, "OUTP ON"):
         generator.write(message.encode() + b"\n")
         while (wake := generator.wake_at()) is not None:

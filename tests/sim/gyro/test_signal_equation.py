@@ -76,9 +76,9 @@ def test_a_step_of_v_vc_through_the_whole_equation(rate_deg_s: float) -> None:
     """From 0.2 V to -0.7 V at a phase of chance, 0.57 s of it, each cycle: right to 1e-8 of what the step moves."""
     clock, world = powered(SKEWED)
     world.table.demand_rate(rate_deg_s, 1000.0)
-    world.drive_v_vc(Drive(0.2, source_ohm=0.0))
+    world.drive("v_vc", Drive(0.2, source_ohm=0.0))
     clock.sleep_until(9.0)
-    world.drive_v_vc(Drive(-0.7, source_ohm=0.0))
+    world.drive("v_vc", Drive(-0.7, source_ohm=0.0))
     start, period = 9.0, 1 / 3488.9
     capture = world.capture(start, start + 0.6)
     clock.sleep_until(start + 0.6)

@@ -49,7 +49,7 @@ def settled_v(bench: BenchParameters, rail_v: float, rate_deg_s: float, volts: f
     world.table.close_servo()
     world.table.demand_rate(rate_deg_s, 1000.0)
     if volts is not None:
-        world.drive_v_vc(Drive(volts, source_ohm=50.0))
+        world.drive("v_vc", Drive(volts, source_ohm=50.0))
     clock.sleep_until(10_000.0)
     return world.value_v("output")
 

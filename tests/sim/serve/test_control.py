@@ -15,7 +15,8 @@ from tests.sim.serve.test_raw import Wire, wires
 from tests.sim.serve.test_vxi11 import callers
 from vcfbench.clock import sleep
 from vcfbench.errors import ConfigError
-from vcfbench.sim.faults import Fault, FaultScript, read_script
+from vcfbench.sim.fault_scripts import read_script
+from vcfbench.sim.faults import Fault, FaultScript
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.serve import (
     MAX_SPEED,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct, field
 
-from vcfbench.sim.gyro.dense import COARSE_S, coarser
+from vcfbench.sim.dense import COARSE_S, coarser
 from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, PlayedVoltage, amplify
 from vcfbench.sim.gyro.means import output_integral
 

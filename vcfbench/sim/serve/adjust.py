@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from vcfbench.sim.device import Device
-    from vcfbench.sim.world import LeadsOfRole, World
+    from vcfbench.sim.rack_world import LeadsOfRole, World
 
 _SUDDEN_DEG_S2 = 1e4
 _MOST = 1e9
@@ -26,8 +26,8 @@ _MOST = 1e9
 
 def adjustments_of(world: World, devices: Mapping[str, Device]) -> dict[str, Adjustment]:
     """Return everything that can be seen and changed, by name."""
-    found = [*_motion(world), *_warmth(world), *_nodes(world), *_rails(world), *_leads(world), *_parameters(world)]
-    found += [*_loads(world), *_own(world, "")]
+    found = [*_motion(world), *_warmth(world), *_nodes(world), *_rails(world), *_leads(world)]
+    found += [*_own(world, ""), *_loads(world)]
     for role, device in devices.items():
         found += _own(device, f"{role}.")
     return {each.name: each for each in found}
@@ -49,7 +49,7 @@ def _motion(world: World) -> Iterator[Adjustment]:
 
 
 def _turn(world: World, rate_deg_s: Any) -> None:
-    """Turn the gyro by hand: the table's controller is not asked, and does not learn of it."""
+    """Turn the device by hand: the table's controller is not asked, and does not learn of it."""
     world.table.close_servo()
     world.table.demand_rate(_number(rate_deg_s), _SUDDEN_DEG_S2)
 
@@ -58,8 +58,8 @@ def _warmth(world: World) -> Iterator[Adjustment]:
     def warm(value: Any) -> None:
         world.set_ambient_c(_number(value))
 
-    yield Adjustment("ambient_c", "degC", "temperature around the gyroscope", world.ambient_c, warm)
-    yield Adjustment("temperature_c", "degC", "temperature of the gyroscope", world.glance_temperature_c)
+    yield Adjustment("ambient_c", "degC", f"temperature around the {world.device}", world.ambient_c, warm)
+    yield Adjustment("temperature_c", "degC", f"temperature of the {world.device}", world.glance_temperature_c)
 
 
 def _leads(world: World) -> Iterator[Adjustment]:
@@ -99,9 +99,7 @@ def _number(value: Any) -> float:
 
 
 def _loads(world: World) -> Iterator[Adjustment]:
-    from vcfbench.sim.world import RAILS  # noqa: PLC0415  (numpy with it; a client of the control port needs none)
-
-    for rail in RAILS:
+    for rail in world.rails:
         read = partial(_finite, partial(world.load_ohm, rail))
         write = partial(_load, world, rail)
         yield Adjustment(f"rail.{rail}.load_ohm", "ohm", "load beside the PCB; null is none", read, write)
@@ -116,25 +114,21 @@ def _load(world: World, rail: str, ohms: Any) -> None:
 
 
 def _nodes(world: World) -> Iterator[Adjustment]:
-    from vcfbench.sim.world import NODES  # noqa: PLC0415  (as above)
-
-    for node in NODES:
-        write = partial(_drive, world) if node == "v_vc" else None
+    for node in world.nodes:
+        write = partial(_drive, world, node) if node in world.inputs else None
         meaning = "voltage of the node at this instant, mains and noise in it"
         yield Adjustment(f"node.{node}", "V", meaning, partial(world.glance_v, node), write)
 
 
-def _drive(world: World, volts: Any) -> None:
-    """Put a voltage on the V_Vc input instead of the generator, or nothing (null)."""
-    from vcfbench.sim.sources import Drive  # noqa: PLC0415  (as above)
+def _drive(world: World, node: str, volts: Any) -> None:
+    """Put a voltage on an input instead of the generator, or nothing (null)."""
+    from vcfbench.sim.sources import Drive  # noqa: PLC0415  (numpy with it; a client of the control port needs none)
 
-    world.drive_v_vc(None if volts is None else Drive(_number(volts)))
+    world.drive(node, None if volts is None else Drive(_number(volts)))
 
 
 def _rails(world: World) -> Iterator[Adjustment]:
-    from vcfbench.sim.world import RAILS  # noqa: PLC0415  (as above)
-
-    for rail in RAILS:
+    for rail in world.rails:
         read = partial(world.glance_current_a, rail)
         yield Adjustment(f"rail.{rail}.current_a", "A", "current that the PCB draws from the rail", read)
         write = partial(_set_rail, world, rail)
@@ -146,12 +140,3 @@ def _rails(world: World) -> Iterator[Adjustment]:
 def _set_rail(world: World, rail: str, volts: Any) -> None:
     """Put a voltage on the pin instead of the supply, until that changes its own."""
     world.set_rail(rail, _number(volts))
-
-
-def _parameters(world: World) -> Iterator[Adjustment]:
-    for row in world.parameters.rows():
-        yield Adjustment(f"parameter.{row.path}", row.unit, row.meaning, partial(_constant, row.value))
-
-
-def _constant(value: Any) -> Any:
-    return value

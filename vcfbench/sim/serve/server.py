@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtim
 
 from msgspec import Struct, field
 
-from vcfbench.models import Wire as Offer
 from vcfbench.sim.faults import FaultScript
 from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.serve.control import ControlServer, Refused
@@ -33,11 +32,13 @@ if TYPE_CHECKING:
     from vcfbench.sim.adjustment import Adjustment
     from vcfbench.sim.device import Device
     from vcfbench.sim.faults import Fault
+    from vcfbench.sim.rack_world import World
     from vcfbench.sim.serve.clock import ServedClock
-    from vcfbench.sim.world import World
 
 __all__ = ["BenchServer", "Offer", "Rs232", "ServedBench", "ServerSettings", "Wires"]
 
+Offer = Literal["tcp", "vxi11", "hislip", "pty"]
+"""The interfaces that an instrument can be on."""
 Rs232 = Literal["ideal", "real", "three-wire"]
 
 _SERIAL: frozenset[Offer] = frozenset({"tcp", "pty"})

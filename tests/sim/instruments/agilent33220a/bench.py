@@ -24,7 +24,7 @@ class Socket:
         self.drives: list[Drive | Played | None] = []
         self.generator = Agilent33220ATwin(self, errors or GeneratorErrors.none(), noise_seed=5)
 
-    def drive_v_vc(self, source: Drive | Played | None) -> None:
+    def drive(self, _node: str, source: Drive | Played | None) -> None:
         self.drives.append(source)
 
     @property
@@ -35,7 +35,7 @@ class Socket:
         return source
 
     @property
-    def drive(self) -> Drive:
+    def sine(self) -> Drive:
         """The same where it is a sine for ever."""
         assert isinstance(self.source, Drive)
         return self.source

@@ -106,17 +106,17 @@ def test_reset_brings_them_back(box: Socket) -> None:
 def test_the_generator_starts_with_the_relay_open(box: Socket) -> None:
     assert box.drives == [None]
     box.send("OUTP ON")
-    assert box.drive == Drive(0.0, pytest.approx(0.1), 1000.0, 0.0)  # type: ignore[arg-type]
+    assert box.sine == Drive(0.0, pytest.approx(0.1), 1000.0, 0.0)  # type: ignore[arg-type]
     box.send("OUTP OFF")
     assert box.drives[-1] is None
 
 
 def test_direct_voltage_into_high_impedance(box: Socket) -> None:
     box.send("OUTP:LOAD INF;:FUNC DC;:VOLT:OFFS 5.025;:OUTP ON")
-    assert box.drive == Drive(5.025)
+    assert box.sine == Drive(5.025)
     assert box.ask("VOLT:OFFS?") == nr3(5.025)
     box.send("VOLT:OFFS -10")
-    assert box.drive == Drive(-10.0)
+    assert box.sine == Drive(-10.0)
     assert box.errors() == []
 
 
@@ -124,26 +124,26 @@ def test_apply_direct_voltage_turns_the_output_on(box: Socket) -> None:
     box.send("OUTP:LOAD INF;:APPL:DC DEF,DEF,-2.5")
     assert box.ask("OUTP?") == "1"
     assert box.ask("FUNC?") == "DC"
-    assert box.drive == Drive(-2.5)
+    assert box.sine == Drive(-2.5)
 
 
 def test_apply_a_sine_as_the_manual_shows(box: Socket) -> None:
     box.send("APPL:SIN 5 KHZ, 3.0 VPP, -2.5 V")
     assert box.ask("APPL?") == '"SIN +5.0000000000000E+03,+3.0000000000000E+00,-2.5000000000000E+00"'
     # 50 ohm assumed, open circuit real: twice as much
-    assert box.drive == Drive(-5.0, 3.0, 5000.0, 0.0)
+    assert box.sine == Drive(-5.0, 3.0, 5000.0, 0.0)
     assert box.errors() == []
 
 
 def test_changing_the_load_changes_what_is_shown_and_not_what_comes_out(box: Socket) -> None:
     box.send("VOLT 10;:OUTP ON")
-    before = box.drive
+    before = box.sine
     box.send("OUTP:LOAD INF")
     assert box.ask("VOLT?") == nr3(20)
     assert box.ask("OUTP:LOAD?") == "+9.9000000000000E+37"
     box.send("OUTP:LOAD 50")
     assert box.ask("VOLT?") == nr3(10)
-    assert box.drive == before
+    assert box.sine == before
     assert box.errors() == []
 
 
@@ -277,7 +277,7 @@ def test_one_modulation_at_a_time(box: Socket) -> None:
 
 def test_am_halves_the_carrier(box: Socket) -> None:
     box.send("OUTP:LOAD INF;:VOLT 2;:OUTP ON;:AM:STAT ON")
-    assert box.drive.amplitude_v == pytest.approx(0.5)
+    assert box.sine.amplitude_v == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(
@@ -359,24 +359,24 @@ def test_angles_follow_the_unit(box: Socket) -> None:
     box.send("PHAS 90;:UNIT:ANGL RAD")
     assert float(box.ask("PHAS?")) == pytest.approx(math.pi / 2)
     box.send("OUTP ON")
-    assert box.drive.phase_rad == pytest.approx(math.pi / 2)
+    assert box.sine.phase_rad == pytest.approx(math.pi / 2)
 
 
 def test_inverted_polarity_turns_the_wave_and_not_the_offset(box: Socket) -> None:
     box.send("OUTP:LOAD INF;:APPL:SIN 1000,2,1;:OUTP:POL INV")
-    assert box.drive.dc_v == 1.0
-    assert abs(box.drive.phase_rad) == pytest.approx(math.pi)
+    assert box.sine.dc_v == 1.0
+    assert abs(box.sine.phase_rad) == pytest.approx(math.pi)
 
 
 def test_a_change_of_frequency_keeps_the_phase(box: Socket) -> None:
     box.send("OUTP ON;:FREQ 1000")
     box.clock.sleep_until(1.2345)
-    before = box.drive
+    before = box.sine
     box.generator.write(b"FREQ 1234.5\n")
     box._settle()
     at = box.clock.now()
     box.generator.read(1)
-    after = box.drive
+    after = box.sine
     phases = [2 * math.pi * each.frequency_hz * at + each.phase_rad for each in (before, after)]
     assert math.remainder(phases[1] - phases[0], 2 * math.pi) == pytest.approx(0.0, abs=1e-6)
 
@@ -394,15 +394,15 @@ STEPPED = replace(
 def test_each_range_has_its_gain_and_offset(volts: float, real: float) -> None:
     box = Socket(STEPPED)
     box.send(f"OUTP:LOAD INF;:FUNC DC;:VOLT:OFFS {volts};:OUTP ON")
-    assert box.drive.dc_v == pytest.approx(real, rel=1e-12)
+    assert box.sine.dc_v == pytest.approx(real, rel=1e-12)
 
 
 def test_range_hold_keeps_the_larger_range() -> None:
     box = Socket(STEPPED)
     box.send("OUTP:LOAD INF;:FUNC DC;:VOLT:OFFS 5;:OUTP ON;:VOLT:RANG:AUTO OFF;:VOLT:OFFS 0.5")
-    assert box.drive.dc_v == pytest.approx(0.5 * 0.997 - 0.004)
+    assert box.sine.dc_v == pytest.approx(0.5 * 0.997 - 0.004)
     box.send("VOLT:RANG:AUTO ON")
-    assert box.drive.dc_v == pytest.approx(0.5 * 1.001 + 0.002)
+    assert box.sine.dc_v == pytest.approx(0.5 * 1.001 + 0.002)
 
 
 @given(st.floats(-10.0, 10.0))
@@ -412,7 +412,7 @@ def test_the_converter_is_within_half_a_step_and_the_setting_within_half_a_digit
     setting = float(box.ask("VOLT:OFFS?"))
     assert abs(setting - volts) <= 5.001e-4 * abs(volts) + 1e-99  # what two digits of an exponent can tell
     upper = next(each.upper_v for each in GeneratorErrors.none().ranges if abs(setting) <= each.upper_v)
-    assert abs(box.drive.dc_v - setting) <= upper / 2**14 * 1.000001
+    assert abs(box.sine.dc_v - setting) <= upper / 2**14 * 1.000001
 
 
 @pytest.mark.parametrize("ends_v", [(), (0.1, 1.0, 2.0, 5.0, 10.0)])

@@ -111,7 +111,7 @@ def test_am_with_every_carrier_and_shape(box: Socket, carrier: str, shape: str) 
 
 def test_am_by_a_sine_is_two_sidebands_and_stays_in_closed_form(box: Socket) -> None:
     box.send("FREQ 1000;:AM:DEPT 60;INT:FREQ 50;:AM:STAT ON")
-    assert isinstance(box.drive, Drive)
+    assert isinstance(box.sine, Drive)
     hertz, phasors = lines(box, 0.1, 2000)
     sizes = {round(hertz[i]): abs(phasors[i]) for i in np.flatnonzero(abs(phasors) > 1e-9)}
     assert sizes == {950: pytest.approx(0.15), 1000: pytest.approx(0.5), 1050: pytest.approx(0.15)}
@@ -119,9 +119,9 @@ def test_am_by_a_sine_is_two_sidebands_and_stays_in_closed_form(box: Socket) -> 
 
 def test_am_from_outside_with_nothing_there_is_half_the_carrier(box: Socket) -> None:
     box.send("AM:SOUR EXT;:AM:STAT ON")
-    assert box.drive == Drive(0.0, 0.5, 1000.0, 0.0)
+    assert box.sine == Drive(0.0, 0.5, 1000.0, 0.0)
     box.send("AM:STAT OFF")
-    assert box.drive == Drive(0.0, 1.0, 1000.0, 0.0)
+    assert box.sine == Drive(0.0, 1.0, 1000.0, 0.0)
 
 
 def test_more_than_the_whole_depth_does_not_go_beyond_the_output(box: Socket) -> None:
@@ -189,7 +189,7 @@ def test_fsk_hops_at_the_internal_rate_without_a_jump_of_phase(box: Socket) -> N
 
 def test_fsk_from_outside_with_nothing_there_is_the_carrier(box: Socket) -> None:
     box.send("FSK:SOUR EXT;:FSK:FREQ 300;:FSK:STAT ON")
-    assert box.drive.frequency_hz == 1000.0
+    assert box.sine.frequency_hz == 1000.0
 
 
 @pytest.mark.parametrize("shape", ["SIN", "TRI"])
@@ -253,7 +253,7 @@ def test_a_sweep_begins_again_without_a_jump_of_phase(box: Socket) -> None:
 
 def test_a_triggered_sweep_waits_at_its_start_runs_once_and_returns(box: Socket) -> None:
     box.send("FREQ:STAR 1000;STOP 5000;:SWE:TIME 0.2;:TRIG:DEL 5;SOUR BUS;:SWE:STAT ON")  # only bursts are delayed
-    assert box.drive.frequency_hz == 1000.0
+    assert box.sine.frequency_hz == 1000.0
     begun = box.clock.now()
     box.send("*TRG")
     times = begun + np.array([0.1, 0.3]) + np.arange(100)[:, None] * 1e-5
@@ -300,7 +300,7 @@ def test_between_bursts_it_stands_where_they_begin(box: Socket, function: str, i
 @pytest.mark.parametrize("polarity", ["NORM", "INV"])
 def test_a_triggered_burst_runs_its_cycles_and_wai_waits_for_it(box: Socket, polarity: str) -> None:
     box.send(f"FREQ 100;:BURS:NCYC 50;:TRIG:SOUR BUS;:OUTP:POL {polarity};:BURS:STAT ON")
-    assert box.drive == Drive(0.0)
+    assert box.sine == Drive(0.0)
     start, sign = box.clock.now(), 1.0 if polarity == "NORM" else -1.0
     box.generator.write(b"*TRG;*WAI\n")
     assert box.volts(start + 0.0025) == pytest.approx(sign)
@@ -330,14 +330,14 @@ def test_an_infinite_burst_runs_until_a_device_clear(box: Socket) -> None:
     assert box.volts(start + 1000.0025) == pytest.approx(1.0, abs=1e-6)
     box.clock.sleep_until(start + 5.0)
     box.generator.clear()
-    assert box.drive == Drive(0.0)
+    assert box.sine == Drive(0.0)
 
 
 def test_a_gated_burst_follows_its_open_gate(box: Socket) -> None:
     box.send("APPL:SIN 1000,2,0.1;:BURS:MODE GAT;STAT ON")
-    assert box.drive == Drive(0.1)
+    assert box.sine == Drive(0.1)
     box.send("BURS:GATE:POL INV")
-    assert box.drive.amplitude_v == 1.0
+    assert box.sine.amplitude_v == 1.0
 
 
 # --- noise --------------------------------------------------------------------------------------------------------

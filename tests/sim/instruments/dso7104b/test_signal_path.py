@@ -70,10 +70,10 @@ def test_a_step_before_the_record_is_still_charging_the_capacitor() -> None:
     clock = VirtualClock()
     world = World(clock, ideal_bench(), 0)
     scope = Dso7104BTwin(world, {1: "v_vc"}, ScopeErrors.none())
-    world.drive_v_vc(Drive(0.0))
+    world.drive("v_vc", Drive(0.0))
     scope.write(b":CHAN1:RANG 8;COUP AC;:TIM:RANG 1E-3;:TRIG:SWE AUTO;LEV 7\n")
     clock.sleep_until(1.0)
-    world.drive_v_vc(Drive(1.0))
+    world.drive("v_vc", Drive(1.0))
     step_v = world.value_v("v_vc")
     assert step_v > 0.5
     clock.sleep_until(1.0 + 1.0 / (2 * math.pi * CORNER_HZ))

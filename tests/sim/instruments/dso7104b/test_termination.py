@@ -68,7 +68,7 @@ def test_the_amplitude_divides(host: Host) -> None:
 
 
 def test_the_generator_is_loaded_and_the_gyroscope_gets_less(host: Host) -> None:
-    host.world.drive_v_vc(Drive(2.0))
+    host.world.drive("v_vc", Drive(2.0))
     host.clock.sleep_until(10.0)
     open_v, output_v = host.world.value_v("v_vc"), host.world.value_v("output")
     host.ask(":CHAN2:IMP FIFT;:CHAN2:IMP?")

@@ -259,7 +259,7 @@ def test_on_the_world_a_generator_at_a_megahertz_reads_what_it_puts_out(frequenc
     world = World(VirtualClock(), ideal_bench(), 0)
     meter = Hp34401ATwin(world, node="v_vc", errors=MeterErrors.none())
     talk = Conversation(meter, world.clock)
-    world.drive_v_vc(Drive(0.2, 1.0, frequency_hz, 0.4, source_ohm=0.0))
+    world.drive("v_vc", Drive(0.2, 1.0, frequency_hz, 0.4, source_ohm=0.0))
     read = float(talk.ask("MEAS:VOLT:AC? 1") or "nan")
     assert read == pytest.approx(passed(frequency_hz) / math.sqrt(2.0), rel=1e-6)
     assert float(talk.ask("MEAS:FREQ?") or "nan") == pytest.approx(frequency_hz, rel=1e-9)

@@ -224,7 +224,7 @@ def test_on_the_world_a_node_presents_what_hangs_on_it(world: World) -> None:
     talk = Conversation(Hp34401ATwin(world, node="v_vc", errors=MeterErrors.none()), world.clock)
     pull_down = world.parameters.virtual_path.pull_down_ohm
     assert float(talk.ask("MEAS:RES?") or "nan") == pytest.approx(pull_down, rel=1e-6)
-    world.drive_v_vc(Drive(0.0, source_ohm=50.0))
+    world.drive("v_vc", Drive(0.0, source_ohm=50.0))
     assert float(talk.ask("MEAS:RES?") or "nan") == pytest.approx(1 / (1 / pull_down + 1 / 50), rel=1e-6)
     world.load_node("test", "v_vc", 100.0)
     assert float(talk.ask("MEAS:RES?") or "nan") == pytest.approx(1 / (1 / pull_down + 1 / 50 + 1 / 100), rel=1e-6)

@@ -78,7 +78,7 @@ def sounding(volts: float, hertz: float, setting: str) -> MeterBench:
     world = World(AttendedClock(VirtualClock()), ideal_bench(), 0)
     meter = Hp34401ATwin(world, node="v_vc", errors=MeterErrors.none())
     world.clock.attend(meter)  # type: ignore[attr-defined]
-    world.drive_v_vc(Drive(0.0, volts, hertz, 0.4, source_ohm=0.0))
+    world.drive("v_vc", Drive(0.0, volts, hertz, 0.4, source_ohm=0.0))
     talk = Conversation(meter, world.clock)
     talk.write(setting)
     return MeterBench(world, meter, talk)  # type: ignore[arg-type]

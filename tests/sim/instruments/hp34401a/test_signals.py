@@ -335,7 +335,7 @@ TRUEVOLT = [pytest.param(model, marks=pytest.mark.exhaustive) for model in (Keys
 def test_a_generator_and_a_meter_on_v_vc(model: type[Hp34401ATwin]) -> None:
     """The whole way: words of both, the World's pieces of 1/64 s, mains in the meter's leads."""
     world = World(AttendedClock(VirtualClock()), ideal_bench(), 0)
-    generator = Agilent33220ATwin(world, GeneratorErrors.none())
+    generator = Agilent33220ATwin(world, GeneratorErrors.none(), node="v_vc")
     caught = Sine(1e-3 * math.sqrt(2.0), 50.01, 0.3)
     meter = model(Leads(world, "meter", {"output": "v_vc"}, caught), errors=MeterErrors.none())
     for each in (generator, meter):

@@ -1,4 +1,4 @@
-"""A simulated Agilent 33220A, 20 MHz function generator, on the V_Vc input of the PCB.
+"""A simulated Agilent 33220A, 20 MHz function generator.
 
 The manual itself was not at hand: ranges, coupling rules and most wordings come from its quotations in public
 drivers and from the guides of its siblings (33210A, 33250A, 33500 series), and the power-on replies from the record
@@ -60,15 +60,16 @@ class GeneratorWorld(Protocol):
         """Bench time."""
         ...
 
-    def drive_v_vc(self, source: Drive | Played | None) -> None:
-        """Connect the source to the V_Vc input, or None."""
+    def drive(self, node: str, source: Drive | Played | None) -> None:
+        """Connect the source to an input, or None."""
         ...
 
 
 class SimulatedAgilent33220A(ScpiTwin):
     """The generator. `interface` is usb, gpib or lan; it has no RS-232. `noise_seed` tells which noise is its own.
 
-    `model` is what it calls itself, where it stands for a generator that speaks the same words.
+    `model` is what it calls itself, where it stands for a generator that speaks the same words; `node` is what its
+    output is wired to.
     """
 
     errors_class: ClassVar = GeneratorErrors
@@ -85,7 +86,10 @@ class SimulatedAgilent33220A(ScpiTwin):
         interface: str = "usb",
         noise_seed: int = 0,
         model: str | None = None,
+        *,
+        node: str = "input",
     ) -> None:
+        self._node = node
         self._model = model or self.own_name
         self._world = world
         self.state: dict[str, Any] = dict(self.reset_state)
@@ -118,7 +122,7 @@ class SimulatedAgilent33220A(ScpiTwin):
         self.rules = SettingRules(self.kind, self.state, self.levels, self.engine.report)
         clock_hz = self.kind.arbitrary_clock_hz
         self._player = Player(self.state, errors, self.levels, self.memory, noise_seed, clock_hz=clock_hz)
-        world.drive_v_vc(None)
+        world.drive(node, None)
 
     def made_memory(self, full_scale: int) -> ArbitraryMemory:
         """Return the waveform memory of the model."""
@@ -246,4 +250,4 @@ class SimulatedAgilent33220A(ScpiTwin):
         source = self._player.source(self._started_s, now) if self.state["output"] else None
         if source != self._driven:
             self._driven = source
-            self._world.drive_v_vc(source)
+            self._world.drive(self._node, source)

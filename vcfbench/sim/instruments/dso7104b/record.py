@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
-from vcfbench.sim.gyro.dense import Coarse
+from vcfbench.sim.dense import Coarse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping
 
     from vcfbench.sim.instruments.e3631a.kinds import OutputKind
+    from vcfbench.sim.rack_world import World
     from vcfbench.sim.scpi import CommandTable, Interface
-    from vcfbench.sim.world import World
 
 __all__ = ["OutputErrors", "SimulatedE3631A", "SupplyErrors"]
 

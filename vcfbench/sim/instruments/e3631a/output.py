@@ -15,8 +15,8 @@ from vcfbench.sim.sources import NOTHING_V, Approach
 if TYPE_CHECKING:
     from vcfbench.sim.instruments.e3631a.errors import SupplyErrors
     from vcfbench.sim.instruments.e3631a.kinds import OutputKind
+    from vcfbench.sim.rack_world import World
     from vcfbench.sim.scpi import Register
-    from vcfbench.sim.world import World
 
 _LOOKS = 8
 """How often, in equal shares of its way, an output that moves looks whether its load still draws what it did."""

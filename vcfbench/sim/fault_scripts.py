@@ -1,0 +1,37 @@
+"""Fault scripts in files that a user names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import parse_toml, read_text, shown
+from vcfbench.sim.faults import script_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.sim.faults import Fault, FaultScript
+
+
+def parse_script(text: str, source: str) -> FaultScript:
+    """Return the script that the TOML `text` describes; `source` names it in errors (ConfigError)."""
+    table = parse_toml(text, source)
+    try:
+        return script_of(table)
+    except ValueError as error:
+        raise ConfigError(f"{source}: {error}") from None
+
+
+def read_script(path: Path) -> FaultScript:
+    """Return the script in a file.
+
+    Raises:
+        ConfigError: it cannot be read, is not TOML, or an entry is no fault; the words say which.
+    """
+    return parse_script(read_text(path, "a fault script"), shown(path))
+
+
+def read_faults(path: Path) -> list[Fault]:
+    """Return the faults of the script in a file; errors as of :func:`read_script`."""
+    return list(read_script(path).faults)
