@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def require_ambient(metadata: RunMetadata, description: BenchDescription) -> None:
-    """See that the bench has what shall tell the temperature of the room; ConfigError when it has not."""
+    """Raise ConfigError when the bench lacks the instrument that shall tell the temperature of the room."""
     if metadata.ambient_from is not None and getattr(description, metadata.ambient_from) is None:
         raise ConfigError(
             f"ambient_from: the {metadata.ambient_from} shall tell the temperature of the room, and bench "
@@ -25,7 +25,7 @@ def require_ambient(metadata: RunMetadata, description: BenchDescription) -> Non
 
 
 def with_ambient(metadata: RunMetadata, bench: Bench) -> RunMetadata:
-    """Return what is told of the run, with the temperature of the room where an instrument shall tell it.
+    """Return the metadata of the run, with the temperature of the room where an instrument shall tell it.
 
     Raises:
         MeasurementError: air flows, so that its temperature is not that of the room.

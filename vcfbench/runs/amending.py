@@ -1,4 +1,4 @@
-"""Records amended: what a person said of a run, put right by a line of its own."""
+"""Records amended: a person's words about a run, corrected by a line of its own."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Amended(Struct, frozen=True):
-    """What was amended, and what stays elsewhere under the word of before."""
+    """An amendment, and the places where the earlier words stay."""
 
     run: str
     amendment: Amendment
@@ -31,7 +31,7 @@ class Amended(Struct, frozen=True):
 def amend_run(
     run: str | Path, changes: Mapping[str, str], *, reason: str, by: str | None = None, runs: str | Path = "runs"
 ) -> Amended:
-    """Add a line to a record that says what a person told wrongly of its run; nothing that stands there is changed.
+    """Add a line to a record that corrects a person's words about its run; no earlier line is changed.
 
     Args:
         run: directory of the run, its name under `runs` (or the beginning or end of it, or ``"last"``).
@@ -57,7 +57,7 @@ def amend_run(
 
 
 def _stays(directory: RunDirectory, record: JournalRecord, device: str) -> list[str]:
-    """Say what a run did under the serial number that it was told."""
+    """Name the effects of a run under the serial number that it was told."""
     from vcfbench.errors import ConfigError  # noqa: PLC0415
     from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class TableAnalysis(Struct, frozen=True):
-    """What a table came to: of each column its `series`, and the `comparison` of two of them.
+    """Results of a table: of each column its `series`, and the `comparison` of two of them.
 
     `compared` names those two, reference first; both are None where nothing was compared.
     """

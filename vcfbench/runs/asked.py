@@ -1,4 +1,4 @@
-"""What a run is asked to be, checked against its bench before anything is opened."""
+"""Request of a run, checked against its bench before anything is opened."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def warned(words: str) -> None:
 
 
 class Asked(Struct, frozen=True):
-    """What was asked for; `settings` with the words for errors, `options` are the words of it that the record keeps.
+    """Request of a run; `settings` with the words for errors, `options` are its words that the record keeps.
 
     `operator` does what only hands can do, on any bench; `person` is asked where there are real hands only.
     `metadata` is what the record shall say of the run beside what is measured. `warn` tells in a line what keeps no run
@@ -81,7 +81,7 @@ class Asked(Struct, frozen=True):
 
 
 class Beginning(Struct, frozen=True):
-    """What a display is told before the bench is opened.
+    """Facts for a display before the bench is opened.
 
     `planned` are the steps that are still to be done, `points` those that were measured before the run was broken off.
     """
@@ -94,7 +94,7 @@ class Beginning(Struct, frozen=True):
 
 
 class Checked(Struct):
-    """What was asked, as far as it has been checked: bench and seed are told also where the rest cannot be.
+    """The request, as far as it has been checked: bench and seed are told also where the rest cannot be.
 
     `name` is that of the procedure; until that is found, what was asked for.
     """
@@ -144,7 +144,7 @@ class Prepared(Struct, frozen=True):
         return ()
 
     def header_entries(self) -> dict[str, Any]:
-        """Return what the header says beside what every header does: where a procedure of one's own stands."""
+        """Return the additional entries of the header: the file of a procedure of one's own."""
         from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
 
         if self.procedure.name in PROCEDURES:
@@ -154,12 +154,12 @@ class Prepared(Struct, frozen=True):
         return {"procedure_file": file_of(self.procedure)}
 
     def perform(self, executor: Executor) -> Execution:
-        """Let `executor` carry out what is to be done, on the open bench."""
+        """Let `executor` carry out the plan, on the open bench."""
         return executor.execute(self.plan())
 
 
 class DryRun(Struct, frozen=True):
-    """A plan that was walked without a bench: each step with its number, its time and what it does."""
+    """A plan that was walked without a bench: each step with its number, its time and its description."""
 
     procedure: str
     steps: tuple[PlannedStep, ...]
@@ -167,7 +167,7 @@ class DryRun(Struct, frozen=True):
 
     @property
     def expected(self) -> Expectation:
-        """What the run is expected to state: U95 of every result and its largest causes; worked out when asked for."""
+        """Expected statement of the run: U95 of every result and its largest causes; worked out when asked for."""
         from vcfbench.runs.expected import Expectation, expectation  # noqa: PLC0415  # loads numpy
 
         if self._prepared is None:
@@ -181,7 +181,7 @@ class DryRun(Struct, frozen=True):
 
     @property
     def physical_minimum_s(self) -> float:
-        """How much of it is windows, ramps and settling, s."""
+        """Time of windows, ramps and settling, s."""
         return sum(each.step.physical_s for each in self.steps)
 
     def __repr__(self) -> str:
@@ -213,9 +213,9 @@ def dry_run(
 
 
 def prepare(asked: Asked, checked: Checked) -> Prepared:
-    """Read the bench file and check what was asked against it; nothing is opened.
+    """Read the bench file and check the request against it; nothing is opened.
 
-    What was found out is put into `checked` as it comes to be known.
+    Findings are put into `checked` as they become known.
     """
     from vcfbench.bench.file import described  # noqa: PLC0415
     from vcfbench.bench.station import checked_pace  # noqa: PLC0415
@@ -253,7 +253,7 @@ def blamed_on(procedure: AnyProcedure) -> Iterator[None]:
 
 
 def _with_device(asked: Asked, procedure: AnyProcedure) -> Layer | None:
-    """Return the settings that were asked for, with the device for a procedure that goes by what is known of it."""
+    """Return the requested settings, with the device for a procedure that uses the device's history."""
     from vcfbench.bench.layering import Layer, merged  # noqa: PLC0415
 
     of_device = {} if asked.metadata.dut is None else procedure.settings.keys_of_device(asked.metadata.dut)
@@ -263,7 +263,7 @@ def _with_device(asked: Asked, procedure: AnyProcedure) -> Layer | None:
 
 
 def _completed(metadata: RunMetadata, settings: ProcedureSettings, description: BenchDescription) -> RunMetadata:
-    """Return what is told of the run, with the device of the settings and the operator of the bench file.
+    """Return the metadata of the run, with the device of the settings and the operator of the bench file.
 
     Raises:
         ConfigError: another device is in the settings.

@@ -59,7 +59,7 @@ _LONGEST_WAIT_S = 86_400.0
 
 
 class StepWord(Struct, frozen=True):
-    """A word: who does it (None: the bench), what it takes, what it does, and the limits that it is held against."""
+    """A word: its role (None: the bench), its arguments, its effect, and the limits that it is held against."""
 
     name: str
     role: str | None
@@ -174,7 +174,7 @@ class ByHand:
             raise
 
     def _carry_out(self, steps: Routine[_T]) -> _T:
-        """Perform steps as a run does, telling each with what came of it."""
+        """Perform steps as a run does, telling each with its result."""
         advance: Callable[[], Step] = partial(next, steps)
         while True:
             try:
@@ -389,7 +389,7 @@ def _alone(step: Step) -> Routine[None]:
 
 
 def _station(bench: Bench) -> Station:
-    """Return what the routines need to know of the place."""
+    """Return the station, as the routines need it."""
     description = bench.description
     scope = None if description.oscilloscope is None else description.wiring.oscilloscope
     return Station(rails=description.wiring.rails, oscilloscope=scope, limits=description.limits)

@@ -1,4 +1,4 @@
-"""What a certificate must say that no measurement tells: whose laboratory, for whom, of what, who is responsible."""
+"""Entries of a certificate that no measurement tells: laboratory, customer, device, responsible person."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CertificateWords:
-    """Who calibrated what for whom; what has a default here may be left out.
+    """Laboratory, customer, device and responsible person of a calibration; entries with a default may be left out.
 
     `country` is that of the laboratory, two capital letters (ISO 3166-1); `identifier` the certificate's own number;
     `responsible` the person who answers for it; `item` what the device is, `serial` its serial number.
@@ -48,11 +48,11 @@ _NEEDED: Final = {
     "responsible": "--operator of the run, or operator in [laboratory] of the bench file",
     "serial": "--dut of the run",
 }
-"""What there is no default of, and where it may be said beside `--set` and the tags of the run."""
+"""Entries without a default, and the places to give them beside `--set` and the tags of the run."""
 
 
 def certificate_words(run: Run, given: Mapping[str, str] | None = None) -> CertificateWords:
-    """Return what a certificate of `run` says: what is `given`, else the run's tags, its record, and its bench file.
+    """Return the entries of a certificate of `run`: those `given`, else the run's tags, its record, and its bench file.
 
     Raises:
         ConfigError: something is missing, all of it in one; a key is unknown; a country is no two capital letters.

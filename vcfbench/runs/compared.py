@@ -1,4 +1,4 @@
-"""Runs beside each other: what their results, points, settings and equipment have in common, and what differs."""
+"""Runs beside each other: differences of their results, points, settings and equipment."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How far one run's value is from that of the first: `u` and `e_n` None where an uncertainty is not known.
+    """Difference of one run's value from that of the first: `u` and `e_n` None where an uncertainty is not known.
 
     `e_n` is its size over its expanded uncertainty (95 %), both runs' taken as independent; above 1 they disagree.
     """
@@ -43,12 +43,12 @@ class SharedResult:
     u: tuple[float | None, ...]
     differences: tuple[Difference, ...]
     missing: tuple[tuple[str, ...], ...] = ()
-    """What each `u` is incomplete without."""
+    """Contributions missing from each `u`."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunComparison:
-    """Two runs or more beside each other, the first being what the others are compared with.
+    """Two runs or more beside each other; the first is the reference of the others.
 
     `results` are those that all runs have in the same unit, by name. `points` are the points of each where they can be
     paired, else empty. `settings` (of those that all have) and `equipment` are what is not the same in all, by name,
@@ -74,7 +74,7 @@ class RunComparison:
         }
 
     def report(self) -> Report:
-        """Return tables of what is shared and what differs, and the figures of all runs laid over each other."""
+        """Return tables of common and different values, and the figures of all runs laid over each other."""
         letters = [chr(ord("A") + place) for place in range(len(self.runs))]
         return Report(
             [
@@ -170,7 +170,7 @@ def _paired(runs: Sequence[Run]) -> tuple[tuple[Point, ...], ...]:
 
 
 def _same_rate(one: Point, other: Point) -> bool:
-    """Tell whether both stand for one rate; what V_Vc stands for hangs on the K_Vc that the run has found."""
+    """Tell whether both stand for one rate; the rate of a V_Vc depends on the K_Vc that the run has found."""
     return math.isclose(one.rate_deg_s, other.rate_deg_s, rel_tol=0.05, abs_tol=0.05)
 
 
@@ -189,7 +189,7 @@ def _unlike(of_each: Sequence[Mapping[str, str]]) -> dict[str, tuple[str, ...]]:
 
 
 def _circumstances(run: Run, header: Mapping[str, Any]) -> dict[str, str]:
-    """Return by what and under what conditions a run was made, as printed."""
+    """Return the equipment and the conditions of a run, as printed."""
     metadata = run.metadata.as_json()
     found = dict(_flat({key: value for key, value in metadata.items() if key != "note"}))
     found |= {"bench": str(run.bench), "simulated": "yes" if run.simulated else "no", "seed": str(run.seed)}

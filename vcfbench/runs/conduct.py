@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 _OVERTIME_S: Final = 60.0
 """By how much a step may take longer than twice its estimate, wall time."""
 _PREPARING: Final = Lock()
-"""What is loaded and worked out once in a process (numpy, msgspec's types) fails where two threads do it at once."""
+"""Lock of the first loading of numpy and msgspec's types, which fails where two threads do it at once."""
 
 
 def run(
@@ -70,7 +70,7 @@ def run(
     metadata: Mapping[str, Any] | RunMetadata | None = None,
     control: RunControl | None = None,
 ) -> Run:
-    """Run `procedure` on `bench`, record it, make the bench safe, and return what it came to.
+    """Run `procedure` on `bench`, record it, make the bench safe, and return its outcome.
 
     SIGINT and SIGTERM stop the run as they do the command: the first at its next wait, the second at once.
 
@@ -136,7 +136,7 @@ def _words_for(bench: BenchDescription | Path | str | None) -> str | None:
 
 
 def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) -> Run:
-    """Do what was `asked` and is made ready by `preparing`, while `signals` are watched; as :func:`run`, which see."""
+    """Perform the request `asked`, made ready by `preparing`, while `signals` are watched; see :func:`run`."""
     course = _Course(asked, preparing)
     control = nullcontext() if asked.control is None else asked.control.of_run(signals)
     try:
@@ -158,7 +158,7 @@ def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) 
 
 
 def _notify(course: _Course) -> None:
-    """Tell the program that the bench file names; whatever becomes of that, the run came to what it came to."""
+    """Tell the program that the bench file names; a failure of it does not change the outcome of the run."""
     description, asked = course.checked.description, course.asked
     if description is None or description.notify is None or (asked.runs is None and course.error is None):
         return
@@ -170,7 +170,7 @@ def _notify(course: _Course) -> None:
 
 
 class _Course(Struct):
-    """All that is known of a run under way, filled in as it comes to be known; what is not, stays empty."""
+    """State of a run under way, filled in as it becomes known; the unknown rest stays empty."""
 
     asked: Asked
     preparing: Preparing
@@ -197,7 +197,7 @@ class _Course(Struct):
         return [f"{name}: {each.lost}" for name, each in self.observers.items() if each.lost is not None]
 
     def as_run(self) -> Run:
-        """Return what is known by now; complete when every step was performed and the results could be computed."""
+        """Return the run so far; complete when every step was performed and the results could be computed."""
         description, execution = self.checked.description, self.execution
         status = Status.ABORTED if self.evaluation is None else Status.COMPLETE
         points = () if execution is None else execution.points
@@ -291,7 +291,7 @@ def _warn_of_calibrations(asked: Asked, prepared: Prepared) -> None:
 
 
 def _load_numpy() -> None:
-    """Load what numpy would load when it is first used, which fails where two threads use it at once."""
+    """Load the parts that numpy loads at their first use, which fails where two threads use it at once."""
     import numpy.fft  # noqa: PLC0415
     import numpy.ma  # noqa: PLC0415
     import numpy.polynomial  # noqa: PLC0415
@@ -313,7 +313,7 @@ def _as_context(observer: Observer) -> AbstractContextManager[Observer]:
 
 
 def _as_bench_error(error: BaseException) -> BenchError:
-    """Return what `error` means for the record."""
+    """Return `error` as a BenchError for the record."""
     match error:
         case BenchError():
             return Aborted.behind(error) or error
@@ -323,7 +323,7 @@ def _as_bench_error(error: BaseException) -> BenchError:
 
 
 def _without_result(error: Exception) -> BenchError:
-    """Return why there is no result; what results are made with is loaded late: no file may be left, or no package."""
+    """Return the reason for the missing result; modules of results are loaded late: a file or package may be gone."""
     if isinstance(error, BenchError):
         failed = MeasurementError(f"the points give no result: {error.what}", hint=error.hint or LOOK_AT_SIGNALS)
         failed.__cause__ = error.__cause__
@@ -340,7 +340,7 @@ class _WatchedSteps(Struct, frozen=True):
     watchdog: Watchdog
 
     def handle(self, event: Event) -> None:
-        """Pass on what begins; every exchange has a deadline of its own, and this one is for what never comes back.
+        """Pass on each beginning; every exchange has a deadline of its own, and this one is for hangs.
 
         A pause may take any time, until the next step begins.
         """
@@ -365,7 +365,7 @@ class _Record(Struct):
     identities: Mapping[str, Identity] = field(default_factory=dict)
 
     def prepare(self) -> RunDirectory | None:
-        """Make the record's directory, before any instrument is touched: what cannot be recorded need not begin.
+        """Make the record's directory, before any instrument is touched: a run that cannot be recorded need not begin.
 
         None where no record is to be kept, which real benches are not run without.
         """
@@ -380,7 +380,7 @@ class _Record(Struct):
         return self.course.directory
 
     def perform(self, bench: Bench, watchers: Sequence[Observer], signals: StopSignals) -> None:
-        """Open the journal, perform the plan on `bench`, and keep what came of it."""
+        """Open the journal, perform the plan on `bench`, and keep the outcome."""
         course = self.course
         course.checked.seed = bench.seed
         self.prepared = prepared = _identified(self.prepared, bench.identities, bench.seed)
@@ -460,7 +460,7 @@ class _Record(Struct):
         }
 
     def close(self, display_lost: str | None) -> None:
-        """Compute the results, end the journal, and write what is derived from it."""
+        """Compute the results, end the journal, and write the files derived from it."""
         course = self.course
         if course.execution is not None and course.execution.status is Status.COMPLETE:
             self._compute()
@@ -491,7 +491,7 @@ class _Record(Struct):
                     journal.close()
 
     def _keep_of_device(self) -> None:
-        """Add what the procedure keeps of the device to its store: of a run that is complete, recorded and safe."""
+        """Add the procedure's entry for the device to its store: of a run that is complete, recorded and safe."""
         course, procedure, settings = self.course, self.prepared.procedure, self.prepared.settings
         if procedure.entry is None or course.error is not None or course.evaluation is None or course.directory is None:
             return
@@ -564,7 +564,7 @@ class _Record(Struct):
         }
 
     def _derived(self) -> dict[str, str]:
-        """Return what is made of the journal, by the names of its files."""
+        """Return the files derived from the journal, by name."""
         done = self.course.as_run()
         if done.directory is None or done.physical_minimum_s is None:
             return {}
@@ -592,7 +592,7 @@ class _Record(Struct):
 
 
 def _without_program(bench: dict[str, Any]) -> dict[str, Any]:
-    """Return a bench as its record has it: who takes a record up, wherever, runs no program that it names."""
+    """Return a bench without its program to notify: resuming a record elsewhere runs no program that it names."""
     del bench["notify"]
     return bench
 
@@ -607,7 +607,7 @@ def _key_of(description: BenchDescription) -> SigningKey | None:
 
 
 def _identified(prepared: Prepared, identities: Mapping[str, Identity], seed: int | None) -> Prepared:
-    """Return what was prepared with what tells instruments apart: serial numbers that they answered.
+    """Return the prepared run with the instruments told apart, by the serial numbers that they answered.
 
     Simulated ones answer one and the same, whichever specimen the seed has drawn: there the seed tells.
     """

@@ -125,7 +125,7 @@ def _core(parent: ET.Element, run: Run, words: CertificateWords) -> None:
 
 
 def _days(run: Run) -> tuple[str, str]:
-    """Return the days on which the run began and ended; what a simulation took of bench time passed on no calendar."""
+    """Return the days on which the run began and ended; simulated bench time passed on no calendar."""
     began = datetime.fromisoformat(str(run.header.get("utc")))
     took_s = 0.0 if run.simulated else run.bench_seconds or 0.0
     return f"{began:%Y-%m-%d}", f"{began + timedelta(seconds=took_s):%Y-%m-%d}"
@@ -254,7 +254,7 @@ def _real(parent: ET.Element, value: float, scale: float, unit: str) -> ET.Eleme
 
 
 def _points(parent: ET.Element, run: Run) -> None:
-    """Add the points as lists: step by step what they stand for, V_Vc and the mean output."""
+    """Add the points as lists, step by step: their rates, V_Vc and the mean output."""
     _say(parent, "name", "points")
     _say(parent, "description", "means of the readings, in the order in which they were taken")
     columns = {

@@ -1,4 +1,4 @@
-"""What a run is expected to state: its U95 by the budget itself, of points that the dry run predicts with noise.
+"""Expected statement of a run: its U95 by the budget itself, of points that the dry run predicts with noise.
 
 A gyroscope on paper answers the steps of the dry run once more, and scatters as the real one should. What the steps
 would put into the journal goes through the results of the procedure, as what a bench gave does. So nothing of any
@@ -31,17 +31,17 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
 
 PAPER_WALK_DEG_SQRT_H: Final = 0.21
-"""Angle random walk of the paper's gyroscope: what is assumed where nobody tells the noise."""
+"""Angle random walk of the paper's gyroscope: assumed where the noise is not told."""
 _PAPER_BIAS_V: Final = -0.042
 """Output at rest of the paper's gyroscope: of a bias as a rate, the scale factor's uncertainty counts with it."""
 _LARGEST: Final = 3
 _PAPER_OUTPUT: Final = (8.5e-6, -2.64e-8)
-"""Of a rate in deg/s, square and cube over the rate: how the paper's output bends."""
+"""Second and third order of the paper's output over the first, by the rate in deg/s."""
 _PAPER_MODULATOR: Final = (0.013, 0.0145)
 """The same of V_Vc in volts."""
 _PAPER_NONLINEARITY_PPM: Final = 825.0
 _DIGITS = 1e-9
-"""An uncertainty that is less of its value is what rounding leaves."""
+"""Relative uncertainty below which only rounding remains."""
 
 
 class ExpectedValue(Struct, frozen=True):
@@ -54,7 +54,7 @@ class ExpectedValue(Struct, frozen=True):
 
 
 class Expectation(Struct, frozen=True):
-    """What a run is expected to state; `noise` says what noise was put in, `why_none` why there is nothing.
+    """Expected statement of a run; `noise` names the assumed noise, `why_none` the reason for having no values.
 
     `unknown` names the results whose U95 goes with what the run finds, each with why.
     """
@@ -68,8 +68,8 @@ class Expectation(Struct, frozen=True):
 _TAUS_S: Final = tuple(10.0 ** (0.25 * n) for n in range(2, 20))
 _SPLIT_HZ = 24.8
 _WIDTH = 3489.0 / (2.0 * 1224.0 * _SPLIT_HZ)
-"""Of the paper's sense mode against its drive, and half of its resonance (drive over 2 Q) by that: noise near it is
-seen larger."""
+"""Half width of the paper's sense resonance (drive over 2 Q) over its distance from the drive, which is above: noise
+near the resonance is seen larger."""
 _FILTER_HZ = 100.0
 
 
@@ -111,7 +111,7 @@ class _Scattering(LinearGyro, kw_only=True):
         return noise_v
 
     def of_a_reading_v(self) -> float:
-        """Return the standard deviation of one reading, by the spectrum of what it averages."""
+        """Return the standard deviation of one reading, by the spectrum of its averaging."""
         if self.integration_s not in self.scatter_v:
             f = np.linspace(0.0, 8.0 * _SPLIT_HZ, 8000)
             seen = _mode(f) * np.sinc(f * self.integration_s) ** 2
@@ -140,7 +140,7 @@ def _mode(f_hz: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def expectation(procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]) -> Expectation:
-    """Return what a run of `steps`, which `procedure` plans by `settings`, is expected to state; nothing is opened."""
+    """Return the expected statement of a run of `steps`, which `procedure` plans by `settings`; nothing is opened."""
     words = _noise_words(settings)
     try:
         values, unknown = _stated(procedure, settings, steps)
@@ -191,7 +191,7 @@ def _noise_words(settings: ProcedureSettings) -> str:
 def _stated(
     procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]
 ) -> tuple[tuple[ExpectedValue, ...], tuple[tuple[str, str], ...]]:
-    """Return what is stated with which U95, and the names of what has one that nobody can expect, with why."""
+    """Return the results with their U95, and the names of those with one that nobody can expect, with the reason."""
     from vcfbench.plans.measured import Foreseen  # noqa: PLC0415
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
     from vcfbench.runs.quantities import named_values  # noqa: PLC0415
@@ -213,7 +213,7 @@ def _stated(
 
 
 def _lines(steps: Iterable[Step], gyro: _Scattering, mains_hz: float) -> Iterator[tuple[dict[str, Any], Point | None]]:
-    """Yield what the journal would hold of each step, and its point."""
+    """Yield the journal's content for each step, and its point."""
     t_s = 0.0
     for number, step in enumerate(steps, 1):
         if isinstance(step, ConfigureMeter):
@@ -231,7 +231,7 @@ def _lines(steps: Iterable[Step], gyro: _Scattering, mains_hz: float) -> Iterato
 
 
 def _long_window(step: Any, result: Window, gyro: _Scattering, t_s: float) -> tuple[list[Any], Window]:
-    """Return the readings of a window that are in the journal alone, and the window with what they come to."""
+    """Return the readings of a window that are in the journal alone, and the window with their mean and scatter."""
     from vcfbench.plans.tally import Tally  # noqa: PLC0415
 
     at = [number * step.interval_s for number in range(step.samples)]

@@ -1,4 +1,4 @@
-"""A run for other programs: its points or every raw reading, a column a quantity, with what the record says of it."""
+"""A run for other programs: its points or every raw reading, a column a quantity, with the facts of its record."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _MEANINGS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was written: the file, its format, which table, its columns and how many rows."""
+    """Written export: the file, its format, its table, its columns and the number of rows."""
 
     file: Path
     format: str
@@ -166,7 +166,7 @@ def _columns(values: Mapping[str, Iterable[Any]]) -> tuple[ExportColumn, ...]:
 
 
 def _pieces(lines: Iterable[Mapping[str, Any]], began_s: float) -> Iterator[NDArray[np.float64]]:
-    """Yield the readings of each step as rows; what the table read back is known when the step is done."""
+    """Yield the readings of each step as rows; the table's readback is known when the step is done."""
     chunks: list[NDArray[np.float64]] = []
     for line in lines:
         if line.get("type") == "readings":
@@ -194,7 +194,7 @@ def _rows(line: Mapping[str, Any], readings: Sequence[Mapping[str, float]]) -> N
 
 
 def _records(line: Mapping[str, Any], result: Mapping[str, Any], began_s: float) -> Iterator[NDArray[np.float64]]:
-    """Yield what stands in a result as a list of volts: samples of a sine, of output and V_Vc, of V_Vc alone."""
+    """Yield the lists of volts in a result: samples of a sine, of output and V_Vc, of V_Vc alone."""
     match line.get("result_kind"):
         case "SineResponse":  # nothing tells when each was taken but the interval, and when the step began
             volts = result["voltages_v"]
@@ -230,7 +230,7 @@ def _table(
 
 
 def _about(directory: RunDirectory) -> dict[str, str | float]:
-    """Return what the record says of the run, each a text or a number."""
+    """Return the facts of the run by its record, each a text or a number."""
     import msgspec  # noqa: PLC0415
 
     header = read_header(directory.journal)

@@ -1,4 +1,4 @@
-"""How a table of a run is written as each kind of file; each library is imported when its kind is asked for."""
+"""Writers of a table of a run, one a file format; each library is imported when its format is asked for."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _AT_ONCE: Final = 10_000
 _LARGEST_ATTRIBUTE: Final = 60_000
 """Bytes: an attribute of HDF5 takes 64 kB with its name."""
 _XLSX_ROWS: Final = 1_048_576
-"""Of a sheet, its head included."""
+"""Most rows of a sheet, its head included."""
 
 
 def _csv(table: ExportTable, path: Path) -> None:
-    """Write names and values, in full precision; what was not measured is empty."""
+    """Write names and values, in full precision; missing values are empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write(",".join(each.name for each in table.columns) + "\n")
         for rows in _rows(table):
@@ -32,7 +32,7 @@ def _csv(table: ExportTable, path: Path) -> None:
 
 
 def _parquet(table: ExportTable, path: Path) -> None:
-    """Write columns with unit and meaning in their metadata, what the record says in that of the schema."""
+    """Write columns with unit and meaning in their metadata, the facts of the record in that of the schema."""
     arrow, parquet = (need(name, "export", "an export to Parquet") for name in ("pyarrow", "pyarrow.parquet"))
     fields = [
         arrow.field(each.name, arrow.from_numpy_dtype(each.values.dtype), metadata=_described(each.unit, each.meaning))
@@ -48,7 +48,7 @@ def _described(unit: str, meaning: str) -> dict[str, str]:
 
 
 def _hdf5(table: ExportTable, path: Path) -> None:
-    """Write a data set a column, unit and meaning in its attributes, and what the record says in those of the file."""
+    """Write a data set a column, unit and meaning in its attributes, and the record's facts in those of the file."""
     h5py = need("h5py", "export", "an export to HDF5")
     with h5py.File(path, "w") as file:
         for key, value in table.about.items():
@@ -64,7 +64,7 @@ def _hdf5(table: ExportTable, path: Path) -> None:
 
 
 def _xlsx(table: ExportTable, path: Path) -> None:
-    """Write a sheet of values, one of what the columns are, and one of what the record says."""
+    """Write a sheet of values, one of the columns' meanings, and one of the facts of the record."""
     openpyxl = need("openpyxl", "export", "an export to a spreadsheet")
     if table.rows >= _XLSX_ROWS:
         raise ConfigError(
@@ -99,7 +99,7 @@ def _as_text(openpyxl: Any, sheet: Any, value: str | float) -> Any:
 
 
 def _mat(table: ExportTable, path: Path) -> None:
-    """Write a struct of columns, one of their units, and one of what the record says (MATLAB 5)."""
+    """Write a struct of columns, one of their units, and one of the facts of the record (MATLAB 5)."""
     from scipy.io import savemat  # noqa: PLC0415  # it takes a while to load
 
     about = {_matlab_name(key): value for key, value in table.about.items()}
@@ -121,7 +121,7 @@ def _matlab_name(key: str) -> str:
 
 
 def _rows(table: ExportTable) -> Iterator[Iterator[tuple[float | int | None, ...]]]:
-    """Yield the rows, so many at a time, as numbers of Python; None is what was not measured."""
+    """Yield the rows, so many at a time, as numbers of Python; None is a missing value."""
     for first in range(0, table.rows, _AT_ONCE):
         yield zip(*(_plain(each.values[first : first + _AT_ONCE]) for each in table.columns), strict=True)
         if table.progress is not None:
@@ -138,4 +138,4 @@ def _plain(values: Any) -> list[float | int | None]:
 WRITERS: Mapping[str, Callable[[ExportTable, Path], None]] = MappingProxyType(
     {"csv": _csv, "parquet": _parquet, "hdf5": _hdf5, "xlsx": _xlsx, "mat": _mat}
 )
-"""Who writes a table, by the name of the format."""
+"""Writers of a table, by the name of the format."""

@@ -1,4 +1,4 @@
-"""What an export is made of, whatever the kind of file: columns of the same length, with units and meanings."""
+"""Table of an export, for every kind of file: columns of the same length, with units and meanings."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExportColumn:
-    """One quantity: its name, which ends in its unit, the unit, what it means, and its values, shape (n,).
+    """One quantity: its name, which ends in its unit, the unit, its meaning, and its values, shape (n,).
 
-    Counts are whole numbers; of a quantity nan is what was not measured.
+    Counts are whole numbers; in a quantity nan is a missing value.
     """
 
     name: str
@@ -27,15 +27,15 @@ class ExportColumn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExportTable:
-    """Columns of the same length; `name` is ``points`` or ``readings``, `about` what the record says of the run."""
+    """Columns of the same length; `name` is ``points`` or ``readings``, `about` the facts of the run by its record."""
 
     name: str
     columns: tuple[ExportColumn, ...]
     about: Mapping[str, str | float]
     progress: Callable[[int, int], None] | None = None
-    """Is told how many rows of all are written, by formats that take their time."""
+    """Callback with the numbers of rows written and of all rows, called by formats that take their time."""
 
     @property
     def rows(self) -> int:
-        """How many rows there are."""
+        """Number of rows."""
         return len(self.columns[0].values)

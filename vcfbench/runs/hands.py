@@ -1,4 +1,4 @@
-"""Who does what only hands can do in a run: a person, or on a simulated bench the simulation."""
+"""Operator of the manual steps of a run: a person, or on a simulated bench the simulation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def require_operator(asked: Asked, description: BenchDescription, planned: DryRun) -> None:
-    """See that somebody is there for what the plan asks hands to do; known before anything is opened.
+    """Raise PlanError when nobody is there for the plan's manual steps; known before anything is opened.
 
     Raises:
         PlanError: the bench is real and nobody is.
@@ -33,7 +33,7 @@ def require_operator(asked: Asked, description: BenchDescription, planned: DryRu
 
 
 def operator_of(asked: Asked, bench: Bench) -> Operator:
-    """Return who is asked: whoever the caller named, on a simulated bench the simulation, else a person if any."""
+    """Return the operator: the caller's own, on a simulated bench the simulation, else a person if any."""
     from vcfbench.bench.simulated_operator import simulated_operator  # noqa: PLC0415
     from vcfbench.plans.step import nobody  # noqa: PLC0415
 

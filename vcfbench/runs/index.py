@@ -40,13 +40,13 @@ _TRIES: Final = 5
 
 
 class Refreshed(Struct, frozen=True):
-    """What it took to bring an index up to date: records that there are, that were read, that were gone."""
+    """Work of bringing an index up to date: numbers of records in all, read, and gone."""
 
     records: int
     read: int
     gone: int
     made_again: str | None = None
-    """Why what was there could not be used, None where it could."""
+    """Reason for making the index again, None where the earlier one could be used."""
 
 
 def indexed(
@@ -104,7 +104,7 @@ class RunIndex:
         self._engine.dispose()
 
     def refresh(self, *, rebuild: bool = False) -> Refreshed:
-        """Read anew what differs from the records, with `rebuild` all of them.
+        """Read anew the records that differ, with `rebuild` all of them.
 
         Raises:
             ConfigError: the database cannot be reached, or written.
@@ -242,7 +242,7 @@ class RunIndex:
         return Refreshed(len(present), len(changed), len(gone), why)
 
     def _known(self, connection: Connection) -> dict[str, str]:
-        """Return what is in the index of this directory: by its name, what tells whether a record was changed."""
+        """Return the fingerprints in the index of this directory, by the record's name; they tell a changed record."""
         runs = self._tables.runs
         mine = self._sql.select(runs.c.run, runs.c.fingerprint).where(runs.c.store == self._store)
         return {row.run: row.fingerprint for row in connection.execute(mine)}
@@ -280,7 +280,7 @@ class RunIndex:
 
     @contextmanager
     def _errors_named(self) -> Iterator[None]:
-        """Raise what the database says as ConfigError, or as _Again where a second try may help."""
+        """Raise the database's errors as ConfigError, or as _Again where a second try may help."""
         errors = self._sql.exc
         try:
             yield
@@ -316,19 +316,19 @@ class _Again(Exception):
 
 
 def _quick_and_patient(connection: Any, _record: object) -> None:
-    """Wait for others, and not for the disk: what a power failure spoils is made again."""
+    """Wait for others, and not for the disk: an index spoilt by a power failure is made again."""
     connection.isolation_level = None  # transactions begin where they are said to, see _begin
     connection.execute(f"PRAGMA busy_timeout = {1000 * _PATIENCE_S}")
     connection.execute("PRAGMA synchronous = OFF")
 
 
 def _begin(connection: Connection) -> None:
-    """Begin a transaction; one that writes takes the file at once, so that what it has read still holds."""
+    """Begin a transaction; one that writes takes the file at once, so that its reads still hold."""
     connection.exec_driver_sql("BEGIN IMMEDIATE" if connection.get_execution_options().get(_WRITES) else "BEGIN")
 
 
 def _fingerprints(runs: Path) -> Iterator[tuple[str, tuple[Path, str]]]:
-    """Yield each record by its name: where it is, and what tells whether it was changed."""
+    """Yield each record by its name: its path, and a fingerprint that tells a changed record."""
     try:
         entries = list(os.scandir(runs))
     except FileNotFoundError:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sqlalchemy import MetaData, Table
 
 SCHEMA: Final = "3"
-"""Version of the tables; raised when what stands in them changes, also in how it is made of a record."""
+"""Version of the tables; raised when their content changes, also in how it is made of a record."""
 STATEMENTS_AT_ONCE: Final = 500
 """Rows written, or names asked for, in one statement."""
 

@@ -1,4 +1,4 @@
-"""What a complete record says of its device, added to the device store where the run itself could not."""
+"""Device entry of a complete record, added to the device store where the run itself could not."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | None = None) -> Entry:
-    """Add what a complete run keeps of its device, as the run does at its end; `devices` is another store than its own.
+    """Add the device entry of a complete run, as the run does at its end; `devices` is another store than its own.
 
     Raises:
         ConfigError: the run is not complete or keeps nothing of a device, its entry is there already, or the store

@@ -1,4 +1,4 @@
-"""What a list says of all records under a directory: from an index where there is one, else from the records."""
+"""Lists of all records under a directory: from an index where there is one, else from the records."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def run_summaries(
     index: str | None = None,
     everywhere: bool = False,
 ) -> tuple[RunSummary, ...]:
-    """Return what a list says of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
+    """Return summaries of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
 
     ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
 

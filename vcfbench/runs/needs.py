@@ -1,4 +1,4 @@
-"""Whether a bench has what a procedure needs, and what of it a run opens; known before anything is opened."""
+"""Match of a bench with the needs of a procedure, and the roles that a run opens; known before anything is opened."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def require_needs(procedure: AnyProcedure, description: BenchDescription) -> None:
-    """See that the bench has every instrument that `procedure` needs, and that each can do what is asked of it.
+    """Raise ConfigError when the bench lacks an instrument that `procedure` needs, or one lacks a capability.
 
     Raises:
         ConfigError: it has not; procedure, bench, and what its bench file lacks are in the words.
@@ -31,7 +31,7 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
 
 
 def what_can_run(description: BenchDescription) -> dict[str, str | None]:
-    """Return for every known procedure what the bench lacks for it, in words; None where it can run."""
+    """Return for every known procedure the bench's lack for it, in words; None where it can run."""
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # all of them are loaded for this
 
     return {name: _lacks(procedure, description) for name, procedure in PROCEDURES.items()}

@@ -1,4 +1,4 @@
-"""Tells a program that the bench file names what a run came to: ``[notify]``."""
+"""Notice of a run's outcome to a program that the bench file names: ``[notify]``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FAILED = 1
 
 
 def outcome_of(run: Run) -> dict[str, Any]:
-    """Return what is told of a run: in one word, and with what ended it."""
+    """Return the notice of a run: its outcome in one word, and the error that ended it."""
     error, verdict = run.error, run.verdict
     failed = _FAILED if verdict is not None and not verdict.passed else 0
     return {
@@ -54,7 +54,7 @@ def outcome_word(error: BaseException | None) -> str:
 
 
 def notify(notice: Notify, outcome: Mapping[str, Any]) -> str | None:
-    """Run the program of `notice` without a shell, `outcome` on its input as JSON; return what went wrong, in words.
+    """Run the program of `notice` without a shell, `outcome` on its input as JSON; return its failure, in words.
 
     It and what it has started are ended when it takes longer than it may; nothing is raised.
     """

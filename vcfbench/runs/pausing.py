@@ -1,4 +1,4 @@
-"""Pauses of a run on an open bench: who wants one, for how long, and what time does meanwhile."""
+"""Pauses of a run on an open bench: the wish for one, its length, and the time meanwhile."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Pausing(Struct, frozen=True):
-    """What an executor asks whether to pause: its `Pauses`.
+    """Pauses of an executor, by a run's control.
 
     `pace` is how many seconds a second of the wall is on a bench whose time does not go on by itself. On a simulated
     bench that is as fast as it goes (0) bench time stands still in a pause, else it goes on as the wall does.
@@ -43,11 +43,11 @@ class Pausing(Struct, frozen=True):
 
     @property
     def by(self) -> str:
-        """Who wants a pause; empty: nobody."""
+        """Name of the person asking for a pause; empty: nobody."""
         return self.control.pause_by
 
     def wait(self) -> tuple[str, float]:
-        """Wait until somebody wants the run to go on; return who, and how long that took, s of wall time."""
+        """Wait until somebody wants the run to go on; return that name and the time waited, s of wall time."""
         waited = WallClock()
         by = self.control.wait()
         waited_s = waited.now()

@@ -33,7 +33,7 @@ class ResultValue:
     of: str = ""
     missing: tuple[str, ...] = ()
     causes: tuple[tuple[str, float], ...] = ()
-    """Sources and what each puts into `u`, the largest first; none where the results do not say."""
+    """Sources and their contributions to `u`, the largest first; none where the results do not say."""
 
     @property
     def u95(self) -> float | None:
@@ -79,7 +79,7 @@ def _stated(results: Mapping[str, Any]) -> Iterator[ResultValue]:
 
 
 def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:
-    """Yield numbers and quantities, going down into what is nested by names."""
+    """Yield numbers and quantities, going down into values nested by names."""
     for key, value in values.items():
         name = f"{before}{key}"
         if (number := _number(value)) is not None:
@@ -93,7 +93,7 @@ def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:
 
 
 def _causes(value: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
-    """Return what an uncertainty is made of: the contributions of a statement, the parts of a measurand."""
+    """Return the contributions to an uncertainty: those of a statement, the parts of a measurand."""
     parts = value.get("contributions") or value.get("parts") or ()
     return tuple(sorted(((each["source"], abs(each["u"])) for each in parts), key=lambda each: -each[1]))
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
-    """Compute the results again from the points; where that cannot be, say why in words, and take what is stored."""
+    """Compute the results again from the points; where that cannot be, return the stored ones, with the reason."""
     from vcfbench.runs.results import nothing  # noqa: PLC0415
     from vcfbench.runs.stored import stored  # noqa: PLC0415
 
@@ -58,6 +58,6 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
 
 
 def printable(value: object) -> str:
-    """Return what a record says as it can be printed: a file must not write on the terminal by itself."""
+    """Return a text of a record as it can be printed: a file must not write on the terminal by itself."""
     text = str(value)
     return text if text.isprintable() else ascii(text)

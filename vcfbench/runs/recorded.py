@@ -86,7 +86,7 @@ def _run_or_why_not(directory: RunDirectory) -> Run:
 
 
 def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
-    """Return what `record` in `directory` tells of its run."""
+    """Return the run of `record` in `directory`."""
     header, footer = record.header, record.footer or {}
     evaluation, why_none = evaluation_of(directory, record)
     lost, amendments = footer.get("observers_lost", ()), amendments_of(record.lines)
@@ -129,12 +129,12 @@ def asked_again(record: JournalRecord) -> list[str]:
 
 
 def not_checked(record: JournalRecord) -> tuple[str, ...]:
-    """Return what the run left unchecked, and why."""
+    """Return the checks that the run left out, with the reasons."""
     return tuple(str(step["not_checked"]) for step in record.steps if "not_checked" in step)
 
 
 def _error(record: JournalRecord) -> BenchError | None:
-    """Return the error that the record tells of: its damage, what its last line says, or its last failed step."""
+    """Return the error that the record tells of: its damage, that of its last line, or its last failed step."""
     if record.damage is not None:
         return ConfigError(f"the record is damaged: {record.damage}")
     if record.footer is not None:

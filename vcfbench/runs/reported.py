@@ -1,4 +1,4 @@
-"""The whole report of a run, as it can be handed to who asked for it: who, what, by what means, and what came of it.
+"""The whole report of a run, for its customer: persons, device, equipment, method and results.
 
 It is made of nothing but the run and its record, so the same record gives the same report.
 """
@@ -66,7 +66,7 @@ def title_of(run: Run) -> str:
 
 
 def _notices(run: Run) -> Iterator[Notice]:
-    """Say what nobody must overlook: a simulation, a run that is not whole, the verdict."""
+    """Yield the notices that nobody must overlook: a simulation, a run that is not whole, the verdict."""
     if run.simulated:
         seed = "" if run.seed is None else f" (seed {run.seed})"
         yield Notice(f"SIMULATED: instruments and gyroscope were simulated{seed}. Nothing here was measured.")
@@ -82,7 +82,7 @@ def _notices(run: Run) -> Iterator[Notice]:
 
 
 def _pairs(rows: Sequence[tuple[str, Any]], *, verbatim: bool = False) -> Table:
-    """Lay out names beside values; what is not known is left out."""
+    """Lay out names beside values; unknown values are left out."""
     known = [(name, str(value)) for name, value in rows if value is not None]
     return Table([Column("", align="left"), Column("", align="left", verbatim=verbatim)], known)
 
@@ -125,7 +125,7 @@ def _revision(run: Run) -> str:
 
 
 def _checked(run: Run) -> str | None:
-    """Name who checked the run; what was amended since nobody has checked."""
+    """Name the person that checked the run; later amendments are unchecked."""
     check = check_of(run.amendments)
     if check is None:
         return None
@@ -188,14 +188,14 @@ def _method(run: Run) -> Iterator[Part]:
 
 
 def method_of(run: Run) -> str:
-    """Return in words what was done, as the record says, else the procedure that is known here, else the title."""
+    """Return the method in words, from the record, else from the procedure that is known here, else the title."""
     header = run.header
     method = header.get("method") or _method_known(run.procedure) or header.get("title")
     return str(method or f"The procedure {run.procedure}, of which the record says no more.")
 
 
 def _method_known(name: str) -> str:
-    """Return what the procedure does, for records of before they said so."""
+    """Return the method of the procedure, for records of before they said so."""
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
 
     try:
@@ -280,7 +280,7 @@ def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
 
 
 def command_of(header: Mapping[str, Any]) -> str | None:
-    """Return the command that made the record, as it would be typed; what was left to its default is left out."""
+    """Return the command that made the record, as it would be typed; defaults are left out."""
     options = header.get("options")
     if not isinstance(options, dict):
         return None
@@ -307,7 +307,7 @@ def _metadata_words(metadata: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _sha256_of_bench(header: Mapping[str, Any]) -> str | None:
-    """Name the bench file by what it holds with its defaults, as the record has it: keys sorted, no spaces."""
+    """Return the SHA-256 of the bench's values with their defaults, as the record has them: keys sorted, no spaces."""
     import msgspec  # noqa: PLC0415  # it is loaded by now
 
     if not header.get("bench"):

@@ -1,4 +1,4 @@
-"""What the points of a run come to: results, the verdict on them, and the report."""
+"""Evaluation of the points of a run: results, the verdict on them, and the report."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 
 
 class Evaluation(Struct, frozen=True):
-    """What the points of a run came to; `results` None where they came to nothing."""
+    """Evaluation of the points of a run; `results` None where there are none."""
 
     results: Any
     verdict: Acceptance | None
     report: Report
     measured: Any = None
-    """What they were made of, where they were computed: a journal of a million readings is not read once more."""
+    """Measured data of the results, where they were computed: a journal of a million readings is not read once more."""
 
 
 def nothing(points: Sequence[Point]) -> Evaluation:
-    """Return what a run without results came to: its points."""
+    """Return the evaluation of a run without results: its points."""
     return Evaluation(None, None, Report([points_table(points)]))
 
 
@@ -56,7 +56,7 @@ def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], me
 
 
 def _report(procedure: AnyProcedure, settings: Any, measured: Measured, results: Any) -> Report:
-    """Return the report of the procedure; where it fails, points and results say as much, and what happened."""
+    """Return the report of the procedure; where it fails, the points and results with the reason."""
     try:
         made = procedure.report(settings, measured, results)
         if isinstance(made, Report):

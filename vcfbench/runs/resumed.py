@@ -39,8 +39,8 @@ _MAY_DIFFER = {
     *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate", "laboratory", "notify", "safety"),
     *("resource", "timeout_s", "serial", "serial_pause_s", *CALIBRATION_KEYS),
 }
-"""What of a bench file matters to nothing that was measured: by its path, or by its key in the table of a role. The
-settings of procedures are those of the record."""
+"""Keys of a bench file that no measured value depends on: by path, or by key in the table of a role. The settings of
+procedures are those of the record."""
 
 
 def resume(
@@ -156,7 +156,7 @@ class BrokenOff:
         return path
 
     def prepare(self, asked: Asked, checked: Checked) -> Prepared:
-        """Check what was asked for against the record; nothing is opened."""
+        """Check the request against the record; nothing is opened."""
         from vcfbench.bench.station import checked_pace  # noqa: PLC0415
         from vcfbench.plans.replay import taken_over  # noqa: PLC0415
         from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
@@ -234,7 +234,7 @@ def _file_of_station(header: Mapping[str, Any]) -> Path | None:
 
 
 def _differences(then: Any, now: Any, keys: tuple[str, ...] = ()) -> Iterator[str]:
-    """Yield in words in what two bench files differ that matters."""
+    """Yield in words the differences of two bench files that matter."""
     if dotted(keys) in _MAY_DIFFER or (len(keys) == 2 and keys[1] in _MAY_DIFFER) or then == now:
         return
     if isinstance(then, dict) and isinstance(now, dict):
@@ -245,13 +245,13 @@ def _differences(then: Any, now: Any, keys: tuple[str, ...] = ()) -> Iterator[st
 
 
 class Resumed(Prepared, frozen=True, kw_only=True):
-    """All that a run needs to go on: the earlier one, and what is taken over from it."""
+    """Facts that a run needs to go on: the earlier one, and the steps taken over from it."""
 
     earlier: BrokenOff
     taken: tuple[TakenOver, ...]
 
     def planned(self) -> DryRun:
-        """Return what is still to come, as far as a plan that has measured nothing tells; each step within the limits.
+        """Return the steps still to come, as far as a plan without measured values tells; each within the limits.
 
         Raises:
             PlanError: the plan asks for other steps than the record has.
@@ -312,7 +312,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
                 raise ConfigError(f"another {role} is on the bench: {', '.join(now)}; the record has {said}")
 
     def header_entries(self) -> dict[str, Any]:
-        """Return what the header says beside what every header does: what this run was resumed from."""
+        """Return the additional entries of the header: the run that this one was resumed from."""
         earlier, taken = self.earlier.record, self.taken
         before = earlier.header.get("resumed_from")
         resumed_from = {
@@ -330,7 +330,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
         return {**Prepared.header_entries(self), "resumed_from": resumed_from}
 
     def perform(self, executor: Executor) -> Execution:
-        """Take over what was done, bring the bench to where it was, and go on; no more than that if nothing is left."""
+        """Take over the steps done, restore the bench as it was, and go on; no more than that if nothing is left."""
         from vcfbench.plans.replay import rest_of  # noqa: PLC0415
 
         executor.take_over(self.taken)

@@ -45,7 +45,7 @@ class RawReading(NamedTuple):
 
 
 class Run(Struct, frozen=True, eq=False):
-    """What a run came to: its points, results, verdict and record.
+    """Outcome of a run: its points, results, verdict and record.
 
     `procedure` is its name. `status` says how it ended (``run.status == "complete"``). `points` are the averaged points
     that were measured. `results` are what the procedure made of them (``run.results.k_vc.value``), None if there are
@@ -97,7 +97,7 @@ class Run(Struct, frozen=True, eq=False):
 
     @property
     def measured(self) -> Measured:
-        """What was measured, as results are made of it; readings are read from the record when asked for."""
+        """Measured data, as results are made of them; readings are read from the record when asked for."""
         from vcfbench.plans.measured import Measured  # noqa: PLC0415
         from vcfbench.record.journal import lines_of  # noqa: PLC0415
 
@@ -115,9 +115,9 @@ class Run(Struct, frozen=True, eq=False):
 
     @property
     def header(self) -> Mapping[str, Any]:
-        """Who ran what on which bench, as the record says: identities, settings, versions; read when asked for.
+        """Header of the record: operator, procedure, bench, identities, settings, versions; read when asked for.
 
-        Of a run without a record it is what the record would say, empty where the bench was not opened.
+        For a run without a record the header that it would have, empty where the bench was not opened.
 
         Raises:
             ConfigError: the record cannot be read any more.
@@ -180,7 +180,7 @@ class Run(Struct, frozen=True, eq=False):
         return answer if self.error is None else {**answer, "error": str(self.error)}
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether all but what was measured is the same: a run of a record reads that when it is asked for."""
+        """Tell whether all but the measured data is the same: a run of a record reads that when it is asked for."""
         return isinstance(other, Run) and astuple(self)[:-2] == astuple(other)[:-2]
 
     def __hash__(self) -> int:
@@ -190,7 +190,7 @@ class Run(Struct, frozen=True, eq=False):
         return f"<Run {self.name or self.procedure}: {self.status.value}, {len(self.points)} points>"
 
     def report(self) -> Report:
-        """Return what the run came to: its own report, breaks and pauses, what was not checked, the verdict."""
+        """Return the outcome as a report: its own, breaks and pauses, checks left out, the verdict."""
         from vcfbench.report.document import Text  # noqa: PLC0415
         from vcfbench.report.generic import verdict_table  # noqa: PLC0415
 

@@ -29,11 +29,11 @@ _WORDS: Final = {
     "": (1.0, ""),
     "ppm": (1e-6, ""),
 }
-"""By what a value is multiplied, and the name; D-SI has none for parts per million."""
+"""Factor of a value, and the name in D-SI, which has none for parts per million."""
 
 
 def in_si(unit: str) -> tuple[float, str] | None:
-    """Return by what a value in `unit` is multiplied and the unit it then has in D-SI; None for an unknown unit."""
+    """Return the factor of a value in `unit` and the unit it then has in D-SI; None for an unknown unit."""
     powers: dict[str, float] = {}
     scale = _read(unit.strip(), 1.0, powers)
     parts = [_power(word, power) for word, power in powers.items() if word and power]
@@ -45,7 +45,7 @@ def _power(word: str, power: float) -> str:
 
 
 def _read(text: str, sign: float, powers: dict[str, float]) -> float | None:
-    """Add the units of `text`, to the power `sign`, to `powers`; return by what values are multiplied."""
+    """Add the units of `text`, to the power `sign`, to `powers`; return the factor of values."""
     scale = 1.0
     for place, part in enumerate(_split(text, "/")):
         for factor in _split(part, " *"):
@@ -57,7 +57,7 @@ def _read(text: str, sign: float, powers: dict[str, float]) -> float | None:
 
 
 def _factor(text: str, power: float, powers: dict[str, float]) -> float | None:
-    """Add one unit, what stands in brackets, or a root of it."""
+    """Add one unit, the units in brackets, or a root of them."""
     if text.startswith("sqrt(") and text.endswith(")"):
         return _read(text[5:-1], power / 2.0, powers)
     if text.startswith("(") and text.endswith(")"):

@@ -71,9 +71,9 @@ def start(
     operator: Operator | None = None,
     metadata: Mapping[str, Any] | RunMetadata | None = None,
 ) -> StartedRun:
-    """Begin a run in a thread of its own and return what controls it; the arguments are those of :func:`vcfbench.run`.
+    """Begin a run in a thread of its own and return its control; the arguments are those of :func:`vcfbench.run`.
 
-    What goes wrong is raised by :meth:`StartedRun.result`. Observers and operator are called in the run's thread.
+    Errors are raised by :meth:`StartedRun.result`. Observers and operator are called in the run's thread.
     Signals are the program's: whoever wants Ctrl-C to stop the run calls `stop`.
     """
     started = StartedRun()

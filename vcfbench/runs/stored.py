@@ -1,4 +1,4 @@
-"""What a record keeps of its results: they are shown where they cannot be computed again, and in lists of runs."""
+"""Stored results of a record: shown where they cannot be computed again, and in lists of runs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ STORED_SETTINGS: Final = "settings"
 
 
 def stored(directory: RunDirectory, record: JournalRecord) -> Evaluation:
-    """Return what the record keeps of its results, where they cannot be computed again.
+    """Return the stored results of a record, where they cannot be computed again.
 
     Raises:
         ConfigError: there is no ``result.json`` in the record, or it is none of these points.
@@ -87,7 +87,7 @@ def _decoder() -> Decoder[_Stored]:
 
 
 class _Stored(Struct, frozen=True):
-    """What says whose result a file holds, the verdict on it, and the results undecoded."""
+    """Stored file of results: the marks of its run, the verdict on it, and the results undecoded."""
 
     procedure: str
     points: tuple[Mark, ...]

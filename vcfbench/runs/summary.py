@@ -1,4 +1,4 @@
-"""What a list says of each record, and which records a list is asked for: no readings are read for it."""
+"""Summaries of records in a list, and the selection of records: no readings are read for it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class KeyResult:
-    """A result that a list shows: value, combined standard uncertainty (None: none stated), unit, what u is without."""
+    """A result that a list shows: value, combined standard uncertainty (None: not stated), unit, parts missing in u."""
 
     value: float
     u: float | None
@@ -47,7 +47,7 @@ class KeyResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSummary:
-    """What a list says of a record.
+    """Summary of a record in a list.
 
     `run` is its name, `directory` where it is, `started` when it began (UTC). `results` are those with a unit, by the
     names that they have in ``result.json``. `verdict` is ``pass``, ``marginal``, ``fail``, or None where nothing was
@@ -98,7 +98,7 @@ class RunSummary:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Selection:
-    """Which runs are meant; what is None or empty is no matter. `since` is an instant with its time zone."""
+    """Selection of runs; a key that is None or empty does not select. `since` is an instant with its time zone."""
 
     dut: str | None = None
     since: datetime | None = None
@@ -161,7 +161,7 @@ def ordered(summaries: Iterator[RunSummary]) -> tuple[RunSummary, ...]:
 
 
 def summary_of(directory: RunDirectory) -> RunSummary:
-    """Return what a list says of one record; one that cannot be read says why in its `problem`."""
+    """Return the summary of one record; one that cannot be read has the reason in its `problem`."""
     outline = outline_of(directory.journal)
     if outline is not None:
         with suppress(ConfigError):  # what was not stored with the run is computed from its points

@@ -1,4 +1,4 @@
-"""Whether a record is what was written: its seals, its form, its numbers, the files beside it, its signatures."""
+"""Integrity of a record: its seals, its form, its numbers, the files beside it, its signatures."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _MOST: Final = 1 << 30
 
 
 class Verification(Struct, frozen=True, kw_only=True):
-    """What was found of a record: ``PASS``, ``FAIL`` with the first thing that is wrong, or ``UNSEALED``.
+    """Verification of a record: ``PASS``, ``FAIL`` with the first deviation, or ``UNSEALED``.
 
     `line` is the line of the journal that is wrong, None where it is something else; `notes` say what could not be
     known. `seal` is that of the last line, `signed_by` the public keys of the signatures that hold.
@@ -56,7 +56,7 @@ class Verification(Struct, frozen=True, kw_only=True):
 
 
 def verify_run(run: str | Path, runs: str | Path = "runs", *, keys: Sequence[str] = ()) -> Verification:
-    """Look whether the record of a run is what was written.
+    """Verify that the record of a run is unchanged since it was written.
 
     Checked are the chain of seals, form, order and counts of its lines, the files beside it, its results, which are
     computed again from its points, the record that it was resumed from where that is beside it, and signatures. No code
@@ -100,7 +100,7 @@ def verify_run(run: str | Path, runs: str | Path = "runs", *, keys: Sequence[str
 
 
 class _Header(Struct, frozen=True):
-    """What every header has."""
+    """Entries that every header has."""
 
     run: str
     procedure: str
@@ -115,7 +115,7 @@ class _Header(Struct, frozen=True):
 
 
 class _Check(Struct):
-    """The checks of one record, in their order; each yields in words what is wrong."""
+    """The checks of one record, in their order; each yields deviations in words."""
 
     directory: RunDirectory
     record: JournalRecord
@@ -124,7 +124,7 @@ class _Check(Struct):
     signed_by: list[str] = field(default_factory=list)
 
     def findings(self) -> Iterator[str]:
-        """Yield what is wrong, the most telling first."""
+        """Yield the deviations, the most telling first."""
         record = self.record
         if record.damage is not None:
             yield record.damage
@@ -253,7 +253,7 @@ class _Check(Struct):
         return other_versions(self.record.header)
 
     def _earlier(self) -> Iterator[str]:
-        """Hold what was taken over against the record that it was taken from, where that is beside this one."""
+        """Hold the steps taken over against the record that they come from, where that is beside this one."""
         resumed_from = self.record.header.get("resumed_from")
         if not isinstance(resumed_from, dict):
             return
@@ -287,7 +287,7 @@ class _Check(Struct):
 
 
 def _step(line: Mapping[str, Any], own: set[str]) -> Iterator[str]:
-    """Yield what is wrong with a step: its form, its key, its point; kinds that are not known here go to `own`."""
+    """Yield the deviations of a step: its form, its key, its point; kinds that are not known here go to `own`."""
     step, result = step_of(line), result_of(line)
     for made, kind, known in (
         (step, line["step_kind"], Step.kinds),
