@@ -21,7 +21,7 @@ MAX_V = 10.0
 """Into an open circuit |offset| + amplitude / 2 may be 10 V (guide p. 60)."""
 
 OPEN_OHM = replies.OVERLOAD * (1.0 - 1e-9)
-"""What OUTPut:LOAD? answers for infinity, its last digit apart: no double holds 9.9E37 to fifteen decimals."""
+"""Answer of OUTPut:LOAD? for infinity, its last digit apart: no double holds 9.9E37 to fifteen decimals."""
 
 
 class Agilent33220A(ScpiInstrument):
@@ -31,7 +31,7 @@ class Agilent33220A(ScpiInstrument):
     number_form: ClassVar[replies.NumberForm] = replies.nr3(decimals=13)  # seen on its siblings
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF",)  # the relay: no level is anything behind it
     source: ClassVar[str] = ""
-    """What stands before the words of the channel that drives V_Vc."""
+    """Prefix of the commands to the channel that drives V_Vc."""
     output: ClassVar[str] = "OUTP"
     """The root of the words of its connector."""
     sine_hz: ClassVar[tuple[float, float]] = (1e-6, 20e6)

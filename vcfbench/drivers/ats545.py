@@ -25,7 +25,7 @@ _HEAD_UP = 1 << 2
 _AT_TEMPERATURE = 1
 """TECR?: the soak time has passed within the window."""
 _NO_SENSOR_C = 400.0
-"""What is read without a sensor is above."""
+"""Without a sensor readings are above this."""
 _HOT_C, _COLD_C = 30.0, 20.0
 """From where on a temperature is set as the hot or the cold one: the operator's screen has three setpoints."""
 _FAULTS = MappingProxyType(
@@ -136,13 +136,13 @@ class TemptronicATS545(ScpiInstrument):
         return on
 
     def fault(self) -> str | None:
-        """Return what EROR? holds in words, None when there is nothing."""
+        """Return the faults in EROR? in words, None when there is none."""
         bits = self._session.query_int("EROR?")
         known = [words for bit, words in _FAULTS.items() if bits & bit]
         return (", ".join(known) or f"error register {bits}") if bits else None
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Stop the air and prove it; what is hot or cold then comes to the room's temperature by itself."""
+        """Stop the air and prove it; a hot or cold device then comes to the room's temperature by itself."""
         return safely(self, self._prove_off, deadline)
 
     def _prove_off(self, deadline: Deadline) -> str:

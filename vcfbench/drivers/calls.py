@@ -46,7 +46,7 @@ class Calls:
 
 @contextmanager
 def attended(calls: Calls) -> Iterator[None]:
-    """Note in `calls` what is called on the wires that are opened in here, as long as they are used."""
+    """Note in `calls` the calls on the wires that are opened in here, as long as they are used."""
 
     def attendant(name: str, connect: Connect) -> Connect:
         def reach(deadline: Deadline) -> Wire:

@@ -29,7 +29,7 @@ _HOLE, _CLIPPED_LOW = 0, 1
 """Codes of a record that are no samples, as is the highest (programmer's guides of the siblings)."""
 
 _CODES: Final = {"BYTE": "u1", "WORD": "<u2"}
-"""What the codes of a record are by its format."""
+"""Type of a record's codes by its format."""
 
 _NORMAL_RECORD = 1000
 """Longest measurement record; beyond it the raw one must be read."""
@@ -42,7 +42,7 @@ _AUTO_TRIGGER_S = 1.0
 
 
 class Preamble(Struct, frozen=True):
-    """How codes become seconds and volts: t = (i - x_reference) x_step_s + x_origin_s, and likewise the voltage."""
+    """Scaling of codes to seconds and volts: t = (i - x_reference) x_step_s + x_origin_s, and likewise the voltage."""
 
     points: int
     x_step_s: float

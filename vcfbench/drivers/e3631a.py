@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Output(Struct, frozen=True):
-    """One of the three outputs: its number and what can be programmed, V and A (guide p. 91)."""
+    """One of the three outputs: its number and programmable ranges, V and A (guide p. 91)."""
 
     number: int
     low_v: float
@@ -59,10 +59,10 @@ class E3631A(ScpiInstrument):
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF",)
     outputs: ClassVar[Mapping[str, Output]] = OUTPUTS
     off: ClassVar[str] = "OUTP OFF"
-    """What switches all outputs off."""
+    """Command that switches all outputs off."""
     switch_question: ClassVar[str] = "OUTP?"
     look: ClassVar[Mapping[str, str]] = MappingProxyType({output: f"MEAS:VOLT? {output}" for output in OUTPUTS})
-    """What is asked of a supply that may be on, before it is switched off."""
+    """Questions to a supply that may be on, before it is switched off."""
     serial_pause_s: ClassVar[float] = 0.5  # what comes within 0.3 to 0.5 s of a change of state is lost (seen by users)
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
@@ -97,11 +97,11 @@ class E3631A(ScpiInstrument):
         return f"OUTP:TRAC OFF;:INST:SEL {output};:CURR {decimal(current_limit_a)};:VOLT {decimal(voltage_v)}"
 
     def _question(self, header: str, output: str) -> str:
-        """Return how an output is asked for what is set (VOLT, CURR: the selected one's) or measured (MEAS:...)."""
+        """Return the question for an output's setting (VOLT, CURR: of the selected one) or reading (MEAS:...)."""
         return f"{header}? {output}" if header.startswith("MEAS") else f"{header}?"
 
     def _signed(self, output: str, voltage_v: float) -> float:
-        """Return a voltage at the terminal that the output's wire is on, from what the supply says."""
+        """Return a voltage at the terminal that the output's wire is on, from the supply's reading."""
         del output
         return voltage_v
 

@@ -37,7 +37,7 @@ class Hp34401A(ScpiInstrument):
     """15 characters, ``SD.DDDDDDDDESDD`` (guide p. 106)."""
 
     over_range: ClassVar[float] = 1.2
-    """What can be read on a range, over the range (guide p. 216; the 1000 V range has none, which is not looked at)."""
+    """Highest reading over the range (guide p. 216; the 1000 V range ends at itself, which is not looked at)."""
 
     ranges_v: ClassVar[tuple[float, ...]] = (0.1, 1.0, 10.0, 100.0, 1000.0)
     integration_times_nplc: ClassVar[tuple[float, ...]] = (0.02, 0.2, 1.0, 10.0, 100.0)
@@ -46,9 +46,9 @@ class Hp34401A(ScpiInstrument):
     fast_apertures_s: ClassVar[Mapping[float, float]] = MappingProxyType({0.02: 400e-6, 0.2: 3e-3})
     """Integration times that do not depend on the line, by power-line cycles (guide p. 216)."""
     memory_readings: ClassVar[int] = 512
-    """What INITiate can store (guide p. 84)."""
+    """Readings that INITiate can store (guide p. 84)."""
     abort_words: ClassVar[tuple[str, ...]] = ()
-    """What ends a measurement where a device clear does not; a 34401A takes no command while it measures (p. 116)."""
+    """Commands that end a measurement, if a device clear does not; a 34401A takes none while it measures (p. 116)."""
 
     def __init__(self, session: Session, *, mains_hz: float = 50.0, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)
@@ -68,12 +68,12 @@ class Hp34401A(ScpiInstrument):
 
     @property
     def reading_time_s(self) -> float:
-        """How long one reading takes, s: with autozero the meter integrates twice (guide p. 217)."""
+        """Duration of one reading, s: with autozero the meter integrates twice (guide p. 217)."""
         return 2.0 * self._nplc / self._mains_hz + _OVERHEAD_S
 
     @property
     def aperture_s(self) -> float:
-        """How long one reading integrates, s; the shortest times are not those of the line."""
+        """Integration time of one reading, s; the shortest ones do not depend on the line."""
         return self.fast_apertures_s.get(self._nplc, self._nplc / self._mains_hz)
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
@@ -229,7 +229,7 @@ class Hp34401A(ScpiInstrument):
         return FramingError(what, instrument=self.name, resource=self.resource, command="FETC?")
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Abort what the meter is doing; it drives nothing. Its answer shows that it is idle: when busy it has none."""
+        """Abort the measurement; a meter drives nothing. Its answer shows that it is idle: when busy it has none."""
         return safely(self, self._prove_idle, deadline)
 
     def _prove_idle(self, deadline: Deadline) -> str:

@@ -28,7 +28,7 @@ _OVERHEAD_S = 0.05
 
 
 class _Keithley(Hp34401A):
-    """What both have in common: a reading is begun, waited for by ``*OPC?`` and fetched twice."""
+    """A Keithley multimeter: a reading is begun, waited for by ``*OPC?`` and fetched twice."""
 
     makers: ClassVar[tuple[str, ...]] = ("KEITHLEY",)
     reading_form: ClassVar[replies.NumberForm] = replies.ANY_NUMBER  # digits follow settings
@@ -131,7 +131,7 @@ class KeithleyDMM6500(_Keithley):
 
     model: ClassVar[str] = "DMM6500"
     memory_readings: ClassVar[int] = 100_000
-    """What defbuffer1 holds as it comes (general knowledge, unverified)."""
+    """Readings that defbuffer1 holds by default (general knowledge, unverified)."""
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
     begin: ClassVar[str] = 'TRAC:TRIG "defbuffer1"'
 

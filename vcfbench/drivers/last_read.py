@@ -1,4 +1,4 @@
-"""What was last read back of an instrument and when: what can still be said of it when it no longer answers."""
+"""The last read-back of an instrument and its time, for messages when it no longer answers."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class LastRead:
         self._at_s = 0.0
 
     def note(self, what: str) -> None:
-        """Remember what was just read back, in words."""
+        """Remember a read-back, in words."""
         self._what, self._at_s = what, self._clock.now()
 
     def unproved(self, words: str, *, sent: bool) -> UnprovedCommand:
-        """Return what the instrument was told, beside what was last read back of it."""
+        """Return the command that nothing proved, beside the last read-back."""
         if self._what is None:
             return UnprovedCommand(words, sent)
         try:

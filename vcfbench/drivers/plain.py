@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from vcfbench.interfaces import Instrument
 
 _COMMAND_S = 0.5
-"""What a table that answers commands at all takes to begin with it, s."""
+"""Longest time after which a table that answers commands at all begins to answer one, s."""
 
 _SILENCE_S = 0.2
 
@@ -85,7 +85,7 @@ class PlainTable:
         return self._line.closed
 
     def tell(self, message: str) -> None:
-        """Send a message that asks nothing; raises InstrumentError with what the table says against it."""
+        """Send a message that asks nothing; raises InstrumentError with the table's refusal."""
         self._dialect.command(self._line, message, self._line.deadline(self._timeout_s))
 
     def ask(self, message: str) -> bytes:
@@ -93,12 +93,12 @@ class PlainTable:
         return self._dialect.ask(self._line, message, self._line.deadline(self._timeout_s)).encode("ascii")
 
     def clear(self) -> None:
-        """Forget what has come unasked; tables know no device clear."""
+        """Drop unasked bytes; tables know no device clear."""
         self._line.take_unasked()
 
 
 class PlainLine:
-    """A rate table whose language says nothing of what is answered when: everything that comes is shown."""
+    """A rate table whose language does not tell which message is answered: everything that comes is shown."""
 
     def __init__(self, line: TableLine, terminator: bytes, timeout_s: float) -> None:
         self._line = line
@@ -111,11 +111,11 @@ class PlainLine:
         return self._line.closed
 
     def tell(self, message: str) -> None:
-        """Send a message, and drop what comes upon it."""
+        """Send a message, and drop any answer."""
         self.ask(message)
 
     def ask(self, message: str) -> bytes:
-        """Send a message and return what comes until the line falls silent, lines separated by blanks; or nothing."""
+        """Send a message and return all until the line falls silent, lines separated by blanks; or nothing."""
         line = self._line
         with line.exclusive():
             try:
@@ -137,5 +137,5 @@ class PlainLine:
         return b" ".join(part for part in (*lines, rest) if part.strip())
 
     def clear(self) -> None:
-        """Forget what has come unasked; tables know no device clear."""
+        """Drop unasked bytes; tables know no device clear."""
         self._line.take_unasked()

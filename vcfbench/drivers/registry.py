@@ -1,4 +1,4 @@
-"""How each instrument is opened: the one way from a name and a resource to a driver."""
+"""Opening of instruments: the one way from a name and a resource to a driver."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _S = TypeVar("_S")
 
 
 class TableSettings(Struct, frozen=True):
-    """What a rate table may be told besides its port; without limits here its own stay as they are."""
+    """Settings of a rate table besides its port; without limits here its own stay as they are."""
 
     max_rate_deg_s: float = math.inf
     max_acceleration_deg_s2: float = math.inf
@@ -48,7 +48,7 @@ class TableSettings(Struct, frozen=True):
     steps_per_deg: float | None = None
     rest_tolerance_deg_s: float = 0.05
     port: str | None = None
-    """What is opened instead of the resource, which messages name all the same."""
+    """Address that is opened instead of the resource, which messages name all the same."""
     upon_connecting: Callable[[TableLine, TableDialect], None] | None = None
     """Called with the open line and its language before anything is asked."""
 

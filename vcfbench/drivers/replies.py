@@ -1,4 +1,4 @@
-"""What instruments answer, as values: strict readers that never guess.
+"""Answers of instruments as values: strict readers that never guess.
 
 Each raises :class:`~vcfbench.errors.FramingError` for anything that is not of its form.
 """
@@ -22,7 +22,7 @@ _ANY_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _ERROR = re.compile(r'([+-]?[0-9]+),"((?:[^"]|"")*)"')
 _PLAIN_DATA = re.compile(rb"(?:[^;,\n\"]|\"[^\"\n]*\")*")
-"""One item of an answer that is no block; what is quoted may hold separators (IEEE 488.2, 8.7.8)."""
+"""One item of an answer that is no block; a quoted one may hold separators (IEEE 488.2, 8.7.8)."""
 
 _NEWLINE, _BLOCK = b"\n#"
 _SHOWN = 60

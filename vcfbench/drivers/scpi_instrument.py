@@ -1,4 +1,4 @@
-"""What the SCPI drivers have in common: identity, errors, and the frame of making safe."""
+"""Base of the SCPI drivers: identity, errors, and the frame of making safe."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _BETWEEN_S = 0.2
 
 
 class VisaSettings(Struct, frozen=True):
-    """What an instrument on VISA may be told besides its resource."""
+    """Settings of an instrument on VISA besides its resource."""
 
     timeout_s: float = 5.0
     serial: SerialParameters | None = None
     serial_number: str | None = None
     mains_hz: float = 50.0
     serial_pause_s: float | None = None
-    """Pause after a command on RS-232; None is what the model needs."""
+    """Pause after a command on RS-232; None is the model's own."""
     upon_connecting: Callable[[Session, tuple[str, ...]], None] | None = None
     """Called with the open session and the driver's safe words before anything is asked."""
 
@@ -48,18 +48,18 @@ class ScpiInstrument:
     model: ClassVar[str]
 
     safe_words: ClassVar[tuple[str, ...]] = ()
-    """The commands that switch off what it drives. They are sent without looking at any answer, and more than once."""
+    """The commands that switch off its outputs. They are sent without looking at any answer, and more than once."""
     makers: ClassVar[tuple[str, ...]] = HP_MAKERS
-    """How the maker's name in ``*IDN?`` may begin, in capitals."""
+    """Beginnings of the maker's name in ``*IDN?``, in capitals."""
 
     error_question: ClassVar[str] = "SYST:ERR?"
-    """What tells of refusals: the error queue, or ``*ESR?`` of an instrument that has none."""
+    """Question for refusals: the error queue, or ``*ESR?`` of an instrument that has none."""
 
     first_answer_s: ClassVar[float] = 0.0
-    """How long the first answer after connecting may take, s, where that is longer than the session's time-out."""
+    """Longest time of the first answer after connecting, s, where that is longer than the session's time-out."""
 
     serial_pause_s: ClassVar[float] = 0.0
-    """What the instrument needs to be left in peace after a command on RS-232, s."""
+    """Pause that the instrument needs after a command on RS-232, s."""
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         self._session = session
@@ -92,7 +92,7 @@ class ScpiInstrument:
 
     @property
     def session(self) -> Session:
-        """The conversation itself, for consoles and for what the driver has no method for."""
+        """The conversation itself, for consoles and for commands that the driver has no method for."""
         return self._session
 
     @property
@@ -101,7 +101,7 @@ class ScpiInstrument:
         return self._session.clock
 
     def _open(self) -> None:
-        """Take over the instrument as it stands: end what an earlier program left, check who it is, drop old errors."""
+        """Take over the instrument as it stands: end an earlier exchange, check the identity, drop old errors."""
         deadline = self._session.deadline(max(self._session.timeout_s, self.first_answer_s))
         self._session.clear(deadline)
         self._take_remote(deadline)
@@ -109,14 +109,14 @@ class ScpiInstrument:
         self._session.send("*CLS", deadline=deadline)
 
     def _take_remote(self, deadline: Deadline) -> None:
-        """Send what the interface needs before the instrument may be spoken to."""
+        """Send the commands that the interface needs before the instrument may be spoken to."""
 
     def _safe_words_here(self) -> tuple[str, ...]:
         """Return the safe words as this interface needs them."""
         return self.safe_words
 
     def command_safe(self) -> UnprovedCommand:
-        """Send the safe words at once, without waiting for an answer; tell what was last read back."""
+        """Send the safe words at once, without waiting for an answer; return the last read-back."""
         return self._last_read.unproved("to switch off" if self.safe_words else "", sent=self._session.command_safe())
 
     def _identity(self, deadline: Deadline | None) -> Identity:
@@ -138,7 +138,7 @@ class ScpiInstrument:
         )
 
     def identify(self) -> Identity:
-        """Ask who answers."""
+        """Ask for the identity."""
         return self._identity(None)
 
     def check_errors(self) -> None:
@@ -173,7 +173,7 @@ def safely(
     deadline: Deadline,
     shares: Sequence[float] = _SHARES,
 ) -> SafeReport:
-    """Send the safe words, then run `prove`, again if it fails and time is left; it returns in words what it proved.
+    """Send the safe words, then run `prove`, again if it fails and time is left; it returns its proof in words.
 
     There are as many attempts as `shares`, each a share of what is left then, so that one which hangs leaves time for
     another. A connection that is gone is waited for, in wall time. Where nothing can be proved the safe words are sent

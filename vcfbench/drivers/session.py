@@ -51,11 +51,11 @@ _BLIND_S = 0.3
 """Wall time that sending the safe words may take."""
 
 _ECHO_S = 0.1
-"""How long the last of doubled answers is waited for."""
+"""Longest wait for the last of doubled answers, s."""
 
 _QUERY_ERRORS = range(-499, -399)
 _STATUS_ERRORS = MappingProxyType({4: "query error", 8: "device error", 16: "execution error", 32: "command error"})
-"""-410, -420, -430, -440: what an interrupted exchange leaves in the queue; the session has dealt with it."""
+"""-410, -420, -430, -440: queue entries of an interrupted exchange; the session has dealt with it."""
 
 
 class SerialLine(Struct, frozen=True):
@@ -155,7 +155,7 @@ class Session:
 
     @property
     def interface(self) -> Interface:
-        """What kind of connection it is."""
+        """Kind of the connection."""
         return self._wire.interface
 
     @property
@@ -233,14 +233,14 @@ class Session:
     # Commands
 
     def write(self, *commands: str, deadline: Deadline | None = None) -> None:
-        """Send `commands`, then read the error queue; raises InstrumentError with what was refused."""
+        """Send `commands`, then read the error queue; raises InstrumentError with the refusal."""
         limit = deadline or self.deadline()
         with self._lock:
             self.send(*commands, deadline=limit)
             self._raise_errors(limit, "; ".join(commands))
 
     def send(self, *commands: str, deadline: Deadline | None = None) -> None:
-        """Send `commands` without asking how they were received; for what comes before the error queue can be read."""
+        """Send `commands` without asking for refusals; for those before the error queue can be read."""
         limit = deadline or self.deadline()
         with self._lock:
             self._in_step(limit)
@@ -297,13 +297,13 @@ class Session:
 
     @property
     def _error_question(self) -> tuple[str, Callable[[bytes], tuple[int, str]]]:
-        """What is asked for the next error, and what makes number and words of its answer; number 0 is none."""
+        """Question for the next error, and the reader of number and words in its answer; number 0 is none."""
         return ("*ESR?", _event_status) if self._tells_by_status else ("SYST:ERR?", _error_entry)
 
     # The safe words
 
     def declare_safe(self, *words: str) -> None:
-        """Learn what brings the instrument to its safe state; every new connection begins with these words."""
+        """Learn the commands that make the instrument safe; every new connection begins with these words."""
         # The newline that goes first ends what is left of a torn command: else it would swallow the first word.
         self._safe_words = b"".join(b"\n" + word.encode("ascii") for word in words) + b"\n" if words else b""
 
@@ -354,14 +354,14 @@ class Session:
     # Identity, synchronisation, life and death
 
     def identify(self, deadline: Deadline | None = None) -> tuple[str, str, str, str]:
-        """Ask who answers: maker, model, serial number, firmware. The answer also serves to resynchronise."""
+        """Ask for the identity: maker, model, serial number, firmware. The answer also serves to resynchronise."""
         answer = self.query("*IDN?", deadline)
         fields = replies.identity_fields(answer)
         self._identity = answer
         return fields
 
     def clear(self, deadline: Deadline | None = None) -> None:
-        """Do a device clear: what the instrument is doing is aborted, what it was to say is forgotten."""
+        """Do a device clear: the instrument aborts its operation and forgets its answers."""
         limit = deadline or self.deadline()
         with self._lock:
             self._require_open()
@@ -415,7 +415,7 @@ class Session:
         return self._read_line(deadline).rstrip(b"\r\n")
 
     def _drained_errors(self, deadline: Deadline) -> list[tuple[int, str]]:
-        """Read the error queue amid resynchronising, which must not begin again; what is no entry is passed over."""
+        """Read the error queue amid resynchronising, which must not begin again; other lines are passed over."""
         entries: list[tuple[int, str]] = []
         while len(entries) < _DEEPEST_QUEUE:
             question, parse = self._error_question
@@ -523,7 +523,7 @@ class Session:
             self._forget_what_is_unasked(deadline)
 
     def _forget_what_is_unasked(self, deadline: Deadline) -> None:
-        """Drop what is there although every question has been answered: second answers, noise."""
+        """Drop bytes that are there although every question has been answered: second answers, noise."""
         self._received = b""
         try:
             self._wire.pending()
@@ -623,7 +623,7 @@ def _entry_or_none(line: bytes, parse: Callable[[bytes], tuple[int, str]]) -> tu
 
 
 def _blind_deadline() -> Deadline:
-    """Return the deadline of what is sent blind: wall time, for the bench's clock may be what hangs."""
+    """Return the deadline of blind sending: wall time, for the bench's clock may hang."""
     return Deadline.after(WallClock(), _BLIND_S)
 
 

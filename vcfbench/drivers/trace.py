@@ -38,7 +38,7 @@ _MEANT = {"n": "\n", "r": "\r", "t": "\t", "\\": "\\"}
 
 
 class TraceLine(Struct, frozen=True):
-    """One line of a trace: when (bench time, s), whose, which resource, what passed, and its text or bytes."""
+    """One line of a trace: time (bench time, s), role, resource, direction, and its text or bytes."""
 
     t_s: float
     role: str
@@ -68,7 +68,7 @@ def unescaped(text: str) -> bytes:
 
 
 class _Trace:
-    """An open trace. What goes wrong with its file ends the trace and nothing else; it is told at the end."""
+    """An open trace. An error of its file ends the trace and nothing else; it is told at the end."""
 
     def __init__(self, file: TextIO) -> None:
         self.failure: OSError | None = None
@@ -128,23 +128,23 @@ def _closed(file: TextIO) -> OSError | None:
 
 
 def tapping(name: str, resource: str, clock: Clock) -> Callable[[Wire], Wire]:
-    """Return what puts a new wire of instrument `name` behind the trace; without a trace it stays as it is."""
+    """Return a function that puts a new wire of instrument `name` behind the trace, if there is one."""
     trace = _NOW.get()
     return (lambda wire: wire) if trace is None else lambda wire: TracedWire(wire, trace, name, resource, clock)
 
 
 ATTENDANT: ContextVar[Callable[[str, Connect], Connect] | None] = ContextVar("vcfbench_attendant", default=None)
-"""Who wants to know of calls that never return (`vcfbench.drivers.calls`, which few load)."""
+"""Attendant of calls that never return (`vcfbench.drivers.calls`, which few load)."""
 
 
 def attending(name: str, connect: Connect) -> Connect:
-    """Return what connects instrument `name` as `connect` does, its calls attended; the same where nobody attends."""
+    """Return `connect` of instrument `name` with its calls attended; the same where nobody attends."""
     attendant = ATTENDANT.get()
     return connect if attendant is None else attendant(name, connect)
 
 
 class TracedWire:
-    """A wire that writes down what passes over another."""
+    """A wire that writes down the traffic over another."""
 
     def __init__(self, wire: Wire, trace: _Trace, name: str, resource: str, clock: Clock) -> None:
         self.interface: Interface = wire.interface
@@ -181,7 +181,7 @@ class TracedWire:
         return data, end
 
     def pending(self) -> bytes:
-        """Take what has come unasked."""
+        """Take unasked bytes."""
         with self._failures():
             data = self._wire.pending()
         if data:

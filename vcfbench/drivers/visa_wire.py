@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
 _CHUNK = 65_536
 _BIG_CHUNK = 1 << 20
-"""What VISA is asked for after a full chunk: a waveform is under way. Such a buffer costs more than a short answer."""
+"""Bytes that VISA is asked for after a full chunk: a waveform is under way. A short answer needs no such buffer."""
 _SLACK_S = 0.010
-"""A VISA time-out this much longer than what is left of a deadline is good enough: setting one costs more."""
+"""Excess of a VISA time-out over the rest of a deadline that is good enough, s: setting one costs more."""
 
 _FULL = StatusCode.success_max_count_read
 _TIMEOUT = ResourceAttribute.timeout_value
@@ -186,7 +186,7 @@ class SocketWire:
             raise LinkLost(f"the connection broke ({_reason(error)})") from error
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return what has come, waiting for the first byte."""
+        """Return the received bytes, waiting for the first."""
         try:
             self._socket.settimeout(_left(deadline))
             data = self._socket.recv(_CHUNK)
@@ -199,7 +199,7 @@ class SocketWire:
         return data, False
 
     def pending(self) -> bytes:
-        """Take what has come unasked."""
+        """Take unasked bytes."""
         try:
             self._socket.settimeout(0.0)
             data = self._socket.recv(_CHUNK)
@@ -212,7 +212,7 @@ class SocketWire:
         return data
 
     def clear(self, deadline: Deadline) -> None:
-        """Forget what has come; a raw socket has no device clear."""
+        """Drop received bytes; a raw socket has no device clear."""
         while not deadline.expired() and self.pending():
             pass
 
@@ -274,7 +274,7 @@ class VisaWire:
         return bytes(data), self._knows_end and status != _FULL
 
     def pending(self) -> bytes:
-        """Take what has come unasked on a serial line; elsewhere VISA cannot tell without waiting."""
+        """Take unasked bytes on a serial line; elsewhere VISA cannot tell without waiting."""
         data = b""
         while self.interface == "asrl" and (waiting := self._waiting()):
             try:

@@ -1,4 +1,4 @@
-"""How bytes move: the seam below sessions and rate-table lines."""
+"""Wires that move bytes: the seam below sessions and rate-table lines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Wire(Protocol):
 
     @property
     def interface(self) -> Interface:
-        """What kind of connection it is (``instr``: VXI-11 or HiSLIP)."""
+        """Kind of the connection (``instr``: VXI-11 or HiSLIP)."""
         ...
 
     def send(self, data: bytes, deadline: Deadline) -> None:
@@ -31,11 +31,11 @@ class Wire(Protocol):
         ...
 
     def pending(self) -> bytes:
-        """Take what has come unasked, without waiting; empty where the interface cannot tell."""
+        """Take unasked bytes, without waiting; empty where the interface cannot tell."""
         ...
 
     def clear(self, deadline: Deadline) -> None:
-        """Do a device clear where the interface has one, and forget what has come."""
+        """Do a device clear where the interface has one, and drop received bytes."""
         ...
 
     def close(self) -> None:

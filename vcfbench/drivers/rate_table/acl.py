@@ -72,7 +72,7 @@ _NUMBER = replies.NumberForm(
 
 
 def detect_header(first: bytes) -> Header:
-    """Tell from the first eight bytes of the first reply what precedes replies.
+    """Return the kind of header before replies, from the first eight bytes of the first.
 
     A length above 32 768 cannot be: the other byte order is meant, or the bytes are text.
     """
@@ -131,7 +131,7 @@ class AclDialect(Struct):
         return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
-        """Drop what came late up to the known answer of ``*IDN?``, then up to a number.
+        """Drop late replies up to the known answer of ``*IDN?``, then up to a number.
 
         The second question is there because the one that failed may itself have been ``*IDN?``.
         """
@@ -156,7 +156,7 @@ class AclDialect(Struct):
     # Words that are sent blind
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
-        """Demand rate 0; the line end before it ends what is left of a torn message.
+        """Return the demand of rate 0; the line end before it ends a torn message.
 
         The limit of the acceleration comes after a demand that needs none: were it torn to 0, nothing would stop.
         """
@@ -235,7 +235,7 @@ class AclDialect(Struct):
         return self._number(line, f":Read:Position? {self.axis}", deadline)
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
-        """Name what has latched; None when the interlock has not."""
+        """Name the latched faults; None when the interlock has not latched."""
         interlock = self.ask(line, f":Interlock? {self.axis}", deadline)
         aborts = _names(self._word(line, "STATE", deadline), _ABORTS)
         if not interlock.upper().startswith("F") and not aborts:
@@ -245,7 +245,7 @@ class AclDialect(Struct):
         return ", ".join(causes + aborts) or "interlock fault of unnamed cause"
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
-        """Read the words of what was refused, as long as the status byte says that there are some.
+        """Read the words of refusals, as long as the status byte says that there are some.
 
         ``:Status:STB?`` leaves the byte as it is, ``*STB?`` would clear it. On a controller whose bit outlives its
         messages an empty message ends them.
@@ -302,7 +302,7 @@ class AclDialect(Struct):
         return answer
 
     def command(self, line: TableLine, command: str, deadline: Deadline) -> None:
-        """Give one command; raises InstrumentError with what the table says against it."""
+        """Give one command; raises InstrumentError with the table's refusal."""
         with line.exclusive():
             try:
                 self._say(line, command, deadline)
@@ -352,7 +352,7 @@ class AclDialect(Struct):
         self.header = detect_header(first)
 
     def _counted(self, line: TableLine, deadline: Deadline) -> bytes:
-        """Return a reply that its header counts, without line end; what is left of an uncounted one is skipped."""
+        """Return a reply that its header counts, without line end; the rest of an uncounted one is skipped."""
         layout = _FORMATS[self.header]
         error, length = layout.unpack(line.take(_HEADER_BYTES, deadline))
         while length >= _LONGEST_MESSAGE:

@@ -27,23 +27,23 @@ if TYPE_CHECKING:
 _PROMPT = ">"
 _REFUSAL = "?"
 _PATIENCE_S = 0.3
-"""How long the prompt after a motion command is waited for; it may be late or absent (unverified)."""
+"""Longest wait for the prompt after a motion command; it may be late or absent (unverified)."""
 _SPAN_S = 0.3
 """Over how long the angle is watched where the table does not tell its rate."""
 
 
 class AtlDialect(Struct):
-    """The one axis of such a table. Servo state and identity cannot be asked for: the servo is what was last sent."""
+    """The one axis of such a table. Servo state and identity cannot be asked for: the servo is as set last."""
 
     rate_quantum_deg_s: ClassVar[float] = 1e-4
     gap_s: ClassVar[float] = 0.0
     own_time_s: ClassVar[float] = 4.0  # a dozen rates from angles, where the table does not tell its rate
     _servo: bool = False
     _owed: bool = False
-    """Whether a prompt may still come that belongs to an earlier command."""
+    """True while a prompt may still come that belongs to an earlier command."""
     _tells_rate: bool = True
     typed_line_end: ClassVar[bytes] = b"\r"
-    """What ends a line that a person types."""
+    """Line end that a person types."""
     _steady: SteadyRate = field(default_factory=SteadyRate)
 
     @classmethod
@@ -82,7 +82,7 @@ class AtlDialect(Struct):
         return b"\rSTO\r", f"ACL{_decimal(acceleration_deg_s2)}\r".encode("ascii"), b"STO\r"
 
     def shutdown_words(self) -> tuple[bytes, ...]:
-        """Return none: what ``SRV0`` does to a table that turns is unknown."""
+        """Return none: the effect of ``SRV0`` on a table that turns is unknown."""
         return ()
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
@@ -138,7 +138,7 @@ class AtlDialect(Struct):
             line.dirty = False
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
-        """Return what was last sent: no question for it is known."""
+        """Return the state last set: no question for it is known."""
         del line, deadline
         return self._servo
 
@@ -177,7 +177,7 @@ class AtlDialect(Struct):
         raise InstrumentError("the known part of this language cannot clear a fault", **located(line))
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing: what is refused is refused at once."""
+        """Do nothing: a refusal comes at once."""
 
     # Exchanges
 

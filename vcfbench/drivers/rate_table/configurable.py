@@ -80,7 +80,7 @@ class ConfigurableDialect:
     # What the driver asks for
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
-        """Ask who answers; a table that cannot say must at least answer."""
+        """Ask for the identity; a table that has none must at least answer."""
         known = {"maker": self.profile.maker, "model": self.profile.title, "serial": "", "firmware": ""}
         if self.profile.commands.get("identify"):
             received = self.perform(line, "identify", deadline)
@@ -90,7 +90,7 @@ class ConfigurableDialect:
         return Identity(**known)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
-        """Drain the line, then ask something and drop what comes before its answer; a stream needs draining only."""
+        """Drain the line, then ask something and drop all before its answer; a stream needs draining only."""
         try:
             line.take_unasked()
             if self.profile.stream is None:
@@ -103,7 +103,7 @@ class ConfigurableDialect:
         line.dirty = False
 
     def _probe(self, line: TableLine, deadline: Deadline) -> None:
-        """Ask the first question that there is; what its answer does not push out is drained."""
+        """Ask the first question that there is; anything that its answer does not push out is drained."""
         name = next(name for name in ("identify", "read_all", "read_pos") if self.profile.commands.get(name))
         for step in self.profile.commands[name]:
             self._send(line, step, {}, deadline)
@@ -113,12 +113,12 @@ class ConfigurableDialect:
 
     @property
     def gap_s(self) -> float:
-        """What the profile wants between two messages."""
+        """Gap that the profile wants between two messages, s."""
         return self.profile.link.gap_s
 
     @property
     def own_time_s(self) -> float:
-        """What the profile's own pauses and the spans of its rate take of one making safe."""
+        """Time of one making safe for the profile's own pauses and the spans of its rate, s."""
         profile = self.profile
         names = ("set_accel", *profile.safety.stop, *profile.safety.stop, *profile.safety.close, "local")
         steps = [step for name in names for step in profile.commands.get(name, ())]
@@ -135,7 +135,7 @@ class ConfigurableDialect:
         return 0.0 if rate.differentiate is None else rate.span_s
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
-        """Return what the profile stops with, after what ends a torn message; where it can, with an acceleration."""
+        """Return the profile's stop commands, after the end of a torn message; where it can, with an acceleration."""
         stop = self._words(self.profile.safety.stop, {})
         before = (_torn_end(self.profile) + stop[0], *stop[1:])
         if acceleration_deg_s2 is None or not self.profile.commands.get("set_accel"):
@@ -150,7 +150,7 @@ class ConfigurableDialect:
         return tuple(self.message(step.send, values) for step in steps if step.send is not None)
 
     def shutdown_words(self) -> tuple[bytes, ...]:
-        """Return none: what opening the servo does to a table that turns, no profile says."""
+        """Return none: no profile tells the effect of opening the servo on a table that turns."""
         return ()
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
@@ -250,7 +250,7 @@ class ConfigurableDialect:
         return self._motion.sign * self.number(line, "position", deadline)
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
-        """Name what the table reports; a table without such flags reports nothing."""
+        """Name the faults that the table reports; none of a table without such flags."""
         words = {"fault": "the table reports a fault", "estop": "the emergency stop is pressed"}
         raised = [
             text for name, text in words.items() if name in self.profile.status and self.flag(line, name, deadline)
@@ -264,7 +264,7 @@ class ConfigurableDialect:
         self.perform(line, "clear_fault", deadline)
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
-        """Ask for what was refused, where the language has a question for it."""
+        """Ask for refusals, where the language has a question for them."""
         refusals, refused = self.profile.refusals, []
         if refusals.query is None:
             return
@@ -321,7 +321,7 @@ class ConfigurableDialect:
         return received
 
     def _fresh(self, line: TableLine, deadline: Deadline) -> Received:
-        """Return the next status that comes: what came before may be old."""
+        """Return the next status that comes: an earlier one may be old."""
         stream = self.profile.stream
         assert stream is not None  # noqa: S101 - the profile was checked
         within = Deadline.after(line.clock, min(stream.max_age_s, deadline.remaining()))
@@ -399,7 +399,7 @@ class ConfigurableDialect:
         return received
 
     def _shown(self, step: Step, values: Mapping[str, Value]) -> str | None:
-        """Return what a step sends as it goes over the wire, for messages; the template itself if it cannot be said."""
+        """Return a step's message as it goes over the wire, for messages; the template itself if it has no values."""
         if step.send is None:
             return None
         try:
@@ -461,7 +461,7 @@ class ConfigurableDialect:
     # Waiting for states
 
     def _require(self, line: TableLine, name: str, deadline: Deadline) -> None:
-        """See that what a command needs holds."""
+        """Make sure that the requirement of a command is met."""
         need = self.profile.requires.get(name)
         if need is None or self.flag(line, need.flag, deadline):
             return
@@ -505,7 +505,7 @@ class ConfigurableDialect:
 
 
 def _torn_end(profile: Profile) -> bytes:
-    """Return what ends a message that broke off, so that it does not swallow the next.
+    """Return the end of a message that broke off, so that it does not swallow the next.
 
     A line ends with its end. A frame of bytes that lacks some is filled up with what begins none; it then fails its
     check, or is done: the stop comes after it.

@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from vcfbench.interfaces import Identity
 
 Header = Literal["none", "u32le2", "u32be2", "auto"]
-"""What precedes a reply of ACL on a byte stream: nothing, or error code and length as two 32-bit words."""
+"""Header of a reply of ACL on a byte stream: nothing, or error code and length as two 32-bit words."""
 
 
 class AxisSettings(Struct, frozen=True):
-    """What the bench file says of the axis; a dialect takes what its language asks for.
+    """Settings of the axis from the bench file; a dialect takes those of its language.
 
-    `header` is what precedes replies, `steps_per_deg` the stage's microsteps per degree.
+    `header` is that before replies, `steps_per_deg` the stage's microsteps per degree.
     """
 
     axis: int = 1
@@ -27,7 +27,7 @@ class AxisSettings(Struct, frozen=True):
 
 
 class TableLimits(Struct, frozen=True):
-    """What the table may be asked for, deg/s and deg/s2, magnitudes; infinite leaves the table's own limit."""
+    """Highest demands on the table, deg/s and deg/s2, magnitudes; infinite leaves the table's own limit."""
 
     max_rate_deg_s: float
     max_acceleration_deg_s2: float
@@ -47,12 +47,12 @@ class TableDialect(Protocol):
 
     @property
     def gap_s(self) -> float:
-        """What the table needs between two messages."""
+        """Gap that the table needs between two messages, s."""
         ...
 
     @property
     def own_time_s(self) -> float:
-        """What the language itself takes of one making safe: its pauses, and what rates are read over."""
+        """Time of one making safe for the language itself, s: its pauses, and the spans over which rates are read."""
         ...
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
@@ -72,7 +72,7 @@ class TableDialect(Protocol):
         ...
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
-        """Ask who answers; also learns what of the framing is not configured."""
+        """Ask for the identity; also learns the framing where it is not configured."""
         ...
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
@@ -132,5 +132,5 @@ class TableDialect(Protocol):
         ...
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
-        """Raise InstrumentError with what the table has refused since last asked."""
+        """Raise InstrumentError with the table's refusals since last asked."""
         ...

@@ -34,7 +34,7 @@ _POLLS_AT_REST = 3
 """At rest means: so many readings in a row below the tolerance."""
 
 _SERVO_S = 10.0
-"""What closing or opening the servo may take."""
+"""Longest time to close or open the servo, s."""
 
 _STOP_ATTEMPTS = 3
 
@@ -98,7 +98,7 @@ class RateTableDriver:
 
     @property
     def own_time_s(self) -> float:
-        """What the table's language takes of one making safe, beyond time-outs and ramps."""
+        """Time of one making safe for the table's language, beyond time-outs and ramps, s."""
         return self._dialect.own_time_s
 
     @property
@@ -107,11 +107,11 @@ class RateTableDriver:
         return self._line.clock
 
     def identify(self) -> Identity:
-        """Ask who answers."""
+        """Ask for the identity."""
         return self._ask(self._dialect.identify)
 
     def check_errors(self) -> None:
-        """Raise InstrumentError with what the table has refused since last asked."""
+        """Raise InstrumentError with the table's refusals since last asked."""
         self._ask(self._dialect.check_errors)
 
     def enable(self) -> None:
@@ -136,7 +136,7 @@ class RateTableDriver:
             raise self._interlock("the servo did not open")
 
     def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
-        """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; what the table is told is `realised_deg_s`.
+        """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; the table is told `realised_deg_s`.
 
         Returns at once, but for a table that must come to rest first (`esp` reversing, `ruya`): then when it has.
         """
@@ -223,7 +223,7 @@ class RateTableDriver:
     # Safe state
 
     def command_safe(self) -> UnprovedCommand:
-        """Tell the table to stop, at once and without waiting for an answer; tell what was last read back."""
+        """Tell the table to stop, at once and without waiting for an answer; return the last read-back."""
         sent = self._line.say_blind(self._stop_words(), self._dialect.gap_s)
         return self._last_read.unproved("to stop", sent=sent)
 

@@ -47,7 +47,7 @@ class EspDialect(Struct):
     gap_s: ClassVar[float] = 0.0
     own_time_s: ClassVar[float] = 0.0
     typed_line_end: ClassVar[bytes] = b"\r"
-    """What ends a line that a person types."""
+    """Line end that a person types."""
     _steady: SteadyRate = field(default_factory=SteadyRate)
     _faults: list[str] = field(default_factory=list)
     _refused: list[tuple[int, str]] = field(default_factory=list)
@@ -73,7 +73,7 @@ class EspDialect(Struct):
         return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
-        """Drop what comes late up to the known answer of ``VE?``, then up to a number."""
+        """Drop late answers up to the known one of ``VE?``, then up to a number."""
         try:
             if not self._version:
                 raise FramingError("no answer is known yet")
@@ -173,7 +173,7 @@ class EspDialect(Struct):
         return self._number(line, f"{self.axis}TP", deadline)
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
-        """Read the error queue; what shuts the axis down is a fault until it is cleared."""
+        """Read the error queue; an error that shuts the axis down is a fault until it is cleared."""
         self._collect(line, deadline)
         return ", ".join(self._faults) or None
 
@@ -183,7 +183,7 @@ class EspDialect(Struct):
         self._faults.clear()
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
-        """Read the error queue and raise what was refused."""
+        """Read the error queue and raise its refusals."""
         self._collect(line, deadline)
         refused, self._refused = self._refused, []
         if refused:

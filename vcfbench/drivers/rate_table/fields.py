@@ -16,7 +16,7 @@ Order = Literal["little", "big"]
 BinaryType = Literal["u8", "i8", "u16", "i16", "u24", "i24sm", "u32", "i32", "f32"]
 TextType = Literal["decimal", "hex"]
 Wrap = Literal["continuous", "0..360", "+-180", "over 360 minus 720"]
-"""How an angle is told: as it is, within a turn either way, or negative angles as 720 more."""
+"""Wrapping of an angle in a reply: none, within a turn either way, or negative angles as 720 more."""
 
 _STRUCTS: Mapping[str, str] = MappingProxyType(
     {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i", "f32": "f"}

@@ -1,4 +1,4 @@
-"""Frames of a configured table language: putting on what surrounds a message, and finding messages in what comes."""
+"""Frames of a configured table language: framing a message, and finding messages in received bytes."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _LINE_ENDS = ("\r\n", "\r", "\n")
 HexBytes = Annotated[str, Meta(pattern=r"\A(?:[0-9A-Fa-f]{2} ?)*\Z")]
 ByteValue = Annotated[int, Meta(ge=0, le=255)]
 Place = Annotated[int, Meta(ge=0, le=4096)]
-"""Where something stands in a message, in bytes."""
+"""Place in a message, in bytes."""
 
 
 class Frame(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What surrounds a message: text lines, or binary frames found by header, length and checksum."""
+    """Frame of a message: text lines, or binary frames found by header, length and checksum."""
 
     kind: Literal["line", "fixed", "length_field", "delimited"] = "line"
     start: str = ""
@@ -158,7 +158,7 @@ def _rest(frame: Frame, begun: bytes, line: TableLine, deadline: Deadline) -> by
 
 
 def _whole_length(frame: Frame, begun: bytes, line: TableLine, deadline: Deadline) -> tuple[bytes, int] | None:
-    """Return what has been taken and how long the frame is; None, and all but a byte put back, if it cannot be."""
+    """Return the bytes taken and the frame's length; None, and all but a byte put back, if it cannot be one."""
     if frame.length_at is None:
         return begun, frame.length or len(begun)
     width = 1 if frame.length_type == "u8" else 2

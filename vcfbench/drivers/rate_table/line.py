@@ -35,7 +35,7 @@ Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
 
 
 class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How a serial line is set up, and what surrounds lines of text on it."""
+    """Set-up of a serial line, and the ends of text lines on it."""
 
     baud: Annotated[int, Meta(ge=300, le=921_600)] = 9600
     data_bits: Literal[7, 8] = 8
@@ -106,7 +106,7 @@ class SerialWire:
             raise _lost(error) from error
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return what has come, waiting for the first byte."""
+        """Return the received bytes, waiting for the first."""
         try:
             self._port.timeout = _left(deadline)
             first = self._port.read(1)
@@ -118,7 +118,7 @@ class SerialWire:
         return data, False
 
     def pending(self) -> bytes:
-        """Take what has come unasked; a port on a socket never says that more than one byte waits."""
+        """Take unasked bytes; a port on a socket never says that more than one byte waits."""
         data = b""
         try:
             while len(data) < _LONGEST_LINE and (waiting := self._port.in_waiting):
@@ -128,7 +128,7 @@ class SerialWire:
         return data
 
     def clear(self, deadline: Deadline) -> None:
-        """Forget what has come; tables know no device clear."""
+        """Drop received bytes; tables know no device clear."""
         while not deadline.expired() and self.pending():
             pass
 
@@ -149,7 +149,7 @@ def _lost(error: OSError) -> LinkLost:
 
 
 class TableLine:
-    """What dialects build their exchanges on: bytes, lines and counted replies, each before a deadline."""
+    """Exchanges that dialects are built on: bytes, lines and counted replies, each before a deadline."""
 
     def __init__(
         self,
@@ -196,7 +196,7 @@ class TableLine:
             raise LinkLost("the connection is closed", instrument=self.name, resource=self.resource)
 
     def take_line(self, deadline: Deadline) -> bytes:
-        """Return what comes up to the next line end (CR, LF or both), without it; empty lines are lines."""
+        """Return the bytes up to the next line end (CR, LF or both), without it; empty lines are lines."""
         searched = 0  # what never ends comes byte by byte, and shall not take ever longer
         while (found := _LINE_END.search(self._received, searched)) is None:
             searched = len(self._received)
@@ -234,7 +234,7 @@ class TableLine:
         return error
 
     def take_unasked(self) -> bytes:
-        """Return what came without being waited for, and forget it."""
+        """Return the unasked bytes, and forget them."""
         self._require_open()
         data, self._received = self._received + self._wire.pending(), b""
         return data

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class MotionValues:
-    """What motion commands of one axis are filled with; what is beyond the limits of `profile` is refused."""
+    """Values for the motion commands of one axis; those beyond the limits of `profile` are refused."""
 
     def __init__(self, profile: Profile, axis: int) -> None:
         self._profile = profile
@@ -28,7 +28,7 @@ class MotionValues:
 
     @property
     def sign(self) -> int:
-        """Whether the table counts as it turns (1), or the other way (-1)."""
+        """Sign of the table's count against its turning: 1 or -1."""
         return self._profile.units.sign
 
     @property
@@ -43,7 +43,7 @@ class MotionValues:
         return self._rate_per_deg / units.velocity_factor * units.acceleration_factor
 
     def of(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float) -> dict[str, Value]:
-        """Return what templates of a motion command can name; raises LimitError before anything is sent."""
+        """Return the values that templates of a motion command can name; raises LimitError before anything is sent."""
         rate = self._table_rate(line, rate_deg_s)
         values: dict[str, Value] = {
             "rate": rate,
@@ -78,7 +78,7 @@ class MotionValues:
         return commanded
 
     def table_acceleration(self, acceleration_deg_s2: float) -> float | None:
-        """Return the acceleration in the table's units, not above what was asked; None if it cannot be told that."""
+        """Return the acceleration in the table's units, not above that demanded; None if it cannot be told that."""
         units, highest = self._profile.units, self._profile.safety.max_acceleration_deg_s2
         commanded = acceleration_deg_s2 * self._acceleration_per_deg
         if units.acceleration_quantum is not None and math.isfinite(commanded):
@@ -88,5 +88,5 @@ class MotionValues:
 
 
 def limit_error(line: TableLine, what: str) -> LimitError:
-    """Return the error of what is not sent."""
+    """Return the error of a motion beyond a limit, which is not sent."""
     return LimitError(f"{what}, nothing was sent", **located(line))

@@ -1,4 +1,4 @@
-"""What a table language is, told in TOML: frozen strict structs, and every mistake in one line.
+"""A table language told in TOML: frozen strict structs, and every mistake in one line.
 
 A profile says what goes over the wire; :class:`~vcfbench.drivers.rate_table.configurable.ConfigurableDialect` does it.
 """
@@ -56,7 +56,7 @@ COMMANDS = (
 )
 
 _ALWAYS_KNOWN = frozenset({"axis", "seq", *(f"on_{slot}" for slot in range(1, 7))})
-"""What a template may name that says how a table is stopped."""
+"""Names that a template of stopping a table may use."""
 
 STREAM = "stream"
 """In place of a command: the status that comes unasked."""
@@ -96,7 +96,7 @@ class Units(_Part, frozen=True, kw_only=True):
 
 
 class Step(_Part, frozen=True, kw_only=True):
-    """One message of a command: what is sent, what must come, how long, how often, and what is waited for."""
+    """One message of a command: its text, the expected reply, time-out, repeats, and the flag waited for."""
 
     send: str | None = None
     expect: _Name | None = None
@@ -118,7 +118,7 @@ class Byte(_Part, frozen=True, kw_only=True):
 
 
 class Reply(_Part, frozen=True, kw_only=True):
-    """How a reply is known: a regular expression for the whole line, or bytes. A late one may come at any time."""
+    """Form of a reply: a regular expression for the whole line, or bytes. A late one may come at any time."""
 
     pattern: str | None = None
     bytes: tuple[Byte, ...] = ()
@@ -127,7 +127,7 @@ class Reply(_Part, frozen=True, kw_only=True):
 
 
 class Refusals(_Part, frozen=True, kw_only=True):
-    """How refusals are known: a line, bytes, or a question after each command whose good answer is known."""
+    """Form of refusals: a line, bytes, or a question after each command whose good answer is known."""
 
     pattern: str | None = None
     bytes: tuple[Byte, ...] = ()
@@ -180,7 +180,7 @@ class Flag(_Part, frozen=True, kw_only=True):
 
 
 class Requirement(_Part, frozen=True, kw_only=True):
-    """What must hold before a command: a flag; where it does not, `by` is sent and the flag waited for."""
+    """Requirement of a command: a flag; where it is not set, `by` is sent and the flag waited for."""
 
     flag: _Name
     by: _Name | None = None
@@ -189,7 +189,7 @@ class Requirement(_Part, frozen=True, kw_only=True):
 
 
 class AtRate(_Part, frozen=True, kw_only=True):
-    """What stands in for an at-rate flag: so many readings in a row within a tolerance."""
+    """Substitute for an at-rate flag: so many readings in a row within a tolerance."""
 
     tolerance_deg_s: _Positive = 0.02
     relative: _NotNegative = 1e-4
@@ -197,7 +197,7 @@ class AtRate(_Part, frozen=True, kw_only=True):
 
 
 class Safety(_Part, frozen=True, kw_only=True):
-    """Limits of this table, how it is stopped and closed down, and what silence means."""
+    """Limits of this table, its stop and shutdown commands, and the meaning of silence."""
 
     max_rate_deg_s: _Positive = math.inf
     max_acceleration_deg_s2: _Positive = math.inf
@@ -286,7 +286,7 @@ _KEYED: dict[str, Any] = {
 
 
 def _convert_parts(raw: dict[str, Any], source: str) -> None:
-    """Try what stands under names of the profile's choice one by one: msgspec's path would not tell the name."""
+    """Try the entries under names of the profile's choice one by one: msgspec's path would not tell the name."""
     for section, kind in _KEYED.items():
         if isinstance(raw.get(section), dict):
             for name, value in raw[section].items():
@@ -330,7 +330,7 @@ _WORDS = {
 
 
 def _in_words(what: str) -> str:
-    """Say what msgspec expected, without the names of Python's types."""
+    """Say in words the form that msgspec expected, without the names of Python's types."""
     expected = what.removeprefix("Expected ").partition(", got ")[0].replace("`", "")
     return " ".join(_WORDS.get(word, word) for word in expected.split())
 
@@ -367,7 +367,7 @@ def _invalid_values(profile: Profile) -> Iterator[_InvalidValue]:
 
 
 def _invalid_texts(profile: Profile) -> Iterator[_InvalidValue]:
-    """Find what no line can carry: it would be found when the table is to be stopped."""
+    """Yield the texts that no line can carry: else they would be found when the table is to be stopped."""
     texts = {
         "frame.start": profile.frame.start,
         "frame.checksum_mark": profile.frame.checksum_mark,
@@ -534,7 +534,7 @@ def _invalid_circles(profile: Profile) -> Iterator[_InvalidValue]:
 
 
 def _needs(name: str, profile: Profile) -> Iterator[tuple[str, str, str]]:
-    """Yield the commands that are sent for a command: the key that asks for it, what stands there, which."""
+    """Yield the commands that are sent for a command: the key that asks for it, its value, the command."""
 
     def read(path: str, flag: str) -> Iterator[tuple[str, str, str]]:
         if flag in profile.status and profile.status[flag].source in profile.commands:

@@ -1,4 +1,4 @@
-"""What the fields and flags of a profile make of a reply."""
+"""Values of the fields and flags of a profile from a reply."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ProfileValues:
         self._axis = axis
 
     def number(self, spec: Field, received: Received) -> float:
-        """Return what a field says, in deg or deg/s of the table's own sign."""
+        """Return the value of a field, in deg or deg/s of the table's own sign."""
         if self._profile.binary:
             raw = decode(spec.type, received.data, spec.at or 0, self._profile.received_frame.order)
         else:

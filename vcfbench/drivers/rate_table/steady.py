@@ -1,4 +1,4 @@
-"""What dialects need whose tables know less than an ACL controller does: "at rate" and "at rest" told from the rate."""
+"""Rate-based tests of "at rate" and "at rest", for dialects whose tables know less than an ACL controller does."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ REST_DEG_S = 0.1
 """Above this rate a servo is not opened: the table would coast."""
 
 _QUIET_S = 0.2
-"""How long nothing must come before a line counts as drained."""
+"""Silence after which a line counts as drained, s."""
 
 
 class SteadyRate(Struct):
@@ -52,7 +52,7 @@ def require_rest(line: TableLine, rate_deg_s: float) -> None:
 
 
 def drain(line: TableLine, deadline: Deadline) -> None:
-    """Drop what comes until nothing does; answers that look alike cannot be told from late ones otherwise."""
+    """Drop all until nothing comes; answers that look alike cannot be told from late ones otherwise."""
     line.take_unasked()
     while not deadline.expired():
         sleep(line.clock, min(_QUIET_S, deadline.remaining()))
@@ -61,5 +61,5 @@ def drain(line: TableLine, deadline: Deadline) -> None:
 
 
 def located(line: TableLine) -> dict[str, Any]:
-    """Return who and where, for errors."""
+    """Return the names of instrument and resource, for errors."""
     return {"instrument": line.name, "resource": line.resource}

@@ -1,4 +1,4 @@
-"""What a profile sends: text in Python's format language, or bytes with typed places.
+"""Templates of a profile's messages: text in Python's format language, or bytes with typed places.
 
 Text: ``3{dir}{acc:04d}{abs_rate:09.4f}``. Bytes: ``01 0C {rate:i32*1e5} {acc:i32*1e5}``, hexadecimal, each place with
 its type and the factor to its whole numbers. Only the names of `NAMES` can stand in a template.
@@ -30,7 +30,7 @@ on_1...: 1 for our axis, 0 for the others."""
 
 _HEX_BYTES = re.compile(r"(?:[0-9A-Fa-f]{2})+")
 _FORM = re.compile(r"(?:.?[<>=^])?[+\- ]?#?0?[1-9]?\d?(?:\.[0-2]?\d)?[bdeEfFgGosxX]?", re.DOTALL)
-"""Of Python's language what a table can want: at most 99 characters, 29 of them decimals."""
+"""Part of Python's format language that a table can want: at most 99 characters, 29 of them decimals."""
 _PLACE = re.compile(r"\{(?P<name>\w+):(?P<kind>\w+)(?:\*(?P<factor>[0-9.eE+-]+))?\}")
 
 

@@ -82,7 +82,7 @@ class ZaberReply(Struct, frozen=True):
 
 
 def lrc(text: str) -> str:
-    """Return the checksum of what follows the first character: two's complement of the byte sum, two hex digits."""
+    """Return the checksum of the text after the first character: two's complement of the byte sum, two hex digits."""
     return f"{-sum(text.encode('ascii')) % 256:02X}"
 
 
@@ -116,7 +116,7 @@ class ZaberDialect(Struct):
     own_time_s: ClassVar[float] = 0.0
     _number: int = -1
     typed_line_end: ClassVar[bytes] = b"\n"
-    """What ends a line that a person types."""
+    """Line end that a person types."""
     _steady: SteadyRate = field(default_factory=SteadyRate)
 
     @classmethod
@@ -142,7 +142,7 @@ class ZaberDialect(Struct):
         return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
-        """Forget what has come: what still comes late carries another number."""
+        """Drop received bytes: a late reply carries another number."""
         del deadline
         line.take_unasked()
         line.dirty = False
@@ -201,7 +201,7 @@ class ZaberDialect(Struct):
         return rate_deg_s * self.steps_per_deg * _VELOCITY
 
     def _acceleration(self, line: TableLine, acceleration_deg_s2: float) -> int:
-        """Return the whole number that is not above what was asked; 0 would mean infinite."""
+        """Return the whole number that is not above the demand; 0 would mean infinite."""
         units = math.floor(acceleration_deg_s2 * self.steps_per_deg * _ACCELERATION)
         if units < 1:
             least = 1.0 / (self.steps_per_deg * _ACCELERATION)
@@ -238,7 +238,7 @@ class ZaberDialect(Struct):
         self._command(line, "warnings clear", deadline)
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing: what is refused is refused in the reply."""
+        """Do nothing: a refusal comes in the reply."""
 
     # Exchanges
 
