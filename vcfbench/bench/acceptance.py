@@ -1,4 +1,4 @@
-"""Whether results pass: each limit of ``[acceptance]`` against its result."""
+"""Acceptance of results: each limit of ``[acceptance]`` against its result."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Acceptance(Struct, frozen=True):
 
 @runtime_checkable
 class HasAcceptanceValues(Protocol):
-    """A result that says itself what ``[acceptance]`` limits."""
+    """A result that gives itself the values that ``[acceptance]`` limits."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return its numbers by the keys of ``[acceptance]``; None where one could not be computed."""
@@ -78,7 +78,7 @@ class HasAcceptanceValues(Protocol):
 
 @runtime_checkable
 class HasAcceptanceU95(Protocol):
-    """A result that knows the expanded uncertainties of what ``[acceptance]`` limits."""
+    """A result that knows the expanded uncertainties of the values that ``[acceptance]`` limits."""
 
     def acceptance_u95(self) -> Mapping[str, float]:
         """Return them by the keys of ``[acceptance]``; those without one are left out."""

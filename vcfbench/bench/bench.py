@@ -105,7 +105,7 @@ class Bench(Struct, frozen=True, eq=False):
 
     @property
     def chamber(self) -> TemperatureChamber:
-        """What brings the gyroscope to a temperature."""
+        """Temperature chamber of the gyroscope."""
         return self._instrument("chamber")  # type: ignore[no-any-return]
 
     def _instrument(self, role: str) -> Any:
@@ -122,7 +122,7 @@ class Bench(Struct, frozen=True, eq=False):
 
     @property
     def safe_reports(self) -> list[SafeReport]:
-        """What making safe came to, once the bench was left."""
+        """Reports of making safe, once the bench was left."""
         return self.holding.reports
 
     @property
@@ -156,7 +156,7 @@ class Bench(Struct, frozen=True, eq=False):
         return f"<Bench {self.description.name}, {'closed' if self.closed else 'open'}>"
 
     def __del__(self) -> None:
-        """Make safe what nobody can command any more."""
+        """Make a bench safe that nobody can command any more."""
         if not self.holding.closed:
             try:
                 words = f"{self!r} was never closed; it is made safe now"
@@ -238,7 +238,7 @@ def open_bench(
 
 
 def _without_watchdog(description: BenchDescription, stops: StopSignals) -> None:
-    """Do what the bench file says of a watchdog that has died."""
+    """Act on the death of the watchdog as the bench file says."""
     if description.safety.watchdog_lost == "stop":
         stops.stop("the death of the watchdog")
         return
@@ -251,7 +251,7 @@ def _without_watchdog(description: BenchDescription, stops: StopSignals) -> None
 
 
 class _Opened(Struct, frozen=True):
-    """What was opened, by role."""
+    """Opened instruments and their identities, by role."""
 
     instruments: dict[str, Any] = field(default_factory=dict)
     identities: dict[str, Identity] = field(default_factory=dict)
@@ -312,7 +312,7 @@ _LIMITED: Mapping[str, Callable[[Any, LimitChecks], Any]] = MappingProxyType(
         "chamber": LimitedChamber,
     }
 )
-"""What stands before an instrument that drives something, by its role."""
+"""Wrapper that holds the limits of an instrument that drives something, by its role."""
 
 
 def _limited(role: str, instrument: Any, checks: LimitChecks) -> Any:

@@ -1,4 +1,4 @@
-"""How small and how large the numbers of a bench file can be, each with its unit and its reason.
+"""Smallest and largest numbers of a bench file, each with its unit and its reason.
 
 They do not say what is wise on a station (that is what its ``[limits]`` are for) but what no station can mean: a
 number outside is a slip of the pen. docs/bench-file.md has them as a table, which a test holds to what stands here.
@@ -11,7 +11,7 @@ from typing import Annotated
 from msgspec import Meta
 
 LEAST = 1e-6
-"""Whatever the unit, a number is 0 or at least this: no instrument of a bench resolves less."""
+"""Smallest number but 0, whatever the unit: no instrument of a bench resolves less."""
 LEAST_V_VC_V = 1e-3
 """V: below, the generator's level is a few of its own steps, and its offset is as large."""
 
@@ -26,7 +26,7 @@ Temperature = Annotated[float, Meta(ge=-99.9, le=225.0)]
 RoomWindow = tuple[Annotated[float, Meta(ge=-50.0, le=60.0)], Annotated[float, Meta(ge=-50.0, le=60.0)]]
 """degC, lowest and highest of the room."""
 TemperatureRamp = Annotated[float, Meta(ge=0.1, le=9999.0)]
-"""K/min, what can be set there."""
+"""K/min, ramps that can be set there."""
 Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
 """s, between messages on a serial line."""
 BaudRate = Annotated[int, Meta(ge=300, le=921_600)]
@@ -54,9 +54,9 @@ PositiveRail = Annotated[float, Meta(ge=0.1, le=25.0)]
 NegativeRail = Annotated[float, Meta(ge=-25.0, le=-0.1)]
 """V: as positive ones."""
 VoltageTolerance = Annotated[float, Meta(ge=1e-3, le=5.0)]
-"""V: what the supply's read-back resolves."""
+"""V: from the resolution of the supply's read-back."""
 Current = Annotated[float, Meta(ge=1e-3, le=1.0)]
-"""A: what the supply's limit resolves, and its largest output above 6 V."""
+"""A: from the resolution of the supply's limit to its largest output above 6 V."""
 
 Latitude = Annotated[float, Meta(ge=-90.0, le=90.0)]
 """deg: from pole to pole."""
@@ -66,23 +66,23 @@ WarmUp = Annotated[float, Meta(ge=0.0, le=86_400.0)]
 Settling = Annotated[float, Meta(ge=0.01, le=3_600.0)]
 """s: no gyroscope's loop has settled sooner; without, the ramp is in the first reading."""
 Interval = Annotated[float, Meta(ge=0.01, le=3_600.0)]
-"""s, from reading to reading: the multimeter's shortest integration with what it takes to tell it."""
+"""s, from reading to reading: at least the multimeter's shortest integration and its transmission."""
 Samples = Annotated[int, Meta(ge=2, le=1_000_000)]
 """A scatter needs two; ten hours at the fastest interval are fewer than the most."""
 Slope = Annotated[float, Meta(ge=-1e6, le=1e6)]
 """(deg/s)/V: the fastest table by a few millivolts."""
 
 FrequencyWindow = tuple[Annotated[float, Meta(ge=1.0, le=1e7)], Annotated[float, Meta(ge=1.0, le=1e7)]]
-"""Hz: what vibrates and what the oscilloscope shows."""
+"""Hz: frequencies of vibration and of signals on the oscilloscope."""
 AmplitudeWindow = tuple[Annotated[float, Meta(ge=0.0, le=400.0)], Annotated[float, Meta(ge=0.0, le=400.0)]]
-"""V: what the oscilloscope's inputs stand."""
+"""V: amplitudes that the oscilloscope's inputs stand."""
 PhaseWindow = tuple[Annotated[float, Meta(ge=-360.0, le=360.0)], Annotated[float, Meta(ge=-360.0, le=360.0)]]
 """deg: a turn either way."""
 StartUp = Annotated[float, Meta(ge=0.01, le=600.0)]
 """s: a drive loop's start."""
 
 OutputWindow = tuple[Annotated[float, Meta(ge=-1e3, le=1e3)], Annotated[float, Meta(ge=-1e3, le=1e3)]]
-"""V: what the multimeter reads."""
+"""V: the multimeter's ranges."""
 OutputDrift = Annotated[float, Meta(ge=0.0, le=1e3)]
 """V: from none to all that the multimeter reads."""
 NoiseWindow = tuple[Annotated[float, Meta(ge=0.0, le=10.0)], Annotated[float, Meta(ge=0.0, le=10.0)]]
@@ -94,11 +94,11 @@ SlopeWindow = tuple[Slope, Slope]
 RateWindow = tuple[Rate, Rate]
 """deg/s: as rates."""
 PpmWindow = tuple[Annotated[float, Meta(ge=0.0, le=1e6)], Annotated[float, Meta(ge=0.0, le=1e6)]]
-"""ppm: from straight to as large as what it is a part of."""
+"""ppm: from straight to all of the whole."""
 LargestPpm = Annotated[float, Meta(ge=0.0, le=1e6)]
 """ppm: as those windows."""
 DriftWindow = tuple[Annotated[float, Meta(ge=-1e6, le=1e6)], Annotated[float, Meta(ge=-1e6, le=1e6)]]
-"""ppm: from gone to twice what it was."""
+"""ppm: from gone to twice the value before."""
 EnWindow = tuple[Annotated[float, Meta(ge=0.0, le=1e6)], Annotated[float, Meta(ge=0.0, le=1e6)]]
 """A difference over its expanded uncertainty, without sign."""
 PercentWindow = tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], Annotated[float, Meta(ge=-100.0, le=100.0)]]

@@ -1,4 +1,4 @@
-"""Tries every instrument of a bench and says what is wrong with each."""
+"""Tries every instrument of a bench and reports the problems of each."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class CheckedInstrument:
-    """One instrument: who answered (None: nobody), what is wrong with it (None: nothing), and its calibration."""
+    """One instrument: its identity (None: nobody answered), its problem (None: none), and its calibration."""
 
     role: str
     resource: str
@@ -47,7 +47,7 @@ class BenchCheck:
 
 
 def check_bench(description: BenchDescription) -> BenchCheck:
-    """Open every instrument, ask who it is, read its error queue and, of a table, its faults; then make all safe.
+    """Open every instrument, ask for its identity, its errors and, of a table, its faults; then make all safe.
 
     Raises:
         ConfigError: one instrument has two roles.

@@ -1,4 +1,4 @@
-"""What the types of a bench file cannot say: values that must agree with each other."""
+"""Checks of a bench file that types cannot make: values that must agree with each other."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
 
 
 def _roles(description: BenchDescription) -> Iterator[InvalidValue]:
-    """Check that there is an instrument, and that what drives something has its limits."""
+    """Check that there is an instrument, and that each one that drives something has its limits."""
     filled = [role for role in (*ROLES, "rate_table") if getattr(description, role) is not None]
     if not filled:
         yield InvalidValue("power", f"at least one instrument: {', '.join((*ROLES, 'rate_table'))}", None)
@@ -190,7 +190,7 @@ def _is_this_host(host: str) -> bool:
 
 
 def _table(description: BenchDescription) -> Iterator[InvalidValue]:
-    """Check what the table's dialect needs to be told."""
+    """Check the keys that the table's dialect needs."""
     table = description.rate_table
     if table is not None and table.dialect == "zaber" and table.steps_per_deg is None:
         yield InvalidValue("rate_table.steps_per_deg", "the stage's microsteps per degree", None)

@@ -33,7 +33,7 @@ _SHOWN_BYTES = 16
 
 @dataclass(frozen=True, slots=True)
 class ConsoleReply:
-    """What came of a message: the answer (None: nothing was asked), and what the error queue held (None: nothing)."""
+    """Reply to a message: the answer (None: nothing was asked), and the entries of the error queue (None: none)."""
 
     answer: bytes | None
     refusal: str | None
@@ -111,7 +111,7 @@ class Console:
         return None
 
     def errors(self) -> str | None:
-        """Read the error queue to its end; return what it held in words, None when it held nothing."""
+        """Read the error queue to its end; return its entries in words, None when there was none."""
         try:
             self._instrument.check_errors()
         except InstrumentError as error:
@@ -137,7 +137,7 @@ class Console:
         self._plain.clear()
 
     def interruptible(self) -> AbstractContextManager[None]:
-        """Let Ctrl-C break off (Interrupted) what is asked meanwhile; at a table it still means: leave, and stop it."""
+        """Let Ctrl-C break off (Interrupted) a question; at a table it still means: leave, and stop it."""
         from vcfbench.drivers.plain import PlainSession  # noqa: PLC0415  # as above
 
         return self._signals.interruptible() if isinstance(self._plain, PlainSession) else nullcontext()
@@ -201,7 +201,7 @@ def _opened(
 
 
 def _leave(safety: SafetyStack, signals: StopSignals, under_way: BaseException | None) -> None:
-    """Make it safe, close it, and raise NotSafe from what is under way if it is not."""
+    """Make it safe, close it, and raise NotSafe from the error under way if it is not."""
     try:
         error = not_safe(safety.make_safe())
     except LeaveNow:
@@ -223,7 +223,7 @@ def _asks(message: str) -> bool:
 
 
 def data_of(answer: bytes) -> bytes:
-    """Return what an answer holds: of a block its data, else all of it."""
+    """Return the data of an answer that is a block, else all of it."""
     return answer[2 + int(answer[1:2]) :] if _is_block(answer) else answer
 
 

@@ -1,4 +1,4 @@
-"""What stops a run, has it pause and lets it go on: terminal, page and scripts have one and the same, in any thread."""
+"""Control of a run: stopped, paused and let go on by terminal, page and scripts alike, in any thread."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LOOKS_S = 0.1
 
 
 class RunState(StrEnum):
-    """How a run is; compares with the word."""
+    """State of a run; compares with the word."""
 
     BEGINNING = "beginning"
     RUNNING = "running"
@@ -49,11 +49,11 @@ class RunControl:
 
     @property
     def state(self) -> RunState:
-        """How the run is."""
+        """State of the run."""
         return self._state
 
     def stop(self, by: str = "the program") -> None:
-        """Stop the run as Ctrl-C does: at its next safe point, the bench made safe; `by` says who wants it."""
+        """Stop the run as Ctrl-C does: at its next safe point, the bench made safe; `by` names its author."""
         with self._changed:
             if self._state is RunState.OVER:
                 return
@@ -77,12 +77,12 @@ class RunControl:
                 self._set(RunState.BEGINNING if self._signals is None else RunState.RUNNING, by)
 
     def tell(self, listener: Callable[[RunState, str], None]) -> None:
-        """Have `listener` told each new state and who brought it about, in whatever thread that is."""
+        """Have `listener` told each new state and its author, in whatever thread that is."""
         self._listeners.append(listener)
 
     @contextmanager
     def of_run(self, signals: StopSignals) -> Iterator[None]:
-        """Control the run that goes on in this context; `signals` are what stops it.
+        """Control the run that goes on in this context; `signals` stop it.
 
         Raises:
             PlanError: it controls a run already, or did.
@@ -103,7 +103,7 @@ class RunControl:
                 self._set(RunState.OVER, "")
 
     def wait(self) -> str:
-        """Wait until the run is to go on; return who wants that.
+        """Wait until the run is to go on; return the name of the person or program that wants that.
 
         Raises:
             Aborted: it is to stop.

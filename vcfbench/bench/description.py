@@ -1,4 +1,4 @@
-"""What a bench is: roles, wiring, limits, site, and what stands in for it when simulated.
+"""Description of a bench: roles, wiring, limits, site, and its simulation.
 
 A bench file decodes into these frozen structs and nothing else; every range is in the type (`bounds`). What a station
 must decide itself (resources, limits, latitude) has no default. Every role may be missing, and with it its limits.
@@ -103,7 +103,7 @@ class SerialSettings(BenchFileTable, frozen=True, kw_only=True):
 
 
 class _Calibrated(BenchFileTable, frozen=True, kw_only=True):
-    """When an instrument was calibrated, until when that holds, and the number of its certificate: for the record.
+    """Calibration of an instrument: its date, the date it is due, and the number of its certificate; for the record.
 
     `inventory_number` is what is written on it: some instruments tell no serial number.
     """
@@ -115,7 +115,7 @@ class _Calibrated(BenchFileTable, frozen=True, kw_only=True):
 
 
 CALIBRATION_KEYS = (*_Calibrated.__struct_fields__, "calibration", "calibration_dcc")
-"""What of a role no driver is told."""
+"""Keys of a role that no driver is told."""
 
 
 class _VisaRole(_Calibrated, frozen=True, kw_only=True):
@@ -143,7 +143,7 @@ class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
 
 
 class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
-    """A voltmeter: of the output V_open, or of V_Vc; `calibration` is what its certificate says.
+    """A voltmeter: of the output V_open, or of V_Vc; `calibration` are the values of its certificate.
 
     It may stand in a file, the certificate's XML (`calibration_dcc`), which is read with the bench file.
     """
@@ -160,7 +160,7 @@ class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):
 
 
 class ChamberRole(_VisaRole, frozen=True, kw_only=True):
-    """What brings the gyroscope to a temperature."""
+    """A temperature chamber for the gyroscope."""
 
     model: Model
 
@@ -179,7 +179,7 @@ class RateTableRole(_Calibrated, frozen=True, kw_only=True):
 
 
 class Wiring(BenchFileTable, frozen=True, kw_only=True):
-    """What is connected to what."""
+    """Connections between the instruments and the PCB."""
 
     rails: RailWiring = field(default_factory=RailWiring)
     oscilloscope: OscilloscopeWiring = field(default_factory=OscilloscopeWiring)
@@ -188,7 +188,7 @@ class Wiring(BenchFileTable, frozen=True, kw_only=True):
 
 
 class Site(BenchFileTable, frozen=True, kw_only=True):
-    """Where the bench stands: for the Earth's rate, the voltmeter's integration time, and the room's temperature."""
+    """Site of the bench: for the Earth's rate, the voltmeter's integration time, and the room's temperature."""
 
     latitude_deg: Latitude
     mains_hz: Literal[50, 60] = 50
@@ -196,7 +196,7 @@ class Site(BenchFileTable, frozen=True, kw_only=True):
 
 
 class Laboratory(BenchFileTable, frozen=True, kw_only=True):
-    """Whose bench it is, for records and reports; `operator` runs it where nobody else is named.
+    """Laboratory that owns the bench, for records and reports; `operator` runs it where nobody else is named.
 
     `country` is two capital letters (ISO 3166-1), for certificates. `signing_key` is the file of the private key that
     signs records, from where the bench file is.
@@ -211,14 +211,14 @@ class Laboratory(BenchFileTable, frozen=True, kw_only=True):
 
 
 class Notify(BenchFileTable, frozen=True, kw_only=True):
-    """A program, with its arguments, that is told what each run came to; it has `timeout_s` for that."""
+    """A program, with its arguments, that is told the outcome of each run; it has `timeout_s` for that."""
 
     command: Annotated[tuple[Annotated[str, Meta(min_length=1, max_length=4096)], ...], Meta(min_length=1)]
     timeout_s: Annotated[float, Meta(ge=0.1, le=60.0)] = 10.0
 
 
 class Knowledge(BenchFileTable, frozen=True, kw_only=True):
-    """What is known of instruments and gyroscope for the uncertainties.
+    """Properties of instruments and gyroscope for the uncertainties.
 
     What is not given is taken at the worst of its class (:data:`vcfbench.specifications.WORST_OF_CLASS`), or the values
     are incomplete without it; results say which.
@@ -294,7 +294,7 @@ LARGEST_SEED = 2**63 - 1
 
 
 def whole_seed(seed: object) -> int:
-    """Return a seed that a script or a command gives, numpy's numbers too; raises ConfigError for what is none."""
+    """Return a seed from a script or a command, numpy's numbers too; raises ConfigError for anything else."""
     try:
         whole = index(seed)  # type: ignore[arg-type]  # what has no index raises
     except TypeError:
@@ -305,7 +305,7 @@ def whole_seed(seed: object) -> int:
 
 
 class Simulation(BenchFileTable, frozen=True, kw_only=True):
-    """What stands behind the resources of a simulated bench; a bench file without it is a real station."""
+    """Simulation behind the resources of a bench; a bench file without it is a real station."""
 
     parameters: Literal["paper", "ideal"] = "paper"
     seed: Annotated[int, Meta(ge=0, le=LARGEST_SEED)] = 0
@@ -325,7 +325,7 @@ class Served(BenchFileTable, frozen=True, kw_only=True):
 
 
 class Safety(BenchFileTable, frozen=True, kw_only=True):
-    """What a run does whose watchdog has died: stop, or go on with nobody there should it die too."""
+    """Reaction of a run to the death of its watchdog: stop, or go on with nobody there should it die too."""
 
     watchdog_lost: Literal["stop", "go on"] = "stop"
 
@@ -362,7 +362,7 @@ class BenchDescription(BenchFileTable, frozen=True, kw_only=True):
 
     @property
     def procedure(self) -> ProcedureSettings:
-        """What ``[procedure]`` says to every procedure, defaults filled in."""
+        """Settings of ``[procedure]`` for every procedure, defaults filled in."""
         return shared_settings(self.procedure_table, self.name)
 
     @property

@@ -1,4 +1,4 @@
-"""Finds instruments: asks what VISA resources and serial ports there are, and who answers.
+"""Finds instruments: lists VISA resources and serial ports, and asks each for its identity.
 
 Nothing is sent to a serial port unless that is asked for: what is on it is not known, and a byte can move a table.
 """
@@ -36,10 +36,10 @@ _QUESTIONS = (b"*IDN?\n", b"/get deviceid\n", b"VE?\r")
 
 @dataclass(frozen=True, slots=True)
 class DiscoveredInstrument:
-    """A resource and who answers there.
+    """A resource and the instrument that answers there.
 
-    `answer` is what it said, `model` the model or dialect that a bench file can name (None: not recognised), `problem`
-    why it said nothing, `baud_rate` at which speed of a serial port it was asked.
+    `answer` are its words, `model` the model or dialect that a bench file can name (None: not recognised), `problem`
+    why it said nothing, `baud_rate` the speed of a serial port at which it was asked.
     """
 
     resource: str
@@ -58,7 +58,7 @@ class DiscoveredInstrument:
 
 @dataclass(frozen=True, slots=True)
 class SerialPort:
-    """A serial port of this computer; `found` says who answers, None when it was not asked."""
+    """A serial port of this computer; `found` is the instrument that answers, None when it was not asked."""
 
     port: str
     description: str
@@ -75,7 +75,7 @@ class Discovery:
     tried: tuple[DiscoveredInstrument, ...]
 
     def answering(self) -> list[DiscoveredInstrument]:
-        """Return what answered, wherever it was."""
+        """Return the instruments that answered, wherever they were."""
         asked = [port.found for port in self.serial_ports if port.found is not None]
         return [each for each in (*self.resources, *asked, *self.tried) if each.answer is not None]
 
@@ -83,7 +83,7 @@ class Discovery:
 def discover(
     library: str, tries: Sequence[str] = (), *, timeout_s: float = 1.0, serial_probe: bool = False
 ) -> Discovery:
-    """Return what answers on the resources of the VISA `library`, on serial ports, and on the resources in `tries`.
+    """Return the instruments on the resources of the VISA `library`, on serial ports, and on those in `tries`.
 
     Each resource is given `timeout_s` of wall time. Serial ports are asked only for `serial_probe`. What is in `tries`
     was named by a person: it is asked wherever it is, and is real whatever the library.
@@ -157,7 +157,7 @@ def _within(seconds: float, act: Callable[[], _T]) -> _T:
 
 
 def _ask(resource: str, library: str, timeout_s: float) -> DiscoveredInstrument:
-    """Ask a VISA resource who it is."""
+    """Ask a VISA resource for its identity."""
 
     def answer() -> str:
         from vcfbench.drivers.session import SerialLine, open_session  # noqa: PLC0415  # loaded when first needed
@@ -193,7 +193,7 @@ def _words(error: BaseException) -> str:
 
 
 def _ask_port(url: str, timeout_s: float) -> DiscoveredInstrument:
-    """Ask who is on a serial port, or on what pyserial opens by a URL, which has no speed."""
+    """Ask for the identity on a serial port, or on a URL of pyserial's, which has no speed."""
     found = DiscoveredInstrument(url, problem="no answer")
     speeds = _BAUD_RATES[:1] if "://" in url else _BAUD_RATES
     for baud_rate, question in product(speeds, _QUESTIONS):
@@ -229,7 +229,7 @@ def _text(reply: bytes) -> str:
 
 
 def recognise(answer: str) -> str | None:
-    """Return the model or dialect that a bench file can name for who answered so, None when there is none."""
+    """Return the model or dialect that a bench file can name for an identity, None when there is none."""
     if answer.startswith("@") and " OK " in answer:
         return "zaber"
     if answer.upper().startswith("ESP") and "VERSION" in answer.upper():
@@ -242,7 +242,7 @@ def recognise(answer: str) -> str | None:
 
 
 def stanza(discovery: Discovery) -> str:
-    """Return what was recognised as a piece of a bench file; what has no role left is there as a comment."""
+    """Return the recognised instruments as a piece of a bench file; one that has no role left is there as a comment."""
     lines: list[str] = []
     if discovery.library != _REAL and not _simulated(discovery.library):
         lines += [f"visa_library = {value_text(discovery.library)}", ""]
@@ -255,7 +255,7 @@ def stanza(discovery: Discovery) -> str:
 
 
 def places(model: str | None) -> tuple[str, ...]:
-    """Return the places on a bench for what was recognised as `model`."""
+    """Return the places on a bench for an instrument recognised as `model`."""
     if model is None:
         return ()
     row = find_model(model)
@@ -263,7 +263,7 @@ def places(model: str | None) -> tuple[str, ...]:
 
 
 def taken_over(role: str, found: DiscoveredInstrument) -> dict[str, Any]:
-    """Return what a bench file says of `found` as `role`: model or dialect, resource, an unusual speed."""
+    """Return the keys of `found` as `role` for a bench file: model or dialect, resource, an unusual speed."""
     table = role == "rate_table"
     keys: dict[str, Any] = {
         "dialect" if table else "model": found.model or "",
@@ -289,13 +289,13 @@ def _entry(role: str, found: DiscoveredInstrument) -> Iterator[str]:
 
 
 def _usual_baud_rate(model: str | None) -> int:
-    """Return what a bench file need not say."""
+    """Return the speed that a bench file need not name."""
     language = find_language(model or "")
     return 9600 if language is None else language.baud_rate
 
 
 def _as_visa(resource: str) -> str:
-    """Return the VISA name of what was asked as a serial port; PyVISA-py calls Windows' COM3 ASRL3."""
+    """Return the VISA name of a resource asked as a serial port; PyVISA-py calls Windows' COM3 ASRL3."""
     if "::" in resource:
         return resource
     host, colon, port = resource.removeprefix("socket://").rpartition(":")
@@ -305,7 +305,7 @@ def _as_visa(resource: str) -> str:
 
 
 def _as_port(resource: str) -> str:
-    """Return how pyserial opens what was asked as a VISA resource, where that is known."""
+    """Return pyserial's name of a VISA resource, where that is known."""
     socket = _SOCKET.fullmatch(resource)
     return resource if socket is None else f"socket://{socket['host']}:{socket['port']}"
 

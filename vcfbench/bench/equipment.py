@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def equipment_on(
     day: date, description: BenchDescription, roles: Collection[str], identities: Mapping[str, Identity]
 ) -> tuple[Equipment, ...]:
-    """Return the instruments in `roles` of the bench, with who answered where somebody was asked."""
+    """Return the instruments in `roles` of the bench, with their identities where they were asked."""
     return tuple(_equipment(day, description, role, identities.get(role)) for role in roles)
 
 
@@ -39,7 +39,7 @@ def _equipment(day: date, description: BenchDescription, role: str, identity: Id
 
 
 def _serial_number(identity: Identity | None, stated: str | None) -> str | None:
-    """Return the serial number that was answered, else the bench file's; 0 is what an instrument says that has none."""
+    """Return the serial number that was answered, else the bench file's; an instrument that has none answers 0."""
     answered = "" if identity is None else identity.serial
     return next((each for each in (answered, stated) if each not in (None, "", "0")), None)
 

@@ -1,4 +1,4 @@
-"""Reads bench files: TOML to a frozen description, every mistake one line with file, key path and what was expected."""
+"""Reads bench files: TOML to a frozen description, every mistake one line with file, key path and expected value."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ EMBEDDED = ("paper", "lab", "ideal")
 """Names of the benches that come with the package, usable in place of a file."""
 
 CHECK_OF_PROCEDURES = "vcfbench.procedures.layers:check_tables"
-"""Who checks ``[procedure]`` and ``[procedure.NAME]``. Procedures stand above the bench and bring the classes of their
-settings: they are named here as the classes of a model are in its row, and imported when a bench file is read."""
+"""Check of ``[procedure]`` and ``[procedure.NAME]``. Procedures stand above the bench and bring the classes of their
+settings: they are named here as the classes of a model are in its row, and imported when a bench file is read.
+"""
 
 
 def load_bench(path: Path | str | None = None) -> BenchDescription:
@@ -44,7 +45,7 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
 
 
 def described(bench: BenchDescription | Path | str | None) -> BenchDescription:
-    """Return the bench that is meant: a description, or what :func:`load_bench` takes."""
+    """Return the bench as a description, read with :func:`load_bench` where a file is named."""
     return bench if isinstance(bench, BenchDescription) else load_bench(bench)
 
 
@@ -79,7 +80,7 @@ def _signing(description: BenchDescription, folder: Path) -> BenchDescription:
 
 
 def _check_profile(dialect: str, axis: int, *, simulated: bool) -> None:
-    """Read the profile of a table now: what is wrong with it shall not be found with the bench half open."""
+    """Read the profile of a table now: its mistakes shall not be found with the bench half open."""
     from vcfbench.bench.simulated import profile_twin  # noqa: PLC0415  # few benches have a profile of their own
     from vcfbench.drivers.rate_table.dialect import AxisSettings  # noqa: PLC0415
     from vcfbench.drivers.rate_table.dialects import spoken  # noqa: PLC0415
@@ -109,7 +110,7 @@ def checked_bench(values: Mapping[str, Any], source: str, folder: Path | None = 
 
 
 def _certified(description: BenchDescription, source: str, folder: Path) -> BenchDescription:
-    """Return the bench with what the certificates of its meters say, in place of the files that they are in."""
+    """Return the bench with the values of its meters' certificates, in place of the files that they are in."""
     for role in ("multimeter", "v_vc_meter"):
         part = getattr(description, role)
         if part is not None and part.calibration_dcc is not None:

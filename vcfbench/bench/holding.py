@@ -1,4 +1,4 @@
-"""What an open bench holds, and the one way in which it is left: everything made safe, then closed, once.
+"""Resources of an open bench, and the one way in which it is left: everything made safe, then closed, once.
 
 A bench may be left by nobody: a script ends, or raises, while it is open; a notebook's kernel is shut down. What is
 still open when Python ends is made safe then, while threads can still be started; code 5 says if it could not be.
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from vcfbench.interfaces import SafeReport
 
 _LEFT_TO_PYTHON: Final = ("SIGTERM", "SIGHUP", "SIGBREAK")
-"""What ends a Python program at once, without a word to anybody."""
+"""Signals that end a Python program at once, without a word to anybody."""
 
 
 class SignalWatch:
-    """When the bench's own `signals` have the handlers: while it opens, inside of a ``with``, while it is left.
+    """Periods in which the bench's own `signals` have the handlers: opening, inside of a ``with``, leaving.
 
     `signals` is None for a bench whose opener watches himself. In between, what would end Python without a word ends it
     in the orderly way.
@@ -57,9 +57,9 @@ class SignalWatch:
 
 
 class Holding:
-    """What is held while instruments are open: signals, station with its locks, safety stack.
+    """Resources held while instruments are open: signals, station with its locks, safety stack.
 
-    `stack` holds what is given back last: the station and the handlers.
+    `stack` gives back last: the station and the handlers.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Holding:
         raise error from under_way
 
     def abandon(self, when: str) -> None:
-        """Leave what nobody is there to leave, and say so on stderr; what is not safe is code 5 when Python ends."""
+        """Leave a bench that nobody is there to leave, and say so on stderr; NotSafe is code 5 when Python ends."""
         try:
             self.leave()
             said = "it was made safe"
@@ -168,13 +168,13 @@ class _StillOpen:
                 threading._register_atexit(self._end)  # type: ignore[attr-defined]  # noqa: SLF001  # no other is in time
 
     def discard(self, holding: Holding) -> None:
-        """Forget what was left."""
+        """Forget a bench that was left."""
         self._held.pop(holding, None)
         if not self._held:
             self.give_back_signals()
 
     def take_signals(self) -> None:
-        """Turn what would end Python at once into a SystemExit, where nobody else has taken the signal."""
+        """Turn signals that would end Python at once into a SystemExit, where nobody else has taken them."""
         if not self._held or threading.current_thread() is not threading.main_thread():
             return
         for name in _LEFT_TO_PYTHON:
@@ -195,12 +195,12 @@ class _StillOpen:
         raise SystemExit(Aborted.exit_code)
 
     def _end(self) -> None:
-        """Make safe what is still open; Python is ending."""
+        """Make safe the benches still open; Python is ending."""
         for holding in tuple(self._held):
             holding.abandon("Python ended")
 
     def _leave_with_code(self) -> None:
-        """End with the code of what is not safe; the interpreter knows no other way at this point."""
+        """End with the code of NotSafe; the interpreter knows no other way at this point."""
         if not self.unsafe:
             return
         for stream in (sys.stdout, sys.stderr):

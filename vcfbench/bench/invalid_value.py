@@ -1,4 +1,4 @@
-"""A value of a bench file that does not fit, and what every table of numbers is held to."""
+"""A value of a bench file that does not fit, and the checks of every table of numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class InvalidValue(Struct, frozen=True):
-    """A value that cannot be, or that contradicts another: its key path, what was expected there and what came."""
+    """A value that cannot be, or that contradicts another: its key path, the expected one and itself."""
 
     path: str
     expected: str

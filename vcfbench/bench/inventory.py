@@ -73,7 +73,7 @@ def _physics(description: BenchDescription) -> Iterator[InventoryRow]:
 
 
 def _source(description: BenchDescription, role: str, seed: int) -> str:
-    """Say where the errors of one instrument come from; what they were drawn from, their meanings tell."""
+    """Name the source of the errors of one instrument; their meanings tell the distributions."""
     assert description.simulation is not None  # noqa: S101  # a real bench was refused before
     asked = getattr(description.simulation.errors, role)
     if isinstance(asked, dict):

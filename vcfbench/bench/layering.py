@@ -44,12 +44,12 @@ def setting_keys(kind: type[ProcedureSettings]) -> tuple[str, ...]:
 
 
 def shared_settings(table: Mapping[str, Any], source: str) -> ProcedureSettings:
-    """Return what `table`, the ``[procedure]`` of the bench file `source`, says to every procedure."""
+    """Return the settings in `table`, the ``[procedure]`` of the bench file `source`, for every procedure."""
     return chosen_settings(ProcedureSettings, [shared_layer(ProcedureSettings, table, source)])
 
 
 def shared_layer(kind: type[ProcedureSettings], table: Mapping[str, Any], source: str) -> Layer:
-    """Return what ``[procedure]`` says to procedures with settings of `kind`."""
+    """Return the keys of ``[procedure]`` for procedures with settings of `kind`."""
     known = setting_keys(kind)
     given = {key: value for key, value in table.items() if key in known}
     return Layer(given, lambda keys: f"{source}: {dotted(('procedure', *keys))}")

@@ -1,4 +1,4 @@
-"""The limits of a bench, and instruments that refuse what leaves them before anything is sent.
+"""The limits of a bench, and instruments that refuse a command beyond them before anything is sent.
 
 Each instrument wraps a driver and is one itself; what is not limited goes straight through.
 """
@@ -93,19 +93,19 @@ def _at_most(what: str, value: float, limit: float, unit: str) -> None:
 
 
 def driver_of(instrument: Any) -> Any:
-    """Return the driver behind an instrument of a bench: for who judges by himself what is sent."""
+    """Return the driver behind an instrument of a bench: for callers that judge messages themselves."""
     return instrument.driver if isinstance(instrument, _Limited) else instrument
 
 
 class _Limited:
-    """What every wrapped instrument passes on."""
+    """Members that every wrapped instrument passes on."""
 
     def __init__(self, instrument: Instrument) -> None:
         self._instrument = instrument
 
     @property
     def driver(self) -> Instrument:
-        """What stands behind the limits."""
+        """Driver behind the limits."""
         return self._instrument
 
     @property
@@ -119,7 +119,7 @@ class _Limited:
         return self._instrument.resource
 
     def identify(self) -> Identity:
-        """Ask who answers."""
+        """Ask for the identity."""
         return self._instrument.identify()
 
     def check_errors(self) -> None:

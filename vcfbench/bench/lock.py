@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 _VARIABLE: Final = "VCFBENCH_LOCKS"
 _SHARED: Final = ("/run/lock", "/var/lock", "/tmp")  # noqa: S108  # made for this; what others lay there is refused
 _DYING_S: Final = 5.0
-"""How long a process that is dying is waited for."""
+"""Longest wait for a process that is dying, s."""
 _FLAGS: Final = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
 class Owner(Struct, frozen=True):
-    """Who has signed the file of a lock; `mark` tells the process from a later one of its number."""
+    """Process that has signed the file of a lock; `mark` tells it from a later one of its number."""
 
     pid: int
     user: str
@@ -155,7 +155,7 @@ def _lock(path: Path, station: str, role: str, resource: str) -> Iterator[Owner 
 
 
 def _locked(path: Path, role: str, resource: str) -> int:
-    """Return the open and locked file at `path`; what was taken away meanwhile is opened anew."""
+    """Return the open and locked file at `path`; one taken away meanwhile is opened anew."""
     while True:
         file = _opened(path)
         try:
@@ -227,7 +227,7 @@ def _user() -> str:
 
 
 def _signed(path: Path) -> Owner | None:
-    """Return who has signed the file of a lock; None where nobody has."""
+    """Return the owner that has signed the file of a lock; None where nobody has."""
     try:
         return typed(json.loads(path.read_text("utf-8")), Owner)
     except (OSError, ValueError, ValidationError):

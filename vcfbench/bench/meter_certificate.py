@@ -1,4 +1,4 @@
-"""A voltmeter of a bench file with what its certificate says, which must be that of the same instrument."""
+"""A voltmeter of a bench file with the values of its certificate, which must be that of the same instrument."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ _ROLES: Final = {
     "basic_acceptanceLimitLower": "",
     "basic_acceptanceLimitUpper": "",
 }
-"""What a column is by its refType; of the others that are known nothing is needed."""
+"""Kind of a column by its refType; the other known ones are not needed."""
 
 _RANGE_NAMES: Final = frozenset({"range", "measuring range", "measurement range", "messbereich", "bereich"})
 """By which a column of ranges is known that has no refType: the good practice has none for it everywhere."""
@@ -61,7 +61,7 @@ _EXPANDED: Final = (
     ("measurementUncertaintyUnivariate/expandedMU", "valueExpandedMU", "coverageFactor"),
     ("expandedUnc", "uncertainty", "coverageFactor"),
 )
-"""Where an expanded uncertainty stands with its factor: D-SI 2.2 and before, of a list and of one value."""
+"""Places of an expanded uncertainty with its factor: D-SI 2.2 and before, of a list and of one value."""
 
 _STANDARD: Final = (
     ("measurementUncertaintyUnivariateXMLList/standardMUXMLList", "valueStandardMUXMLList"),
@@ -72,9 +72,9 @@ _OVER_RANGE: Final = 1.25
 
 
 class MeterCertificate(Struct, frozen=True):
-    """What a voltmeter's certificate says: its number, the last day of the calibration, the instrument, its points.
+    """Contents of a voltmeter's certificate: its number, the calibration's last day, the instrument, its points.
 
-    `numbers` are those by which the instrument is known, with who gave them.
+    `numbers` are those by which the instrument is known, with the party that gave each.
     """
 
     number: str
@@ -90,7 +90,7 @@ class MeterCertificate(Struct, frozen=True):
 
 
 def read_meter_dcc(path: Path) -> MeterCertificate:
-    """Return what the certificate in a file says of direct voltage.
+    """Return the values of direct voltage in a certificate's file.
 
     Raises:
         ConfigError: it is no such certificate, or holds something that is missing or not understood.
@@ -112,7 +112,7 @@ def read_meter_dcc(path: Path) -> MeterCertificate:
 
 
 class _NotUnderstoodError(Exception):
-    """What is missing in a certificate, or not understood."""
+    """Something missing in a certificate, or not understood."""
 
 
 class _Column(NamedTuple):
@@ -125,7 +125,7 @@ class _Column(NamedTuple):
 
 
 class _Table(NamedTuple):
-    """Quantities side by side: what they and what is around them is called, those of the table, those around."""
+    """Quantities side by side: name of the table, words around it, its own quantities, those around."""
 
     name: str
     words: str
@@ -172,7 +172,7 @@ def _points(root: ET.Element) -> Iterator[CalibrationPoint]:
 
 
 def _tables(root: ET.Element) -> Iterator[_Table]:
-    """Yield the tables of direct voltage; of an adjusted meter what it was before is left out."""
+    """Yield the tables of direct voltage; those of an adjusted meter before its adjustment are left out."""
     for result in root.findall("dcc:measurementResults/dcc:measurementResult/dcc:results/dcc:result", _NAMES):
         words = _words(result)
         if _BEFORE.search(words):
@@ -208,7 +208,7 @@ def _of_direct_voltage(table: _Table) -> bool:
 
 
 def _columns(table: _Table) -> dict[str, _Column]:
-    """Return the columns of a table by what they are.
+    """Return the columns of a table by their kind.
 
     Raises:
         _NotUnderstoodError: a refType of the good practice is not known here, or two columns are the same.
@@ -250,7 +250,7 @@ def _points_of(table: _Table) -> Iterator[CalibrationPoint]:
 def _levels_and_corrections(
     table: _Table, columns: dict[str, _Column], count: int
 ) -> tuple[Sequence[float], Sequence[float], _Column]:
-    """Return the levels, what is to be added to a reading there, V, and the column that states its U.
+    """Return the levels, the corrections to be added to a reading there, V, and the column that states their U.
 
     An error is the reading less the level; where both are there too, they must say the same.
     """
@@ -297,7 +297,7 @@ def _each(table: _Table, values: Sequence[float], count: int) -> Sequence[float]
 
 
 def _role(quantity: ET.Element) -> str:
-    """Return what a column is; empty where nothing is needed of it."""
+    """Return the kind of a column; empty for one that is not needed."""
     roles = [_ROLES[kind] for kind in _kinds(quantity) if kind in _ROLES]
     if roles:
         return roles[0]
@@ -359,7 +359,7 @@ def _floats(here: str, text: str) -> list[float]:
 
 
 def _numbers(quantity: ET.Element) -> Iterator[ET.Element]:
-    """Yield what holds numbers of a quantity: one in several units is a si:hybrid of them."""
+    """Yield the elements with the numbers of a quantity: one in several units is a si:hybrid of them."""
     for inside in ("", "si:hybrid/"):
         for kind in ("si:real", "si:realListXMLList"):
             yield from quantity.findall(inside + kind, _NAMES)

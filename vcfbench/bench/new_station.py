@@ -1,4 +1,4 @@
-"""A bench file for a new station: what was found and answered, put into the commented template."""
+"""A bench file for a new station: the instruments found, put into the commented template."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DEFAULT_LIMITS: Final[Mapping[str, float]] = {
     "max_temperature_c": 85.0,
     "max_ramp_k_min": 60.0,
 }
-"""Those of the template: proposals, which somebody who knows the station must look at."""
+"""Limits of the template: proposals, which somebody who knows the station must look at."""
 
 _HEADER = re.compile(r"(?:# )?\[(?P<table>[A-Za-z0-9_.-]+)\](?P<rest>\s.*)?")
 _KEY = re.compile(
@@ -94,7 +94,7 @@ def _put(values: dict[str, Any], path: str, value: Any) -> None:
 
 
 def filled_template(text: str, values: Mapping[str, Any], head: str) -> str:
-    """Return the template `text` with `values` at their keys; all other keys are remarks, with what they mean."""
+    """Return the template `text` with `values` at their keys; all other keys are remarks, with their meanings."""
     left = {table: dict(keys) for table, keys in _tables(values)}
     lines: list[str] = [f"# {head}", "#"]
     for table, block in _blocks(text):
@@ -115,7 +115,7 @@ def _tables(values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, di
 
 
 def _blocks(text: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield the lines of each table of the template, its header first; what stands before the first one is ''."""
+    """Yield the lines of each table of the template, its header first; the name of those before the first is ''."""
     table, block = "", list[str]()
     for line in text.splitlines():
         header = _HEADER.fullmatch(line)

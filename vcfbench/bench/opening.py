@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def open_role(
     role: str, description: BenchDescription, stand: UnopenedBench, **more: Any
 ) -> tuple[Instrument, Identity]:
-    """Open the instrument of `role` and ask who it is; what is not the one meant is closed again, untouched.
+    """Open the instrument of `role` and ask for its identity; another than the one meant is closed again, untouched.
 
     `more` settings of its driver come before those of the bench file.
 
@@ -51,7 +51,7 @@ def open_role(
 
 
 def _settings(role: str, description: BenchDescription) -> dict[str, Any]:
-    """Return what the bench file says of `role`, and what the driver needs to know of the station besides."""
+    """Return the driver's settings for `role`: those of the bench file, and those of the station that it needs."""
     settings = structs.asdict(getattr(description, role))
     for key in CALIBRATION_KEYS:
         settings.pop(key, None)

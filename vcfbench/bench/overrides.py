@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _LEAST, _MOST = 1e-30, 1e30
-"""Of anything physical, in SI units: beyond, squares and products are numbers no more."""
+"""Range of any physical value in SI units: beyond, squares and products overflow."""
 
 _KINDS = {"float": "a number", "int": "a whole number", "array": "a list", "str": "a text", "object": "a table"}
 
@@ -45,7 +45,7 @@ def _between(ideal: Any, other: Any, share: float) -> Any:
 
 
 def invalid_overrides(base: Any, changes: Mapping[str, Any], path: str) -> Iterator[InvalidValue]:
-    """Yield what in `changes` is no value of `base`, a dataclass or struct; `path` is where the bench file has them."""
+    """Yield the entries of `changes` that are no value of `base`, a dataclass or struct; `path` is their key."""
     known = {name: getattr(base, name) for name in field_names(base) or ()}
     for name, value in changes.items():
         here = f"{path}.{name}"

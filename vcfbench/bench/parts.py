@@ -1,4 +1,4 @@
-"""Tables of the bench file that settings of procedures hold too: wiring, limits, what is expected and what passes."""
+"""Tables of the bench file that settings of procedures hold too: wiring, limits, expected values, acceptance."""
 
 from typing import Annotated, Literal
 
@@ -48,7 +48,7 @@ class BenchFileTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class CalibrationPoint(BenchFileTable, frozen=True, kw_only=True):
-    """A line of a voltmeter's certificate: on a range and at a level, what is to be added to a reading, and its U.
+    """A line of a voltmeter's certificate: range, level, the correction to be added to a reading, and its U.
 
     `expanded_v` is `k` times the standard uncertainty.
     """
@@ -86,7 +86,7 @@ class OscilloscopeWiring(BenchFileTable, frozen=True, kw_only=True):
 
 
 class Limits(BenchFileTable, frozen=True, kw_only=True):
-    """What must never be exceeded on this station; checked before anything is sent.
+    """Limits of the station; checked before anything is sent.
 
     Those of an instrument that the bench has are there; those of one that it has not may be None.
     """
@@ -110,7 +110,7 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
 
 
 class Expected(BenchFileTable, frozen=True, kw_only=True):
-    """What this gyroscope should show: a run that shows something else is ended. Each window ``[low, high]``."""
+    """Expected values of this gyroscope: a run with others is ended. Each window ``[low, high]``."""
 
     scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
     bias_v: OutputWindow | None = None

@@ -13,7 +13,7 @@ _START: Final = 18
 
 
 def mark_of(pid: int) -> str | None:
-    """Return what tells process `pid` from a later one of its number; None when it has ended.
+    """Return a mark that tells process `pid` from a later one of its number; None when it has ended.
 
     Where the system does not tell when a process started (no ``/proc``) all have the same mark.
     """
@@ -45,4 +45,4 @@ def end(pid: int, mark: str | None, number: int) -> bool:
 
 
 KILL: Final = getattr(signal, "SIGKILL", signal.SIGTERM)
-"""What no program can put off."""
+"""Signal that no program can put off."""

@@ -1,4 +1,4 @@
-"""When two resource names mean the same instrument.
+"""Identity of instruments by their resource names: two may mean the same.
 
 `GPIB0::22::INSTR` is `GPIB::22`, `TCPIP::Meter.lab::INSTR` is `TCPIP0::192.168.1.5::inst0::INSTR`, and
 `/dev/serial/by-id/usb-FTDI...` is `/dev/ttyUSB0`. One instrument on two interfaces, or behind a gateway, is not

@@ -1,4 +1,4 @@
-"""The roles of a bench: when each is made safe, how long that may take, and what proves it."""
+"""The roles of a bench: the stage of making each safe, its duration, and its proof."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STILL_DEG_S = 0.05
 
 
 class Role(Struct, frozen=True):
-    """A place on the bench: its name in the bench file, when it is made safe, and what shows that it is not."""
+    """A place on the bench: its name in the bench file, its stage of making safe, and the test that it is not safe."""
 
     name: str
     stage: Stage

@@ -36,7 +36,7 @@ _BETWEEN_S = 0.1
 
 
 class Stage(IntEnum):
-    """When an instrument is made safe: what can hurt people first, what others lean on last.
+    """Stage of making an instrument safe: first those that can hurt people, last those that others lean on.
 
     Instruments of `REST` drive nothing; one that does not answer is no danger.
     """
@@ -48,11 +48,11 @@ class Stage(IntEnum):
 
 
 class LeaveNow(BaseException):
-    """Raised into the unwinding by a third signal: stop making safe, say what is not."""
+    """Raised into the unwinding by a third signal: stop making safe, report the unsafe ones."""
 
 
 class SafeAction(Struct, frozen=True):
-    """How one instrument is made safe: within `deadline_s` of bench time; `verify` returns what is wrong, or None."""
+    """Making one instrument safe: within `deadline_s` of bench time; `verify` returns the fault, or None."""
 
     stage: Stage
     instrument: Instrument
@@ -61,7 +61,7 @@ class SafeAction(Struct, frozen=True):
 
 
 class SafetyStack:
-    """What was opened and how it is made safe.
+    """Opened instruments and the actions that make them safe.
 
     `patience` is the wall time (s) that an action may take beyond which it counts as hanging, per second of its
     deadline; `grace_s` is added to it.
@@ -135,7 +135,7 @@ class SafetyStack:
 
 
 def _judged(action: SafeAction, report: SafeReport) -> SafeReport:
-    """Return what `report` means for the bench: who drives nothing is no danger."""
+    """Return `report` as it counts for the bench: an instrument that drives nothing is no danger."""
     if action.stage is Stage.REST and not report.safe:
         return replace(report, safe=True, detail=f"it only listens, but: {report.detail}")
     return report
@@ -174,7 +174,7 @@ class _Telling:
 
 
 def _tell(actions: Sequence[SafeAction], over: threading.Event) -> list[UnprovedCommand | None]:
-    """Tell the instruments of `actions` in this order; None for one that hangs. `over` ends what still goes on."""
+    """Tell the instruments of `actions` in this order; None for one that hangs. `over` ends those that still go on."""
     wall = WallClock()
     tellings = [_Telling(action.instrument, over) for action in actions]
     for telling in tellings:
@@ -188,7 +188,7 @@ def _tell(actions: Sequence[SafeAction], over: threading.Event) -> list[Unproved
 def _with_last_words(
     actions: Sequence[SafeAction], reports: Sequence[SafeReport], over: threading.Event
 ) -> list[SafeReport]:
-    """Tell once more what is not safe, and add to its report what is known of it."""
+    """Tell once more the unsafe instruments, and add the last read-back to their reports."""
     unsafe = [action for action, report in zip(actions, reports, strict=True) if not report.safe]
     try:
         sent = iter(_tell(unsafe, over))

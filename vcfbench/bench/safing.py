@@ -37,13 +37,13 @@ if TYPE_CHECKING:
     from vcfbench.drivers.session import Session
 
 _LOOK_S: Final = 0.25
-"""How long a look at what is on may keep the words that switch it off."""
+"""Longest time for which looking at the outputs may keep back the words that switch them off, s."""
 _HURRY_S: Final = 0.5
-"""How long an instrument that does not answer may keep the next from being told."""
+"""Longest time for which an instrument that does not answer may keep the next from being told, s."""
 _STOPPING_S: Final = 10.0
-"""How long a process that is told to stop may take to let its bench go."""
+"""Longest time in which a process that is told to stop may let its bench go, s."""
 _FREEING_S: Final = 20.0
-"""How long one that was killed may take to be gone."""
+"""Longest time in which one that was killed may be gone, s."""
 _SUPPLY: Final = {output: f"MEAS:VOLT? {output}" for output in ("P6V", "P25V", "N25V")}
 _FLOW: Final = 1 << 5
 """Bit of AUXC? of a stream of air."""
@@ -52,7 +52,7 @@ _GENERATOR: Final = {"level": "VOLT:OFFS?"}
 
 @dataclass(frozen=True, slots=True)
 class Safed:
-    """One instrument: what it was found doing (None: it did not say), whether it is proved safe, and by what."""
+    """One instrument: its state before (None: it did not say), whether it is proved safe, and the proof."""
 
     role: str
     resource: str
@@ -63,10 +63,10 @@ class Safed:
 
 @dataclass(frozen=True, slots=True)
 class MadeSafe:
-    """What making a bench safe came to, in the order in which it was done.
+    """Result of making a bench safe, in the order in which it was done.
 
     `unlocked` says why the instruments could not be locked meanwhile; None where nothing kept them from it. `left_to`
-    says by role which other process has an instrument that was left to it, `ended` which processes were ended.
+    are by role the other processes that have an instrument, `ended` the processes that were ended.
     """
 
     instruments: tuple[Safed, ...]
@@ -76,7 +76,7 @@ class MadeSafe:
     ended: tuple[str, ...] = ()
 
     def failure(self) -> BenchError | None:
-        """Return the error that names what is not proved safe, or else what was left to others; None when all is."""
+        """Return the error that names the instruments not proved safe, or else left to others; None when all are."""
         error = not_safe(self.reports)
         if error is not None:
             error.reports = self.reports
@@ -85,7 +85,7 @@ class MadeSafe:
 
 
 def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False, end_owner: bool = False) -> MadeSafe:
-    """Make everything on the bench that drives something safe, whatever it is doing, and say what it was found doing.
+    """Make everything on the bench that drives something safe, in whatever state, and return the states found.
 
     An instrument that another process has is left to it. With `end_owner` that process is ended before: told by SIGTERM
     to stop, by SIGKILL where it has not let go within 10 s. With `force` nobody is asked; who has the bench may switch
@@ -115,7 +115,7 @@ def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False, end
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """The bench to be opened, what drives something on it and is free, and by role who has the rest."""
+    """The bench to be opened, its free instruments that drive something, and by role the owners of the rest."""
 
     stand: UnopenedBench
     roles: tuple[Role, ...]
@@ -124,12 +124,12 @@ class _Held:
 
 
 def _driving(description: BenchDescription) -> tuple[Role, ...]:
-    """Return the roles that drive something, in the order of making safe; who has a meter is in nobody's way."""
+    """Return the roles that drive something, in the order of making safe; the owner of a meter is in nobody's way."""
     return tuple(sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=_stage))
 
 
 def _held(description: BenchDescription, stack: ExitStack, *, force: bool) -> _Held:
-    """Take what is free of what drives something: the wires of nobody else, and all of nobody's."""
+    """Take the free instruments that drive something: the wires of nobody else, and all of nobody's."""
     driving = _driving(description)
     left_to: dict[str, InUse] = {}
     waited_for: set[int] = set()
@@ -163,7 +163,7 @@ def _unlocked(description: BenchDescription) -> UnopenedBench:
 
 
 def _end_owners(description: BenchDescription) -> tuple[str, ...]:
-    """End the processes that have something of the bench that drives; return who they were.
+    """End the processes that have an instrument of the bench that drives; return their names.
 
     Each is told to stop, which makes its bench safe, and is killed where it does not; then its watchdog does that, or
     who comes next.
@@ -232,7 +232,7 @@ class _Commanded(Exception):
 
 
 def _command_first(role: Role, description: BenchDescription, stand: UnopenedBench) -> str | None:
-    """Connect, tell the instrument to stop or to switch off, and return what it was found doing, if it says so."""
+    """Connect, tell the instrument to stop or to switch off, and return the state before, if it says so."""
     hurry_s = min(_HURRY_S, getattr(description, role.name).timeout_s)
     found: list[str] = []
 
@@ -260,7 +260,7 @@ def _command_first(role: Role, description: BenchDescription, stand: UnopenedBen
 
 
 def _rate(role: Role, description: BenchDescription, stand: UnopenedBench, hurry_s: float) -> str:
-    """Return what the table is doing just after it was told to stop: it takes its time to come to rest."""
+    """Return the table's rate just after it was told to stop: it takes its time to come to rest."""
     table: Any
     table, _ = open_role(role.name, description, stand, timeout_s=hurry_s)
     try:
@@ -271,7 +271,7 @@ def _rate(role: Role, description: BenchDescription, stand: UnopenedBench, hurry
 
 
 def _look(role: Role, driver: type, session: Session) -> str:
-    """Ask what is on, before it is switched off; the volts only of what answers."""
+    """Ask for the outputs that are on, before they are switched off; volts only if any answers."""
     if role.name == "chamber":
         return "air flows" if session.query_int("AUXC?", session.deadline(_LOOK_S)) & _FLOW else "off"
     if not any(session.query_numbers(getattr(driver, "switch_question", "OUTP?"), session.deadline(_LOOK_S))):

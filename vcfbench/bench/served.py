@@ -61,7 +61,7 @@ class Lockstep(Struct, frozen=True):
 
     clock: LockstepClock
     seed: int | None
-    """What it was built from."""
+    """Seed that it was built from."""
     rate_table: str | None
     """The port of its table, for pyserial; None when it has none."""
     adjust: Callable[[str, Any], None]
@@ -119,7 +119,7 @@ def _led_port(control: Control, clock: LockstepClock, resource: str) -> Iterator
 
 
 def build_served(description: BenchDescription, seed: int | None, clock: ServedClock) -> ServedBench:
-    """Build what is served of a simulated bench, from `seed` or the bench file's; it can be built anew on its clock."""
+    """Build the served part of a simulated bench, from `seed` or the bench file's; its clock can build it anew."""
     from vcfbench.bench.simulated import SimulatedBench, chosen_seed  # noqa: PLC0415  (there may be no simulation)
     from vcfbench.sim.serve import ServedBench  # noqa: PLC0415
 
@@ -146,7 +146,7 @@ def _model(description: BenchDescription, role: str) -> str:
 
 
 def served_places(control: str) -> tuple[str, dict[str, str]]:
-    """Ask the control port `control` (``20220``, or with its host) what is served there.
+    """Ask the control port `control` (``20220``, or with its host) for the served places.
 
     Return its address, as bench files have it, and the roles by their resources on TCP.
 

@@ -1,4 +1,4 @@
-"""What a procedure is told before it starts: frozen numbers, no instruments.
+"""Settings of a procedure: frozen numbers, no instruments.
 
 :class:`ProcedureSettings` is what all procedures share; a procedure with keys of its own adds them in a subclass. Each
 key has its range in its type, and what it means in the `description` beside it. `station` is what the place gives.
@@ -74,7 +74,7 @@ V_VC_RANGE_V = 10.0
 
 
 class Match(Enum):
-    """How step 2 compares the two outputs.
+    """Comparison of the two outputs in step 2.
 
     `ZERO` subtracts from each its own zero output, so that a difference of the zeros does not enter K_Vc. `ABSOLUTE`
     does the paper's words literally; an offset between the two zeros then goes into K_Vc in full.
@@ -119,12 +119,12 @@ class PlacedInstrument(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     @property
     def name(self) -> str:
-        """What tells it from others of its bench: ``34401A at GPIB0::22::INSTR``."""
+        """Name among the instruments of its bench: ``34401A at GPIB0::22::INSTR``."""
         return f"{self.model} {self.where}"
 
     @property
     def owner(self) -> str:
-        """What two results must share for its error to be the same in both: the specimen, and its calibration.
+        """Specimen and calibration: the error of two results is the same where they share it.
 
         An address is that of another instrument on another bench; an instrument may be adjusted when it is calibrated.
         """
@@ -143,7 +143,7 @@ class PlacedInstrument(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class MeterKnown(Struct, frozen=True, forbid_unknown_fields=True):
-    """What is known of a voltmeter beside its data sheet.
+    """Certificate and room of a voltmeter, beside its data sheet.
 
     `outside_k` is how far its room may be outside of where data sheets hold, K; `calibration` are the levels of its
     certificate.
@@ -158,7 +158,7 @@ class MeterKnown(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Gap(Struct, frozen=True):
-    """What nothing is known of, and no figure of its class could stand for: values of `kinds` are incomplete."""
+    """Contribution of which nothing is known, nor a figure for its class: values of `kinds` are incomplete."""
 
     name: str
     words: str
@@ -201,7 +201,7 @@ _GAPS = {
 
 
 class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What instruments and gyroscope contribute to uncertainties, at the settings of the run; None: nothing is known.
+    """Contributions of instruments and gyroscope to uncertainties, at the settings of the run; None: not known.
 
     What a bench file leaves open is taken at the worst of its class (`assumed`, by its key, in words) where that is a
     figure; the others are :meth:`gaps`.
@@ -258,11 +258,11 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def corrects(self) -> bool:
-        """Whether a certificate of a meter adds anything to its readings."""
+        """True where a certificate of a meter adds anything to its readings."""
         return any(getattr(self, key) for key in _CORRECTIONS)
 
     def corrected(self, output_v: Any) -> Any:
-        """Return a reading of the multimeter, or an array of them, with what its certificate adds to it, V."""
+        """Return a reading of the multimeter, or an array of them, with its certificate's correction, V."""
         return output_v + self.meter_gain_correction * output_v + self.meter_offset_correction_v
 
     def v_vc_corrected(self, v_vc_v: Any) -> Any:
@@ -270,20 +270,20 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return v_vc_v + self.v_vc_gain_correction * v_vc_v + self.v_vc_offset_correction_v
 
     def corrected_point(self, point: "Point") -> "Point":
-        """Return a point with what the certificates add to both of its voltages."""
+        """Return a point with the certificates' corrections of both of its voltages."""
         v_vc_v = point.v_vc_measured_v
         measured_v = None if v_vc_v is None else self.v_vc_corrected(v_vc_v)
         return structs.replace(point, output_v=self.corrected(point.output_v), v_vc_measured_v=measured_v)
 
     def gaps(self) -> Iterator[Gap]:
-        """Yield what nothing is known of."""
+        """Yield the contributions that are not known."""
         for key, gap in _GAPS.items():
             idle = key == "bias_deg_s_demodulator_deg" and not self.demodulator_phase_deg
             if getattr(self, key) is None and not idle:
                 yield gap
 
     def missing(self, kind: str) -> tuple[str, ...]:
-        """Return the names of what a value of `kind` (``k_vc``, ``scale_factor``, ``bias``) is incomplete without."""
+        """Return the names of the contributions missing in a value of `kind` (``k_vc``, ``scale_factor``, ``bias``)."""
         return tuple(gap.name for gap in self.gaps() if kind in gap.kinds)
 
 
@@ -294,7 +294,7 @@ _CORRECTIONS = (
 
 
 class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What the place gives: wiring, limits, what is expected and what passes; nothing that a procedure could choose.
+    """Settings by the place: wiring, limits, expected values, acceptance; none that a procedure could choose.
 
     `instruments` are those of the bench file by role, the rate table apart; `meters` what is known of the voltmeters
     beside their data sheets; `latitude_deg` is north positive.
@@ -330,7 +330,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What the drive signal must look like on the oscilloscope before anything is measured; each ``[low, high]``."""
+    """Limits of the drive signal on the oscilloscope before anything is measured; each ``[low, high]``."""
 
     frequency_hz: Annotated[FrequencyWindow, Meta(description="frequency of the drive signal")] = (3475.0, 3503.0)
     amplitude_v: Annotated[AmplitudeWindow, Meta(description="its amplitude")] = (0.05, 10.0)
@@ -388,7 +388,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @property
     def rails(self) -> tuple[RailSettings, ...]:
-        """What the rails are set to."""
+        """Settings of the rails."""
         wiring, limit_a = self.station.rails, self.rail_current_limit_a
         return (
             RailSettings("positive", wiring.positive, self.positive_rail_v, limit_a),
@@ -397,7 +397,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @property
     def expected(self) -> Expected:
-        """What this gyroscope should show; a run that does not show it is ended."""
+        """Expected values of this gyroscope; a run with others is ended."""
         return self.station.expected
 
     @property
@@ -424,7 +424,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return max(map(abs, self.rates_deg_s))
 
     def expected_gyro(self) -> LinearGyro:
-        """Return the gyro that the bench file expects: the middle of what it should show, or the guess of K_Vc."""
+        """Return the gyro that the bench file expects: the middle of each window, or the guess of K_Vc."""
         expected = self.expected
         return LinearGyro(
             self.k_vc_guess_deg_s_per_v if expected.k_vc_deg_s_per_v is None else _middle(expected.k_vc_deg_s_per_v),
@@ -433,11 +433,11 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         )
 
     def made_plain(self) -> Self:
-        """Return these settings with what follows from others of them written out; most have nothing of the kind."""
+        """Return these settings with values that follow from others written out; most have none of the kind."""
         return self
 
     def recalled(self) -> Self:
-        """Return these settings with what they name looked up: asked for once, before anything is opened.
+        """Return these settings with named values looked up: asked for once, before anything is opened.
 
         A procedure that builds on what is kept of a device puts it into its settings here, so that the record holds all
         that its results are made of.
@@ -448,7 +448,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return self
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say: values that contradict each other, or the limits of the station."""
+        """Yield the contradictions that ranges cannot tell: between values, or with the limits of the station."""
         yield from lost_digits(structs.replace(self, station=Station()), "")
         yield from turned_windows(self.drive, "drive")
         if len(set(self.rates_deg_s)) < 3:
@@ -464,7 +464,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         yield from self._beyond(self.station.limits)
 
     def _beyond(self, limits: Limits) -> Iterator[InvalidValue]:
-        """Yield what the limits of the station do not bear; it has those of what is on it."""
+        """Yield the values beyond the limits of the station; it has those of its instruments."""
         if limits.max_rate_deg_s is not None:
             for index, rate_deg_s in enumerate(self.rates_deg_s):
                 if abs(rate_deg_s) > limits.max_rate_deg_s:
@@ -486,7 +486,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class DeviceSettings(ProcedureSettings, frozen=True, kw_only=True):
-    """What procedures are told that keep or know something of a device."""
+    """Settings of procedures that keep or know something of a device."""
 
     dut: Annotated[
         Annotated[str, Meta(min_length=1, max_length=200)] | None,

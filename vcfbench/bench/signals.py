@@ -1,4 +1,4 @@
-"""What a signal does to an open bench.
+"""Effect of signals on an open bench.
 
 The first stops the run at its next safe point, the second at once; both leave the bench through the safety stack.
 While that runs signals only count; the third of all ends even the making safe: everything is told once more to stop
@@ -40,7 +40,7 @@ _AT_ONCE = 2
 
 
 class Interrupted(BaseException):
-    """Raised by the keyboard into what a person waits for, and no longer wants; nothing else ends.
+    """Raised by the keyboard into a wait that a person no longer wants; nothing else ends.
 
     No error, so that nothing on the way takes it for one of the wire.
     """
@@ -82,7 +82,7 @@ class StopSignals:
         self._previous.clear()
 
     def stop(self, by: str) -> None:
-        """Stop the bench from another thread as the first signal that is watched does; `by` says who wants it.
+        """Stop the bench from another thread as the first watched signal does; `by` names the person or program.
 
         The main thread is woken by that signal. Where none is watched, as in a thread of Python's, every wait looks
         whether it is to end.
@@ -135,7 +135,7 @@ class StopSignals:
             self.asleep.waiting = before
 
     def attend(self, act: Callable[[], _T]) -> _T:
-        """Wait for what a person does; the wait as a whole is a safe point."""
+        """Wait for a person's action; the wait as a whole is a safe point."""
         before, self._at_safe_point = self._at_safe_point, True
         try:
             self.safe_point()
@@ -145,7 +145,7 @@ class StopSignals:
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Let Ctrl-C break off what is done meanwhile (Interrupted), instead of stopping the bench."""
+        """Let Ctrl-C break off this context (Interrupted), instead of stopping the bench."""
         self._breakable = True
         try:
             yield
@@ -154,7 +154,7 @@ class StopSignals:
 
     @contextmanager
     def undivided(self) -> Iterator[None]:
-        """Do all of what is done meanwhile, or nothing: a signal that comes in it stops the bench after it."""
+        """Do all of this context, or nothing: a signal that comes in it stops the bench after it."""
         before, self._held = self._held, True
         try:
             yield
@@ -173,7 +173,7 @@ class StopSignals:
         self._unwinding = self._closing = True
 
     def break_off_from_now(self, *, possible: bool) -> bool:
-        """Let signals break off what is done from now on, or not; return whether they could before."""
+        """Let signals break off all from now on, or not; return whether they could before."""
         before, self._at_safe_point = self._at_safe_point, possible
         if possible:
             self.safe_point()

@@ -1,4 +1,4 @@
-"""Builds what stands behind the resources of a simulated bench: one World, and the instruments that look at it.
+"""Builds a simulated bench behind its resources: one World, and the instruments that look at it.
 
 Every random stream comes from the seed and the name of what draws from it, so that an instrument more or less
 changes nothing for the others.
@@ -51,7 +51,7 @@ _DRIVES = {"rate_source": "v_vc", "vibration_source": "vibration"}
 
 
 def chosen_seed(description: BenchDescription, seed: int | None) -> int:
-    """Return `seed`, or the bench file's when there is none; raises ConfigError for what is no seed."""
+    """Return `seed`, or the bench file's when there is none; raises ConfigError for a value that is no seed."""
     return _simulation(description).seed if seed is None else whole_seed(seed)
 
 
@@ -87,7 +87,7 @@ def _loaded(name: str, reference: Any, load: Callable[[], Any]) -> Any:
 
 
 def _table_twin(dialect: str) -> Any:
-    """Return the class of the simulated table, the language's or what its profile names; ConfigError if none."""
+    """Return the class of the simulated table, by the language or the profile's twin; ConfigError if none."""
     name = table_language(dialect)
     row = find_language(name)
     if row is None or row.twin is None:
@@ -96,7 +96,7 @@ def _table_twin(dialect: str) -> Any:
 
 
 def table_language(dialect: str) -> str:
-    """Return the language that the simulated table speaks: the bench file's, or what its profile names."""
+    """Return the language that the simulated table speaks: the bench file's, or the one its profile names."""
     return profile_twin(dialect) if dialect.endswith(".toml") else dialect
 
 
@@ -199,7 +199,7 @@ class SimulatedBench(Struct, frozen=True):
         return HandshakeLine(cast("ScpiTwin", device), self.clock, frame)
 
     def table_port(self) -> Device:
-        """Return what is behind the port of the rate table: at the end of its line, if the bench file names one."""
+        """Return the device behind the port of the rate table: at the end of its line, if the bench file names one."""
         table = self.devices["rate_table"]
         if not _is_port(self.description.rate_table):
             return table
@@ -252,7 +252,7 @@ def _is_serial(part: Any) -> bool:
 
 
 def _is_port(part: Any) -> bool:
-    """Tell whether a rate table is on a serial port: what pyserial opens by a URL is none."""
+    """Tell whether a rate table is on a serial port: a URL of pyserial's is none."""
     return part is not None and "://" not in part.resource
 
 
@@ -265,13 +265,13 @@ def _devices(description: BenchDescription, world: World, errors: Mapping[str, A
 
 
 def _taken(twin: Any, surroundings: dict[str, Any]) -> dict[str, Any]:
-    """Return what of `surroundings` the simulated instrument takes: those of one role do not all need the same."""
+    """Return the `surroundings` that the simulated instrument takes: those of one role do not all need the same."""
     parameters = inspect.signature(twin).parameters
     return {name: value for name, value in surroundings.items() if name in parameters and value is not None}
 
 
 def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[str, Any]:
-    """Return what the instrument of `role` may be told of the bench that it stands on."""
+    """Return the settings that the instrument of `role` may take from the bench that it stands on."""
     part, wiring = getattr(description, role), description.wiring
     noise_seed = _integer(_sequence(seed, role))
     if role == "rate_table":
@@ -315,7 +315,7 @@ def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, A
 
 
 def _header(asked: str) -> str:
-    """Return what a simulated table puts before its replies: error code and length, as on every byte stream.
+    """Return the header of a simulated table's replies: error code and length, as on every byte stream.
 
     Which of the two words' byte orders a real one has is unknown; a driver on ``auto`` takes either.
     """

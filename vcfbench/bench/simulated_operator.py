@@ -1,4 +1,4 @@
-"""The operator of a simulated bench: what a person would do is done to the world, and takes its time."""
+"""The operator of a simulated bench: a person's actions are done to the world, and take their time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class _Request(Protocol):
-    """What is asked for, as :class:`vcfbench.plans.step.Request` says it."""
+    """A request to the operator, as :class:`vcfbench.plans.step.Request`."""
 
     @property
     def takes_s(self) -> float: ...
@@ -21,7 +21,7 @@ class _Request(Protocol):
 
 
 def simulated_operator(bench: Bench) -> Callable[[_Request], str] | None:
-    """Return who does what is asked for on a simulated `bench`, served ones too; None on a real one."""
+    """Return the operator of a simulated `bench`, served ones too; None on a real one."""
     adjust = bench.adjust
     if adjust is None:
         return None

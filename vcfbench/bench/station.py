@@ -1,4 +1,4 @@
-"""What a bench stands on: clock, wires, and the right to use them. Real and simulated differ here and nowhere else."""
+"""Ground of a bench: clock, wires, and the right to use them. Real and simulated differ here and nowhere else."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def station(
 
 
 def require_instruments_apart(description: BenchDescription) -> None:
-    """Check that no instrument has two roles; what is simulated in this process is what the bench file says it is.
+    """Check that no instrument has two roles; those simulated in this process are what the bench file says.
 
     Making safe does without: whatever the bench file says, something may turn.
 

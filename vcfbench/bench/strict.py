@@ -1,4 +1,4 @@
-"""Plain values into frozen structs; every mistake is one line with where it is, what was expected and what came.
+"""Plain values into frozen structs; every mistake is one line with its place, the expected value and the given one.
 
 msgspec says what is wrong in words of its own, which end in " - at `$.path`"; value and type are looked up there.
 """
@@ -44,7 +44,7 @@ def converted(raw: Mapping[str, Any], kind: type[_T], naming: Naming) -> _T:
 
 
 def refusal(where: str, expected: str, came: str) -> ConfigError:
-    """Return the error that says what was expected at `where`, and what came."""
+    """Return the error that names the expected value at `where`, and the given one."""
     return ConfigError(f"{where}: expected {expected}, came {came}")
 
 
@@ -56,7 +56,7 @@ def unknown_key(key: str, known: Sequence[str], where: str) -> ConfigError:
 
 
 def words(value: object) -> str:
-    """Say what came, short and on one line."""
+    """Describe a given value, short and on one line."""
     if isinstance(value, dict):
         return "a table"
     if value is None or isinstance(value, bool):
@@ -111,7 +111,7 @@ def _step_into(node: inspect.Type, key: str | int) -> inspect.Type:
 
 
 def _bare(node: inspect.Type) -> inspect.Type:
-    """Return `node` without what describes it, and without that it may be missing."""
+    """Return `node` without its description, and without that it may be missing."""
     while isinstance(node, inspect.Metadata):
         node = node.type
     if not isinstance(node, inspect.UnionType):
@@ -126,7 +126,7 @@ def _field_names(kind: Any, keys: Keys) -> tuple[str, ...]:
 
 
 def expectation(node: inspect.Type) -> str:
-    """Say what a value of the type `node` is: ``a whole number at least 2 and at most 100``."""
+    """Describe a value of the type `node`: ``a whole number at least 2 and at most 100``."""
     bare = _bare(node)
     match bare:
         case inspect.UnionType(types):

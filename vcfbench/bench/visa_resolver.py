@@ -1,4 +1,4 @@
-"""What ``pyvisa.ResourceManager("bench.toml@vcfbench")`` opens, and what may be asked of it behind a ``?``."""
+"""Benches behind ``pyvisa.ResourceManager("bench.toml@vcfbench")``, and their options behind a ``?``."""
 
 from __future__ import annotations
 

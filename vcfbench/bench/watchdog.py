@@ -86,7 +86,7 @@ class Watchdog:
             return said.readline()
 
     def keep_in(self, journal: Path) -> None:
-        """Name the journal in which it writes down what it did."""
+        """Name the journal in which it writes down its actions."""
         self._tell("journal", str(journal.absolute()))
 
     def step(self, words: str, longest_s: float | None) -> None:

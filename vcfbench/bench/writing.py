@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 
 def bench_text(description: BenchDescription) -> str:
-    """Return the bench file of `description`: every key, defaults included; of ``[procedure]`` what was given."""
+    """Return the bench file of `description`: every key, defaults included; of ``[procedure]`` the given ones."""
     return table_text(msgspec.to_builtins(description))
 
 
 def table_text(tables: dict[str, Any]) -> str:
-    """Return nested tables as a TOML file; what is None is left out."""
+    """Return nested tables as a TOML file; None is left out."""
     return "\n".join(_lines(tables, "")) + "\n"
 
 
 def _lines(table: dict[str, Any], path: str) -> Iterator[str]:
-    """Yield a nested dict as the lines of a TOML file; what is None is left out, as in a bench file."""
+    """Yield a nested dict as the lines of a TOML file; None is left out, as in a bench file."""
     plain = {key: value for key, value in table.items() if not isinstance(value, dict) and value is not None}
     if path and plain:
         yield f"\n[{path}]"

@@ -1,4 +1,4 @@
-"""Judges what a person types at an instrument before it is sent: nothing may leave the limits of the bench.
+"""Judges the messages that a person types at an instrument: none may leave the limits of the bench.
 
 Settings of levels, rates and accelerations are understood in the instrument's own words and compared with the bench
 file's ``[limits]``, together with what the instrument says of its present settings: a level that an earlier program

@@ -1,4 +1,4 @@
-"""What may be said to a supply with channel lists (E36312A, words as users' drivers quote the E36300 Series guide)."""
+"""Guard of a supply with channel lists (E36312A, words as users' drivers quote the E36300 Series guide)."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _HARMLESS = (
     *("[SOURce:]VOLTage:PROTection[:LEVel]", "[SOURce:]VOLTage:PROTection:STATe"),
     *("[SOURce:]CURRent:PROTection:STATe", "[SOURce:]CURRent:PROTection:DELay...", "SENSe..."),
 )
-"""Protection only switches off. Of clearing it, INITiate, TRIGger and ``*RCL`` it is not known what they bring back."""
+"""Protection only switches off. Clearing it, INITiate, TRIGger and ``*RCL`` may bring back any level (unknown)."""
 
 
 @dataclass(slots=True)
 class _State:
-    """What the supply is set to, volts as it says them."""
+    """Settings of the supply, volts as it says them."""
 
     selected: str
     on: dict[str, bool]
@@ -55,7 +55,7 @@ def channel_rules(description: BenchDescription) -> ChannelRules:
 
 
 class ChannelRules:
-    """Voltages within the window of the rails, current limits within theirs; what feeds no rail stays at 0 V.
+    """Voltages within the window of the rails, current limits within theirs; an output without a rail stays at 0 V.
 
     Output 3 is positive by itself and wired the other way round: its voltage counts as that of the negative rail.
     """

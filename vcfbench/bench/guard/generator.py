@@ -1,4 +1,4 @@
-"""What may be said to a generator (33220A, commands after its guide 33220-90002 as public drivers quote it).
+"""Guard of a generator (33220A, commands after its guide 33220-90002 as public drivers quote it).
 
 The 33500B and 33600A take the same with the number of the channel behind SOURce, OUTPut and TRIGger.
 """
@@ -55,7 +55,7 @@ _HARMLESS = (
     *("[SOURce:]PM...", "[SOURce:]PWM...", "[SOURce:]FSKey...", "[SOURce:]SWEep...", "[SOURce:]BURSt..."),
     *("[SOURce:]MARKer...", "[SOURce:]DATA..."),
 )
-"""Of those none makes the peak voltage higher; a waveform in memory is a share of the amplitude."""
+"""None of those makes the peak voltage higher; a waveform in memory is a share of the amplitude."""
 
 _FUNCTIONS = ("SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "DC", "USER")
 _TRUEFORM_FUNCTIONS = (*_FUNCTIONS[:-1], "TRIangle", "ARBitrary", "PRBS")
@@ -63,7 +63,7 @@ _TRUEFORM_FUNCTIONS = (*_FUNCTIONS[:-1], "TRIangle", "ARBitrary", "PRBS")
 
 @dataclass(slots=True)
 class _State:
-    """What the generator is set to, V as it shows them for the load that it is told.
+    """Settings of the generator, V as it shows them for the load that it is told.
 
     `vpp` is None when the amplitude is not known in Vpp; `in_vpp` tells what an amplitude without a unit is taken for.
     """
@@ -85,7 +85,7 @@ class _State:
 
     @property
     def factor(self) -> float:
-        """What the open circuit has more than the load that the generator is told."""
+        """Ratio of the open-circuit voltage to that at the load that the generator is told."""
         return 1.0 if self.load_ohm >= _OPEN_OHM * (1.0 - 1e-9) else (self.load_ohm + _SOURCE_OHM) / self.load_ohm
 
     def peak_v(self) -> float:
@@ -125,7 +125,7 @@ _FIRST_OUTPUT = re.compile(r"(?i)(?:(?<=;)|^)(\s*:?(?:OUTP(?:UT)?|TRIG(?:GER)?))
 
 
 class TrueformRules:
-    """The rules of a generator whose first channel is on the bench; what names another channel is not known to them."""
+    """The rules of a generator whose first channel is on the bench; they know no command to another channel."""
 
     def __init__(self, rules: GeneratorRules) -> None:
         self._rules = rules
@@ -166,7 +166,7 @@ class GeneratorRules:
         return rule_of(self._rules, part)
 
     def _apply(self, state: _State, part: MessagePart) -> None:
-        """Take frequency, amplitude, offset; what is left out may be the present value or the default: the worse."""
+        """Take frequency, amplitude, offset; one left out may be the present value or the default: the worse."""
         word = part.path.partition(":")[2]
         state.function = self._known_function(word)
         given = part.arguments
@@ -223,7 +223,7 @@ class GeneratorRules:
 
     @staticmethod
     def _load(state: _State, part: MessagePart) -> None:
-        """Another load changes what is shown, not what is put out (sibling's guide 33210A p. 168)."""
+        """Another load changes the display, not the output (sibling's guide 33210A p. 168)."""
         part.require(1)
         before = state.factor
         state.load_ohm = quantity(part.arguments[0], OHM, _LOAD_WORDS)
@@ -245,7 +245,7 @@ class GeneratorRules:
         raise Unreadable(f"there is no function {word!r}")
 
     def _vpp(self, state: _State, text: str) -> float:
-        """Return an amplitude; the largest is what the output can do, and less than the smallest sets the smallest."""
+        """Return an amplitude; the largest is the output's, and less than the smallest sets the smallest."""
         if not state.in_vpp and not text.upper().endswith("VPP"):
             raise Unreadable("the amplitude is not in Vpp; send VOLT:UNIT VPP first")
         words = {"MINimum": 0.0, "MAXimum": _LARGEST_VPP / state.factor, "DEFault": _DEFAULT_VPP}

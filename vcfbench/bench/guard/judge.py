@@ -1,4 +1,4 @@
-"""Which guard stands before which instrument, and what it says when it refuses."""
+"""Guards of the instruments, and their words when they refuse."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Ask", "Guard", "guard_of"]
 
 
 class Guard(Protocol):
-    """What is asked before a message is sent."""
+    """A judge of messages before they are sent."""
 
     def judge(self, message: str, ask: Ask) -> None:
         """Raise LimitError when `message` may not be sent; `ask` puts questions to the instrument."""

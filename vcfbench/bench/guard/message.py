@@ -29,7 +29,7 @@ OHM: Mapping[str, float] = MappingProxyType({"": 1.0, "OHM": 1.0, "KOHM": 1e3, "
 
 
 class Unreadable(ValueError):
-    """The text does not read as a message, or a parameter not as what it must be; the words say why."""
+    """The text does not read as a message, or a parameter not as its kind; the words say why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ def _split(text: str, separator: str) -> list[str]:
 
 @cache
 def header_pattern(spelling: str) -> re.Pattern[str]:
-    """Return what matches a header as manuals print it: ``[SOURce:]VOLTage[:LEVel]``; ``...`` is anything below it."""
+    """Return a pattern for a header as manuals print it: ``[SOURce:]VOLTage[:LEVel]``; ``...`` is anything below it."""
     below = spelling.endswith("...")
     text = spelling.removesuffix("...").replace("*", r"\*").replace("[", "(?:").replace("]", ")?")
     text = _MNEMONIC.sub(lambda found: f"{found[1]}(?:{found[2].upper()})?" if found[2] else found[1], text)
@@ -102,7 +102,7 @@ def header_pattern(spelling: str) -> re.Pattern[str]:
 
 
 def quantity(text: str, units: Mapping[str, float], words: Mapping[str, float] = MappingProxyType({})) -> float:
-    """Return a number with its unit, or what one of the `words` (MIN, MAX, DEF) stands for; raises Unreadable."""
+    """Return a number with its unit, or the value of one of the `words` (MIN, MAX, DEF); raises Unreadable."""
     wanted = text.strip().upper()
     for word, value in words.items():
         if header_pattern(word).fullmatch(wanted):

@@ -1,4 +1,4 @@
-"""What may be said to the multimeter (34401A, guide 34401-90004 p. 105-147; 34461A and 34465A, Truevolt guide).
+"""Guard of the multimeter (34401A, guide 34401-90004 p. 105-147; 34461A and 34465A, Truevolt guide).
 
 Keithley 2000 and DMM6500 choose functions by the same words.
 """
@@ -21,7 +21,7 @@ so do capacitance and temperature with a resistive sensor (34461A, 34465A)."""
 
 _CHOOSING = ("MEASure...", "CONFigure...")
 _OTHER_LANGUAGES = ("L2", "L3")
-"""Of the 34401A; a DMM6500 has ``*LANG``."""
+"""Languages of the 34401A; a DMM6500 has ``*LANG``."""
 _RECALLING = ("*RCL", "MMEMory:LOAD...", "MEMory:STATe:RECall...")
 """Stored states of the newer models may hold a resistance measurement."""
 
@@ -33,7 +33,7 @@ def meter_rules(description: BenchDescription) -> MeterRules:
 
 
 class MeterRules:
-    """Everything may be said but what sends a test current into the node that the meter reads."""
+    """Rules of a meter: any message but one that sends a test current into the node that the meter reads."""
 
     def judge(self, message: str, ask: Ask) -> None:
         """Raise Beyond or Unreadable when `message` may not be sent."""

@@ -1,4 +1,4 @@
-"""What the guards have in common."""
+"""Base of the guards."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def acted_out(
     rule_for: Callable[[MessagePart], Callable[[_State, MessagePart], None]],
     passes: Callable[[MessagePart], bool],
 ) -> Iterator[tuple[_State, Callable[[_State, MessagePart], None]]]:
-    """Let each command of a message act on what the instrument is set to; yield that after each, and its rule.
+    """Let each command of a message act on the instrument's state; yield the state after each, and its rule.
 
     Args:
         message: what may be sent.
@@ -110,6 +110,6 @@ def acted_out(
 
 
 def refuse_self_test(part: MessagePart) -> None:
-    """Refuse ``*TST?``: what an output does meanwhile is not in the manuals at hand (unverified)."""
+    """Refuse ``*TST?``: the outputs' levels during it are not in the manuals at hand (unverified)."""
     if part.query and part.path == "*TST":
         raise Unreadable("what the outputs do in a self-test is not known")

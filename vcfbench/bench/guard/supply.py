@@ -1,4 +1,4 @@
-"""What may be said to the supply (E3631A, commands after guide E3631-90002 p. 84-108)."""
+"""Guard of the supply (E3631A, commands after guide E3631-90002 p. 84-108)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _HARMLESS = (
 
 @dataclass(slots=True)
 class _State:
-    """What the supply is set to."""
+    """Settings of the supply."""
 
     selected: str
     tracking: bool
@@ -67,7 +67,7 @@ def supply_rules(description: BenchDescription) -> SupplyRules:
 
 
 class RailWindow:
-    """What the bench's limits say of an output: its voltage by the rail that it feeds, and its current."""
+    """Limits of the bench for an output: its voltage by the rail that it feeds, and its current."""
 
     def __init__(self, limits: Limits, rails: RailWiring) -> None:
         self._limits = limits

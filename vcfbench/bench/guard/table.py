@@ -1,4 +1,4 @@
-"""What may be said to a rate table (ACL after manual TM-8004-C, section 4)."""
+"""Guard of a rate table (ACL after manual TM-8004-C, section 4)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def reads_and_stops(dialect: str) -> ReadsAndStops:
 
 @dataclass(slots=True)
 class _State:
-    """What the table would do if it were let go, in its own sign."""
+    """Motion of the table if it were let go, in its own sign."""
 
     rate_deg_s: float
     acceleration_deg_s2: float
@@ -110,7 +110,7 @@ class AclRules:
         self._require_ready(state)
 
     def _close(self, state: _State, part: MessagePart) -> None:
-        """Check what the table does as soon as its servo is closed: a stale demand would be executed at once."""
+        """Check the motion as soon as the servo is closed: a stale demand would be executed at once."""
         part.require(1)
         self._own(part.arguments[0])
         if state.mode not in _RESTING_MODES:
@@ -154,7 +154,7 @@ class AclRules:
 
 
 class ReadsAndStops:
-    """Of a dialect whose motion commands cannot be judged only reading and stopping may be said, or nothing at all."""
+    """Rules of a dialect whose motion commands cannot be judged: reading and stopping alone, or nothing at all."""
 
     def __init__(self, allowed: re.Pattern[str] | None) -> None:
         self._allowed = allowed
