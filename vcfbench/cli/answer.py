@@ -1,4 +1,4 @@
-"""How the commands answer: on stdout, and with ``--json`` one object there."""
+"""Answers of the commands: on stdout, and with ``--json`` one object there."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def print_verdicts(lines: str) -> None:
 
 
 def answer(show: Callable[[], None], outcome: BenchError | None) -> None:
-    """Let `show` print an answer, then raise what it amounts to: that it cannot be printed hides nothing."""
+    """Let `show` print an answer, then raise `outcome`: that the answer cannot be printed hides nothing."""
     unwritten = given(show)
     if outcome is not None:
         raise outcome
@@ -56,7 +56,7 @@ def answer(show: Callable[[], None], outcome: BenchError | None) -> None:
 
 
 def given(show: Callable[[], None]) -> BenchError | None:
-    """Let `show` print an answer, and return what kept it from being printed; None when nobody is there to read it.
+    """Let `show` print an answer, and return the error that kept it from that; None when nobody is there to read it.
 
     For commands whose exit code says how a bench or a run is: a reader that has left changes nothing about that.
     """

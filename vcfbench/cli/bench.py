@@ -1,4 +1,4 @@
-"""``vcfbench bench``: what a bench file says, and whether the instruments answer."""
+"""``vcfbench bench``: the contents of a bench file, and whether the instruments answer."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
 
 
 def _station_json(description: BenchDescription, procedures: dict[str, str | None]) -> dict[str, Any]:
-    """Return what the bench file says of the station, and what can run there."""
+    """Return the bench file's settings of the station, and the procedures that can run there."""
     from msgspec import to_builtins  # noqa: PLC0415
 
     return {
@@ -108,7 +108,7 @@ def _station_json(description: BenchDescription, procedures: dict[str, str | Non
 
 
 def _print_station(description: BenchDescription, procedures: dict[str, str | None]) -> None:
-    """Print limits and acceptance, and what can run here; what cannot, with what is missing."""
+    """Print limits and acceptance, and the procedures that can run here; of the others the missing parts."""
     station = _station_json(description, procedures)
     for name, otherwise in (("limits", "none"), ("acceptance", "no result is judged")):
         given = {key: value for key, value in station[name].items() if value not in (None, "none")}

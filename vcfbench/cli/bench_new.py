@@ -49,7 +49,7 @@ def new(
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing: use what is found and proposed.")] = False,
     trace: Trace_ = None,
 ) -> None:
-    """Make the bench file of a station: find what answers, ask for the rest, write the file with comments.
+    """Make the bench file of a station: find the instruments, ask for the rest, write the file with comments.
 
     Enter accepts what is proposed. Each answer is checked at once. Nothing is written before the last one.
     """

@@ -1,4 +1,4 @@
-"""What a shell completes besides commands and options: roles of a bench, names of runs and of devices.
+"""Completions of a shell besides commands and options: roles of a bench, names of runs and of devices.
 
 A completion never fails and says nothing: where it cannot tell, it offers nothing.
 """
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def role_names(ctx: Any, incomplete: str) -> list[tuple[str, str]]:
-    """Return the roles of the bench that the command line names so far, with what fills them."""
+    """Return the roles of the bench that the command line names so far, with their instruments."""
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
     from vcfbench.bench.roles import filled_roles  # noqa: PLC0415
 

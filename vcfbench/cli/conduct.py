@@ -1,4 +1,4 @@
-"""``vcfbench run`` and ``vcfbench resume``: hand on what was asked for, and print the answer."""
+"""``vcfbench run`` and ``vcfbench resume``: hand on the options, and print the answer."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
 
 
 class RunOptions(Struct, frozen=True):
-    """What the command line asked for."""
+    """Options of the command line."""
 
     bench: Path | None
     seed: int | None
@@ -56,7 +56,7 @@ class RunOptions(Struct, frozen=True):
 def conduct(
     procedure: AnyProcedure, settings: Layer, options: RunOptions, ending: SignalsWithoutBench | None = None
 ) -> None:
-    """Do what was asked; the answer goes to stdout, every error is raised for the caller of the command to tell.
+    """Run or dry-run the procedure; the answer goes to stdout, every error is raised for the command's caller to tell.
 
     `ending` is told when the code is known, while signals are still held: what comes later shall not change it.
     """
@@ -107,7 +107,7 @@ def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: 
 
 
 def _control(options: RunOptions) -> RunControl | None:
-    """Return what stops and pauses the run, None where nobody is there who could want that."""
+    """Return the control that stops and pauses the run, None where nobody is there who could want that."""
     if not options.page and not _has_keys(options):
         return None
     from vcfbench.bench.control import RunControl  # noqa: PLC0415
@@ -127,7 +127,7 @@ def _page(asked: Asked, options: RunOptions, control: RunControl | None) -> Abst
 
 
 def _has_keys(options: RunOptions) -> bool:
-    """Tell whether a person can press keys here, and sees what comes of it; Windows has no such terminal."""
+    """Tell whether a person can press keys here, and sees their effect; Windows has no such terminal."""
     return (
         os.name == "posix"
         and not options.quiet
@@ -251,7 +251,7 @@ def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> N
 
 
 def _expected_lines(expected: Expectation) -> Iterator[str]:
-    """Say for each result what U95 is expected, and by what."""
+    """Yield for each result its expected U95, and the contributions to it."""
     if expected.why_none is not None:
         yield f"expected U95: not known before the run: {expected.why_none}"
         return

@@ -1,4 +1,4 @@
-"""``vcfbench device``: what is known of a gyroscope, by its serial number: certificates, self-calibrations, noise."""
+"""``vcfbench device``: history of a gyroscope by its serial number: certificates, self-calibrations, noise."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def _list(store: DeviceStore, *, json: bool) -> None:
 
 
 def _failed(since: Entry) -> str:
-    """Say that a device has failed, and what ends that."""
+    """Say that a device has failed, and until when."""
     return f"FAILED since entry {since.name}: its drift, until a rate table gives it a new certificate"
 
 
@@ -190,7 +190,7 @@ def _print_table(known: Device, rows: list[dict[str, Any]]) -> None:
 
 
 def _print_certificate(known: Certificate | None) -> None:
-    """Print how long the K_Vc of the last certificate is good, and what it depends on."""
+    """Print until when the K_Vc of the last certificate is good, and its sensitivities."""
     from vcfbench.procedures.known.k_vc_change import sensitivity_table  # noqa: PLC0415
     from vcfbench.report.text import table_text  # noqa: PLC0415
 
@@ -205,7 +205,7 @@ def _print_certificate(known: Certificate | None) -> None:
 
 
 def _print_health(known: Device) -> None:
-    """Print what the last self-calibration found of what K_Vc depends on, beside its certificate's."""
+    """Print the properties that the last self-calibration measured, beside the certificate's."""
     from vcfbench.procedures.health.check import checked, health_parts  # noqa: PLC0415
     from vcfbench.report.document import Report  # noqa: PLC0415
     from vcfbench.report.text import text_of  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""``vcfbench bench discover``: what answers, and what to write into a bench file."""
+"""``vcfbench bench discover``: the instruments that answer, and their part of a bench file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a command ends: a code that nothing can change any more, and words that reach somebody.
+"""Ending of a command: a code that nothing can change any more, and words that reach somebody.
 
 A command may have lost its terminal, its reader or its disk, and signals may come as late as they like: what was found
 out about the bench stands. The worst that is known wins, whatever went wrong on the way out.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _WATCHED: Final = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 _SAYING_S: Final = 2.0
-"""How long a terminal or pipe may take for the last words, before they go elsewhere."""
+"""Longest time of a terminal or pipe for the last words, before they go elsewhere, s."""
 
 
 class Stopped(BaseException):
@@ -89,7 +89,7 @@ def _null(number: int, mode: str) -> TextIO:
 
 
 def ending_of(error: BaseException) -> tuple[str, int] | None:
-    """Return words and exit code of what ended a command; None for a mistake of ours, which has a traceback.
+    """Return words and exit code of the error that ended a command; None for a mistake of ours, which has a traceback.
 
     What is not safe comes before everything, wherever it is in the chain of what went wrong.
     """
@@ -125,12 +125,12 @@ def _chain(error: BaseException | None) -> Iterator[BaseException]:
 
 
 class _Usage(Protocol):
-    """What the command line's parser raises."""
+    """Error of the command line's parser."""
 
     exit_code: int
 
     def show(self, file: TextIO) -> None:
-        """Print what is wrong with the command line, and how it is used."""
+        """Print the mistake in the command line, and its usage."""
         ...
 
 
@@ -152,7 +152,7 @@ def say(words: str, *, alarm: bool = False) -> None:
 
 
 def _to_stderr(words: str) -> bool:
-    """Tell whether stderr took `words`; past its buffer, which may hold what can never be written."""
+    """Tell whether stderr took `words`; past its buffer, which may hold text that can never be written."""
     stream = sys.stderr
     if stream is None or getattr(stream, "name", None) == os.devnull:  # it was closed before the start
         return False
@@ -186,7 +186,7 @@ def _to_system_log(words: str) -> None:
 
 
 def _put(number: int, data: bytes) -> bool:
-    """Write `data`; tell whether it was taken, within a time that nobody minds who waits for an exit code."""
+    """Write `data`; tell whether it was taken, within a time short enough to wait for an exit code."""
     taken: list[bool] = []
 
     def write() -> None:
@@ -205,13 +205,13 @@ def _put(number: int, data: bytes) -> bool:
 
 
 def terminal_gone(error: OSError) -> bool:
-    """Tell whether `error` is what a terminal that was closed gives: nobody is there to read on."""
+    """Tell whether `error` is that of a terminal that was closed: nobody is there to read on."""
     with suppress(OSError, ValueError, AttributeError):
         return error.errno == errno.EIO and stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode)
     return False
 
 
 def discard_stdout() -> None:
-    """Send what is still buffered nowhere, or the interpreter complains about it when it ends."""
+    """Send the buffered rest nowhere, or the interpreter complains about it when it ends."""
     with suppress(OSError, ValueError):  # stdout need not be a file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

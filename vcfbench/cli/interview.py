@@ -1,4 +1,4 @@
-"""Questions at the terminal: each with what is proposed, each answer checked at once."""
+"""Questions at the terminal: each with its proposal, each answer checked at once."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ _T = TypeVar("_T")
 
 @dataclass(slots=True)
 class Interview:
-    """Puts questions; `given` are answers by key that need no question, `silent` takes what is proposed."""
+    """Puts questions; `given` are answers by key that need no question, `silent` takes the proposals."""
 
     given: dict[str, str]
     silent: bool
     used: set[str] = field(default_factory=set)
 
     def ask(self, key: str, words: str, proposed: str, take: Callable[[str], _T]) -> _T:
-        """Return what `take` makes of the answer; what it refuses (ConfigError) is said, and asked again.
+        """Return the answer as `take` reads it; one that it refuses (ConfigError) is asked for again.
 
         Raises:
             ConfigError: the answer was given beforehand, or proposed with nobody to ask, and is refused.

@@ -49,7 +49,7 @@ class Keys:
 
     @contextmanager
     def left_alone(self) -> Iterator[None]:
-        """Leave the terminal to who reads whole lines from it meanwhile."""
+        """Leave the terminal to a reader of whole lines meanwhile."""
         with self._using:
             self._give_back()
             yield
@@ -65,7 +65,7 @@ class Keys:
                     self._heard(pressed)
 
     def _pressed(self) -> str | None:
-        """Return what was pressed since, None where the terminal is another's; OSError at its end."""
+        """Return the keys pressed since, None where the terminal is another's; OSError at its end."""
         if os.tcgetpgrp(self._descriptor) != os.getpgrp():
             return None
         self._take()

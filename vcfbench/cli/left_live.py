@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _LOOK_S: Final = 0.1
 _FREED_S: Final = 5.0
-"""How long the locks of a program that has just died may take to be free."""
+"""Longest time until the locks of a program that has just died are free, s."""
 _OTHERS_S: Final = 30.0
 """For how long it waits for another process that has the bench: longer than a `safe` takes, which may die too."""
 
@@ -126,7 +126,7 @@ def _safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
 
 
 def _without_locks(description: BenchDescription, error: InUse, *, left: bool, dead: bool) -> MadeSafe:
-    """Leave the bench to a run that has taken it over; what a dead one leaves behind with its locks drives nothing."""
+    """Leave the bench to a run that has taken it over; the locks left by a dead one drive nothing."""
     from vcfbench.bench.safing import MadeSafe, safe_bench  # noqa: PLC0415  # as above
 
     if left:

@@ -1,4 +1,4 @@
-"""The `vcfbench` command: its groups, and what becomes of errors.
+"""The `vcfbench` command: its groups, and its handling of errors.
 
 Whatever a user can cause ends in one sentence on stderr and the exit code of its kind: 0 done, 1 a limit failed,
 2 usage or bench file, 3 bench or instrument, 4 aborted and safe, 5 not safe. Nothing heavy is imported before a
@@ -61,7 +61,7 @@ class Commands(TyperGroup):
         return super().get_command(ctx, cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the names of the commands and what they do, without importing one."""
+        """Write the names of the commands and their summaries, without importing one."""
         del ctx
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
@@ -91,7 +91,7 @@ def _loaded(name: str) -> Any:
 
 @contextmanager
 def _errors_reported() -> Iterator[None]:
-    """Turn what a user can cause into a sentence and an exit code."""
+    """Turn an error of the user's into a sentence and an exit code."""
     try:
         yield
     except typer.Exit:
@@ -104,7 +104,7 @@ def _errors_reported() -> Iterator[None]:
 
 
 def _report(error: BaseException) -> int | None:
-    """Say what ended the command and return its exit code; None for a mistake of ours."""
+    """Print the error that ended the command and return its exit code; None for a mistake of ours."""
     ending = ending_of(error) or usage_of(error)
     if ending is None:
         return None
@@ -170,7 +170,7 @@ def main() -> None:
 
 
 def _last_word(error: BaseException) -> int:
-    """Say what ended the command past all its own handling, and return the exit code: never 1, which is a verdict."""
+    """Print the error that ended the command past all its handling, and return the code: never 1, a verdict."""
     code = _report(error)
     if code is not None:
         return code
@@ -179,7 +179,7 @@ def _last_word(error: BaseException) -> int:
 
 
 def _finish_stdout() -> None:
-    """Write what is still buffered, or the interpreter changes the exit code when it cannot."""
+    """Write the buffered rest, or the interpreter changes the exit code when it cannot."""
     try:
         sys.stdout.flush()
     except (OSError, ValueError):

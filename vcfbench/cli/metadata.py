@@ -24,7 +24,7 @@ _OWN_FORM = ("tag", "ambient_temperature_c")
 
 
 def _ambient(text: str | None) -> dict[str, Any]:
-    """Return the temperature of the room, or who shall tell it."""
+    """Return the temperature of the room, or the role that shall tell it."""
     if text is None:
         return {}
     if text == "chamber":
@@ -36,7 +36,7 @@ def _ambient(text: str | None) -> dict[str, Any]:
 
 
 def tags_of(given: Iterable[str]) -> dict[str, str]:
-    """Return what stands behind each ``--tag``.
+    """Return the values of each ``--tag``.
 
     Raises:
         ConfigError: one has no key or no value, or a key is given twice.

@@ -1,4 +1,4 @@
-"""The person at the terminal: told what only hands can do, and waited for."""
+"""The person at the terminal: told the actions that only hands can do, and waited for."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Operator | None:
-    """Return who does what hands must do on a real bench; None where nobody can be asked.
+    """Return the operator for actions by hand on a real bench; None where nobody can be asked.
 
     With `yes` all is taken as done, and said on stderr; else a person presses Enter on a terminal, which `keys` leave
     alone meanwhile. Signals stop the run while it waits, and so does the end of the input.

@@ -52,7 +52,7 @@ def _complete_with(candidates: Callable[[], Sequence[str]]) -> None:
 
 
 def _state_directory() -> Path:
-    """Return where programs of this user keep what they remember; a temporary place without a home."""
+    """Return the directory for the state of this user's programs; a temporary place without a home."""
     configured = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
     if configured:
         return Path(configured)

@@ -1,4 +1,4 @@
-"""What ``vcfbench bench new`` asks of results: what is expected, what passes, what their uncertainties rest on."""
+"""Questions of ``vcfbench bench new`` about results: expected values, acceptance, sources of uncertainty."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NONE = "none"
 
 
 def results(draft: Draft, interview: Interview) -> None:
-    """Ask for what is expected, what passes, and what is known for the uncertainties; Enter leaves each out."""
+    """Ask for expected values, acceptance, and sources of uncertainty; Enter leaves each out."""
     _expected(draft, interview)
     _acceptance(draft, interview)
     _uncertainty(draft, interview)
@@ -66,7 +66,7 @@ def _window(draft: Draft, path: str, answer: str) -> None:
 
 
 def _uncertainty(draft: Draft, interview: Interview) -> None:
-    """Ask for what everybody can say; the rest is in the file, switched off."""
+    """Ask for the values that everybody can state; the rest is in the file, switched off."""
     say("What the uncertainties rest on. Enter: not known: the worst of its class counts, or values are incomplete.")
     roles = draft.roles()
     known = [

@@ -60,7 +60,7 @@ class ProcedureCommand(TyperCommand):
     keys: tuple[SettableKey, ...] = ()
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write every key with its default, what it may be and what it means."""
+        """Write every key with its default, its range and its meaning."""
         super().format_epilog(ctx, formatter)
         with formatter.section("Settings (--set KEY=VALUE, or the bench file's [procedure])"):
             formatter.write_dl([_key_row(key) for key in self.keys])
@@ -165,7 +165,7 @@ def _common(
     port: Port_ = 0,
     yes: Yes_ = False,
 ) -> None:
-    """Take what every procedure's command takes; each command has this signature, with its own options added."""
+    """Take the options of every procedure's command; each has this signature, with its own options added."""
 
 
 def _command(chosen: AnyProcedure, name: str) -> Any:

@@ -1,4 +1,4 @@
-"""``vcfbench runs``: what was recorded."""
+"""``vcfbench runs``: the records of runs."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def amend(
     by: Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who. Default: who is logged in.")] = None,
     json: Json_ = False,
 ) -> None:
-    """Put right what a person said of a run, by a line that is added to its record. No reading can be changed."""
+    """Amend the metadata of a run, by a line that is added to its record. No reading can be changed."""
     from msgspec import to_builtins  # noqa: PLC0415
 
     from vcfbench.runs.amending import amend_run  # noqa: PLC0415
@@ -229,7 +229,7 @@ def verify(
     ] = None,
     json: Json_ = False,
 ) -> None:
-    """Look whether records are what was written: PASS, or the first thing that is wrong; exit 1 unless all pass."""
+    """Check that records are as written: PASS, or the first fault; exit 1 unless all pass."""
     from msgspec import to_builtins  # noqa: PLC0415
 
     from vcfbench.record.signing import public_key_of  # noqa: PLC0415
@@ -268,7 +268,7 @@ def _key_and_value(text: str) -> tuple[str, str]:
 
 
 def _progress() -> Callable[[int, int], None] | None:
-    """Return what shows on a terminal how far an export is: a spreadsheet of a million rows takes most of a minute."""
+    """Return a display of an export's progress on a terminal: a million rows take a spreadsheet most of a minute."""
     import sys  # noqa: PLC0415
 
     if not sys.stderr.isatty():
@@ -317,7 +317,7 @@ def _device(run: RunSummary) -> str:
 
 
 def _print_csv(known: Sequence[RunSummary]) -> None:
-    """Print a row a run; of each result that one of them has, value, uncertainty, unit, what u is without."""
+    """Print a row a run; for each result that one of them has: value, uncertainty, unit, missing contributions."""
     import csv  # noqa: PLC0415
     import sys  # noqa: PLC0415
 
@@ -336,7 +336,7 @@ def _print_csv(known: Sequence[RunSummary]) -> None:
 
 
 def _inert(text: str) -> str:
-    """Return a text as a spreadsheet shows it: what it would take for a formula has an apostrophe before it."""
+    """Return a text as a spreadsheet shows it: one that would be taken for a formula has an apostrophe before it."""
     return printable(f"'{text}" if text.startswith(("=", "+", "-", "@")) else text)
 
 
@@ -377,7 +377,7 @@ def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[st
 
 
 def _metadata_lines(run: Run) -> Iterator[str]:
-    """Yield in lines what the record says of the run beside what was measured."""
+    """Yield in lines the metadata of the record."""
     from vcfbench.bench.equipment import overdue_words  # noqa: PLC0415
 
     metadata = run.metadata

@@ -31,7 +31,7 @@ def safe(
         bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
     ] = False,
 ) -> None:
-    """Stop the table, switch the outputs off, check both, and list what was on. Exit code 0 or 5."""
+    """Stop the table, switch the outputs off, check both, and list those that were on. Exit code 0 or 5."""
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
     from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
 

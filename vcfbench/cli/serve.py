@@ -155,7 +155,7 @@ def ctl(
 
 
 def _armed(asked: dict[str, Any]) -> str:
-    """Say what was armed and for how long; what was not asked for is what it is without."""
+    """Describe the armed fault and its duration; arguments that were not given have their defaults."""
     from vcfbench.sim.faults import fault_from  # noqa: PLC0415
 
     return fault_from(asked).describe()
@@ -175,7 +175,7 @@ _ARGUMENTS: dict[str, tuple[str, ...]] = {
 
 
 def _arguments(command: str, given: list[str]) -> dict[str, Any]:
-    """Return the arguments of a control command by name; numbers, true, false and null are what they are in JSON."""
+    """Return the arguments of a control command by name; numbers, true, false and null as in JSON."""
     named = dict(text.split("=", 1) for text in given if _NAMED.match(text))
     placed = [text for text in given if not _NAMED.match(text)]
     names = _ARGUMENTS.get(command, ())

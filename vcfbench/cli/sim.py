@@ -1,4 +1,4 @@
-"""``vcfbench sim``: what the simulated bench is made of, and the bench on real wires."""
+"""``vcfbench sim``: the parts of the simulated bench, and the bench on real wires."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Imperfections(StrEnum):
-    """How good gyroscope, PCB and instruments are."""
+    """Quality of gyroscope, PCB and instruments."""
 
     NONE = "none"
     PAPER = "paper"
@@ -35,10 +35,10 @@ _FIGURES = {
     "bandwidth_hz": ("bandwidth", "Bandwidth (-3 dB), Hz, at most half the split; Enter: filter at four splits", ""),
     "k_vc_deg_s_per_v": ("k_vc", "K_Vc, (deg/s)/V: rate that one volt of V_Vc stands for", ""),
 }
-"""Keys of a data sheet: the option, what is asked, and what is proposed."""
+"""Keys of a data sheet: the option, the question, and the proposal."""
 _MILLI = 1e-3
 _PAPERS = {"angle_random_walk_deg_sqrt_h": "0.21", "bias_instability_deg_h": "3.7"}
-"""What is proposed instead where the imperfections are the paper's."""
+"""Proposals instead where the imperfections are the paper's."""
 
 
 def _option(key: str) -> Any:

@@ -1,4 +1,4 @@
-"""What ``vcfbench bench new`` asks of a station, each answer held against the whole bench file at once."""
+"""Questions of ``vcfbench bench new`` about a station, each answer held against the whole bench file at once."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _NODES = "output, v_vc, drive, carrier, sense, rail_positive, rail_negative"
 
 @dataclass(frozen=True, slots=True)
 class DiscoveryOptions:
-    """How instruments are looked for, as ``bench discover`` takes it; `served` is a control port."""
+    """Search for instruments, as ``bench discover`` takes it; `served` is a control port."""
 
     library: str
     tries: tuple[str, ...]
@@ -77,7 +77,7 @@ def _instruments(draft: Draft, interview: Interview, finding: DiscoveryOptions) 
 
 
 def _found(draft: Draft, finding: DiscoveryOptions) -> tuple[list[DiscoveredInstrument], dict[str, str]]:
-    """Return who answers, and what is known of the place of each by its resource."""
+    """Return the instruments that answer, and the place of each by its resource, where it is known."""
     places: dict[str, str] = {}
     if finding.served is not None:
         control, places = served_places(finding.served)
@@ -100,7 +100,7 @@ def _found(draft: Draft, finding: DiscoveryOptions) -> tuple[list[DiscoveredInst
 
 
 def _place(draft: Draft, interview: Interview, found: DiscoveredInstrument, hint: str | None) -> None:
-    """Ask for the role of who answered."""
+    """Ask for the role of an instrument that answered."""
     possible = discovery.places(found.model) or (*_USUAL, "v_vc_meter", "vibration_source", "chamber")
     free = [role for role in possible if role not in draft.roles()]
     proposed = hint if hint in free else free[0] if free and found.model is not None else _NONE
@@ -119,7 +119,7 @@ def _place(draft: Draft, interview: Interview, found: DiscoveredInstrument, hint
 
 
 def _keys(interview: Interview, role: str, found: DiscoveredInstrument) -> dict[str, Any]:
-    """Return what the bench file says of an instrument; of one that is not recognised it is asked."""
+    """Return the bench file's keys of an instrument; those of one that is not recognised are asked for."""
     keys = discovery.taken_over(role, found)
     if found.model is None and role == "rate_table":
         keys["dialect"] = interview.ask("rate_table.dialect", "  language of the table", "acl", _language)
@@ -176,7 +176,7 @@ def _further(draft: Draft, interview: Interview, finding: DiscoveryOptions) -> D
 
 
 def _asked(resource: str, finding: DiscoveryOptions) -> DiscoveredInstrument:
-    """Return who answers at `resource`; ConfigError when nobody does."""
+    """Return the instrument that answers at `resource`; ConfigError when none does."""
     found = discovery.discover("@py", (resource,), timeout_s=finding.timeout_s).tried[0]
     if found.answer is None:
         raise ConfigError(f"{resource}: {found.problem}")
@@ -252,7 +252,7 @@ def _a_year_after(made: date) -> date:
 
 
 def _limits(draft: Draft, interview: Interview) -> None:
-    """Ask for what must never be exceeded; proposals of procedures that would leave it follow."""
+    """Ask for the limits of the station; proposals of procedures that would leave them follow."""
     roles = draft.roles()
     if roles:
         say("Limits: what must never be exceeded here. They are checked before anything is sent.")

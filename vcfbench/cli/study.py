@@ -77,7 +77,7 @@ def study(
 
 @contextmanager
 def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
-    """Show how the study goes on stderr; when it is stopped say what is kept."""
+    """Show the progress of the study on stderr; when it is stopped say which runs are kept."""
     from vcfbench.report.outlet import Outlet  # noqa: PLC0415
     from vcfbench.studies.conduct import Quiet, journal_of  # noqa: PLC0415
     from vcfbench.studies.progress import BarProgress, StudyLineProgress  # noqa: PLC0415

@@ -60,7 +60,7 @@ def talk(
         bool, typer.Option("--unguarded", help="Send everything, even beyond the limits of the bench file.")
     ] = False,
 ) -> None:
-    """Talk to the bench, or to one instrument in its own language. What was opened is left safe.
+    """Talk to the bench, or to one instrument in its own language. All that was opened is left safe.
 
     power.on, multimeter.read, table.rate 10, v_vc.set 0.1, help; multimeter *IDN? goes to the instrument as typed.
 
@@ -115,7 +115,7 @@ def _recite(console: Console, lines: Iterator[str]) -> None:
 
 
 def _converse(console: Console) -> None:
-    """Say what a person types; what is refused or fails is told, and the next line taken."""
+    """Send the lines that a person types; one that is refused or fails is told, and the next taken."""
     from vcfbench.bench.console import Interrupted  # noqa: PLC0415
 
     conversation = _Conversation(console)
@@ -137,7 +137,7 @@ def _converse(console: Console) -> None:
 
 
 def _break_off(console: Console) -> None:
-    """End what the instrument is doing, after a Ctrl-C."""
+    """End the instrument's operation, after a Ctrl-C."""
     try:
         console.clear()
     except TransportError as error:
@@ -147,14 +147,14 @@ def _break_off(console: Console) -> None:
 
 
 class _Conversation:
-    """What is said to a console, line by line."""
+    """Conversation with a console, line by line."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._answer: bytes | None = None
 
     def perform(self, line: str) -> str | None:
-        """Do what a line says; return what the instrument says against it."""
+        """Do the command of a line; return the instrument's refusal."""
         text = line.strip()
         if not text or text.startswith("//"):
             return None
@@ -175,7 +175,7 @@ class _Conversation:
         return said.refusal
 
     def _direct(self, text: str) -> None:
-        """Do what the console itself is told."""
+        """Do a command to the console itself."""
         word, _, rest = text.partition(" ")
         match word:
             case ".wait":

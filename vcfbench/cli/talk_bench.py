@@ -28,7 +28,7 @@ class _Stop(Exception):
 def talk_to_bench(
     bench: Path | None, seed: int | None, lines: Iterable[str] | None, *, guarded: bool, timeout_s: float | None
 ) -> None:
-    """Open the whole bench and do what is typed, or `lines`; it is made safe when it is left, however it is left."""
+    """Open the whole bench and do the lines typed, or `lines`; it is made safe when it is left, however it is left."""
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
     from vcfbench.runs.by_hand import ByHand  # noqa: PLC0415
@@ -53,7 +53,7 @@ def _recite(by_hand: ByHand, signals: StopSignals, lines: Iterable[str]) -> None
 
 
 def _converse(by_hand: ByHand, signals: StopSignals) -> None:
-    """Do what a person types; what is refused or fails is told, and the next line taken."""
+    """Do the lines that a person types; one that is refused or fails is told, and the next taken."""
     from vcfbench.errors import Aborted  # noqa: PLC0415
 
     with history("talk-bench-history", lambda: [*by_hand.names(), *_OWN]), suppress(_Stop):
@@ -73,7 +73,7 @@ def _converse(by_hand: ByHand, signals: StopSignals) -> None:
 
 
 def _perform(by_hand: ByHand, line: str) -> str | None:
-    """Do what a line says; return what an instrument says against it."""
+    """Do the command of a line; return an instrument's refusal."""
     name, _, rest = line.strip().partition(" ")
     name = name.removeprefix(".")
     if not name or name.startswith("//"):

@@ -18,7 +18,7 @@ Trace_ = Annotated[
 
 
 def tracing(path: Path | None) -> AbstractContextManager[None]:
-    """Return the context in which what is opened is traced to `path`; None traces nothing."""
+    """Return the context in which opened connections are traced to `path`; None traces nothing."""
     if path is None:
         return nullcontext()
     from vcfbench.drivers.trace import traced  # noqa: PLC0415  # keeps ``vcfbench --help`` quick

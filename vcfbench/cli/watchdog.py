@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 TURN_S = 0.1
 SILENT_TURNS = 20
-"""Turns without a sign of life after which the program hangs: what stops the whole computer stops turns too."""
+"""Turns without a sign of life after which the program hangs: a stop of the whole computer stops turns too."""
 
 
 def main() -> None:
@@ -33,7 +33,7 @@ def main() -> None:
 
 
 def _load() -> ModuleType:
-    """Return what makes safe; nothing of it is needed while all is well."""
+    """Return the module that makes safe; nothing of it is needed while all is well."""
     import site  # noqa: PLC0415
 
     site.main()  # it was started without: an editable installation may need it
@@ -43,7 +43,7 @@ def _load() -> ModuleType:
 
 
 class Watch:
-    """What is known of the program that is watched; `said` has the last words of each kind, as they came."""
+    """The watched program; `said` has its last words of each kind, as they came."""
 
     def __init__(self) -> None:
         self.said: dict[bytes, bytes] = {}
@@ -54,7 +54,7 @@ class Watch:
         _thread.start_new_thread(self._listen, ())
 
     def until_it_ends(self) -> str | None:
-        """Return None when the program has left its bench in order, else what has become of it."""
+        """Return None when the program has left its bench in order, else its fate in words."""
         while not self._over.acquire(timeout=TURN_S):
             self._turn += 1
             silent = self._turn - self._heard_turn
