@@ -1,4 +1,4 @@
-"""The page as an ASGI application: what can be looked at, and what can be done: stop a run, have it pause, go on."""
+"""The page as an ASGI application: runs and devices to look at, and a run to stop, pause and let go on."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ LIVE: Final = "live"
 _HERE = Path(__file__).parent
 _TICK_S: Final = 0.2
 _READING_S: Final = 0.3
-"""So long a journal is read before what is known of it is told."""
+"""Time for which a journal is read before its view is told, s."""
 _ALIVE_S: Final = 10.0
-"""So often a browser is told that somebody is there; so long it may take for what it is told."""
+"""Interval in which a browser is told that somebody is there, s; its time-out for each message, too."""
 _MOST_BROWSERS: Final = 32
 _MOST_VIEWS: Final = 8
 _MOST_POINTS: Final = 20_000
@@ -67,9 +67,9 @@ _HEADERS: Final = {
 
 @dataclass(slots=True)
 class PageContent:
-    """What the page shows: a station, and the run of this process, if there is one.
+    """Content of the page: a station, and the run of this process, if there is one.
 
-    `live` is that run, `control` what stops and pauses it, `token` what whoever does must know. `closing` ends what
+    `live` is that run, `control` stops and pauses it, `token` must be known for that. `closing` ends the streams that
     browsers follow.
     """
 
@@ -82,7 +82,7 @@ class PageContent:
     followers: dict[str, JournalFollower] = field(default_factory=dict)
 
     def follower(self, name: str) -> JournalFollower:
-        """Return who reads the journal of the run called `name`; HTTPException where there is none."""
+        """Return the follower of the journal of the run called `name`; HTTPException where there is none."""
         known = self.followers.get(name)
         if known is None:
             directory = self.station.directory(name)
@@ -136,7 +136,7 @@ def _report(directory: Path) -> str:
 
 
 class EventStream:
-    """Server-sent events: what a run has come to so far, then what comes, to the end of the run.
+    """Server-sent events: the run until now, then its events as they come, to its end.
 
     Nothing is kept for a browser but how much it has been told: one that is slow is told less often. One that takes
     nothing any more is let go.
@@ -190,7 +190,7 @@ async def _gone(receive: Receive) -> None:
 
 
 class _Guarded:
-    """Adds to every answer what a browser is to refuse: other origins, frames, scripts from elsewhere."""
+    """Adds to every answer the headers that make a browser refuse other origins, frames, scripts from elsewhere."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -294,7 +294,7 @@ class _Routes:
         return _json({"state": control.state})
 
     def _control(self, request: Request) -> RunControl:
-        """Return what stops and pauses the run, for who may; HTTPException for anybody else."""
+        """Return the control of the run, for a caller with the token; HTTPException for anybody else."""
         shown = self._shown
         if not _same_origin(request) or not _knows(request.headers.get("x-vcfbench-token"), shown.token):
             raise HTTPException(403, "this address can only look: open the one that the terminal shows")

@@ -8,7 +8,7 @@ from typing import Any, Final
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 _MOST: Final = 64
-"""Connections at a time: 32 browsers that follow a run, and what they load besides."""
+"""Connections at a time: 32 browsers that follow a run, and the files they load besides."""
 _ASKING_S: Final = 5.0
 """Within which a new connection must have put its first request, wall time."""
 

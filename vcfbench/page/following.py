@@ -1,4 +1,4 @@
-"""Who fills a view: the events of a run in this process, or the journal of one in another as it grows."""
+"""Followers that fill a view: from the events of a run in this process, or from a growing journal of another's."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     from vcfbench.runs.asked import Beginning
 
 _AT_ONCE = 1 << 22
-"""Bytes of a journal that are read at once: a long one must not hold up who looks at another."""
+"""Bytes of a journal that are read at once: a long one must not hold up readers of another."""
 
 
 _NO_LINE_OF_OURS = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
-"""What a line gives that no journal has; msgspec's errors are ValueErrors."""
+"""Errors from a line that no journal has; msgspec's are ValueErrors."""
 
 
 class RunFollower:
-    """Tells a view what happens in a run: an observer of it."""
+    """Tells a view the events of a run: an observer of it."""
 
     def __init__(self, view: View, beginning: Beginning) -> None:
         self._view = view
@@ -51,7 +51,7 @@ class RunFollower:
         view.version += 1
 
     def handle(self, event: Event) -> None:
-        """Pass on what happens."""
+        """Pass on an event."""
         match event:
             case ReadingTaken():
                 self._view.read(event.t_s, event.reading.voltage_v)
@@ -81,7 +81,7 @@ _LINE = msgspec.json.Decoder(dict[str, Any])
 
 
 class JournalFollower:
-    """Tells a view what stands in a journal, and what is added to it."""
+    """Tells a view the lines of a journal, and those added to it."""
 
     def __init__(self, path: Path) -> None:
         self.view = View()
@@ -91,7 +91,7 @@ class JournalFollower:
         self._lock = Lock()
 
     def read_on(self) -> bool:
-        """Take in what was added since, a few megabytes at most; tell whether there is more."""
+        """Take in the lines added since, a few megabytes at most; tell whether there is more."""
         with self._lock, self.path.open("rb") as file:
             file.seek(self._offset)
             data = file.read(_AT_ONCE)
@@ -155,7 +155,7 @@ def _readings(line: Mapping[str, Any]) -> list[Any]:
 
 
 def _limits(limits: Mapping[str, Any]) -> list[list[str]]:
-    """Return what must not be exceeded, in words and numbers with their unit."""
+    """Return the limits, in words and numbers with their unit."""
     units = {"deg_s": "deg/s", "deg_s2": "deg/s^2", "v": "V", "a": "A", "c": "degC", "min": "K/min"}
     rows = []
     for key, value in limits.items():

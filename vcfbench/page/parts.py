@@ -1,4 +1,4 @@
-"""A report as plain values for a page, which draws it with its own means: no HTML is made of what a record says."""
+"""A report as plain values for a page, which draws it with its own means: no HTML is made of a record's words."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def parts_of(report: Report) -> list[dict[str, Any]]:
 
 
 def end_of(run: Run) -> dict[str, Any]:
-    """Return what a run came to, as a page tells it."""
+    """Return the end of a run, as a page tells it."""
     return {
         "status": run.status.value,
         "error": None if run.error is None else str(run.error),

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 LOOPBACK: Final = "127.0.0.1"
 _WHAT: Final = "the page in a browser"
 _PARTING_S: Final = 1.5
-"""How long browsers have for the last of a run: the command does not wait for them any longer."""
+"""Time of browsers for the last of a run, s: the command does not wait for them any longer."""
 _STARTING_S: Final = 10.0
 
 
@@ -98,7 +98,7 @@ class LivePage:
 
     @property
     def address(self) -> str:
-        """Where to look and stop: the token comes last, where no browser sends it."""
+        """Address to look and stop: the token comes last, where no browser sends it."""
         return f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/run/live#{self._shown.token}"
 
     def __enter__(self) -> Self:
@@ -116,18 +116,18 @@ class LivePage:
         self._thread.join(_PARTING_S)
 
     def begin(self, beginning: Beginning) -> None:
-        """Take in what is about to begin."""
+        """Take in the beginning of a run."""
         self._beginning = beginning
 
     def handle(self, event: Event) -> None:
-        """Pass on what happens in the run."""
+        """Pass on an event of the run."""
         if self._follower is None and self._beginning is not None:
             self._follower = RunFollower(self.view, self._beginning)
         if self._follower is not None:
             self._follower.handle(event)
 
     def ended(self, run: Run) -> None:
-        """Tell what the run came to."""
+        """Tell the end of the run."""
         self.view.finished(end_of(run))
 
     def _serve(self) -> None:

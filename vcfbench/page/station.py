@@ -22,7 +22,7 @@ _KEY_VALUES: Final = 3
 
 
 class StationDirectories:
-    """What the directories of a station hold; a record that is complete is read once."""
+    """Contents of the directories of a station; a record that is complete is read once."""
 
     def __init__(self, runs: Path, devices: Path) -> None:
         self._runs, self._devices = runs, devices
@@ -58,7 +58,7 @@ class StationDirectories:
         return [_entry(each) for each in DeviceStore(self._devices).device(serial).entries]
 
     def _row(self, directory: RunDirectory) -> dict[str, Any] | None:
-        """Return what is listed of a run; None where there is no journal."""
+        """Return the row of a run; None where there is no journal."""
         try:
             size = directory.journal.stat().st_size
         except OSError:
@@ -84,7 +84,7 @@ class StationDirectories:
 
 
 def _row_of(directory: RunDirectory) -> dict[str, Any]:
-    """Return what the list shows of a run; of one that goes on no more than its beginning is read."""
+    """Return the row of a run in the list; of one that goes on no more than its beginning is read."""
     try:
         header = read_header(directory.journal)
     except BenchError:
@@ -111,7 +111,7 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
 
 
 def _entry(entry: Entry) -> dict[str, Any]:
-    """Return what the history of a device shows of an entry."""
+    """Return the row of an entry in the history of a device."""
     record, verdict = entry.record, None
     if isinstance(record, Certificate):
         kind, done, result = "certificate", record.issued, f"K_Vc {record.k_vc.coefficients[1]:.6g} (deg/s)/V"

@@ -1,4 +1,4 @@
-"""What is known of one run: filled in by who follows it, read by the page, each in a thread of its own."""
+"""View of one run: filled in by a follower, read by the page, each in a thread of its own."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class BrowserPosition:
-    """How much of a view one browser has been told."""
+    """Position of one browser in a view: as much as it has been told."""
 
     version: int = -1
     introduced: bool = False
@@ -34,7 +34,7 @@ class BrowserPosition:
 
 @dataclass(slots=True)
 class View:
-    """One run. Lists only ever grow, so that whoever reads needs no lock: what is there stays as it is.
+    """View of one run. Lists only ever grow, so that readers need no lock: entries stay as they are.
 
     `about` says which run it is; `planned_s` is the estimate of its bench time, None where none is known; `headings`
     are those of the plan. `version` rises with everything that is told. `t_s` is the bench time, `began_s` that at
@@ -107,7 +107,7 @@ class View:
         self.say(t_s, error, "error")
 
     def hear(self, state: RunState, by: str) -> None:
-        """Take in what somebody wants of the run."""
+        """Take in a wish to stop, pause or go on."""
         self.control = state.value
         if state in {RunState.PAUSING, RunState.STOPPING}:
             self.say(self.t_s, f"{state.value}, as {by} wants", "warning")
@@ -130,13 +130,13 @@ class View:
         self.version += 1
 
     def finished(self, end: Mapping[str, Any]) -> None:
-        """Take in that the run is over, and what it came to."""
+        """Take in that the run is over, and its end."""
         self.doing, self.end = None, end
         self.version += 1
 
     @property
     def readings(self) -> int:
-        """How many readings there are."""
+        """Number of readings."""
         return len(self._reading_t_s)
 
     def drawn(self, first_s: float | None, last_s: float | None, most: int) -> dict[str, Any]:
@@ -159,7 +159,7 @@ class View:
         }
 
     def news(self, seen: BrowserPosition) -> dict[str, Any] | None:
-        """Return what came since `seen`, which is brought up to date; None when nothing did."""
+        """Return the news since `seen`, which is brought up to date; None when there are none."""
         version = self.version
         if version == seen.version:
             return None
