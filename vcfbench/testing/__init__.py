@@ -74,7 +74,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Load what `name` stands for."""
+    """Load the public name `name`."""
     for module, names in _MODULES.items():
         if name in names:
             return getattr(import_module(module), name)

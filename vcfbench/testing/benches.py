@@ -90,7 +90,7 @@ def _checked(description: BenchDescription) -> BenchDescription:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedLab:
-    """An open simulated bench: the bench as procedures see it, the physics behind it, what goes wrong with it."""
+    """An open simulated bench: the bench as procedures see it, the physics behind it, its faults."""
 
     bench: Bench
     world: World
@@ -125,7 +125,7 @@ def open_simulated(
 
 
 class _Behind:
-    """Builds a bench with a fault injector before its instruments, and keeps what is behind them."""
+    """Builds a bench with a fault injector before its instruments, and keeps the physics behind them."""
 
     world: World
     faults: FaultInjector
@@ -140,7 +140,7 @@ class _Behind:
 
 @dataclass(frozen=True, slots=True)
 class ServedLab:
-    """A simulated bench on real wires: what it is, ready resource strings, and its control port."""
+    """A simulated bench on real wires: its description, ready resource strings, and its control port."""
 
     description: BenchDescription
     seed: int
@@ -174,7 +174,7 @@ class ServedLab:
         self.ask("fault", instrument=instrument, kind=kind, **when)
 
     def reset(self, seed: int | None = None) -> None:
-        """Put the bench back to what it was first, of the same seed or another; time begins anew, connections stay."""
+        """Put the bench back to its beginning, of the same seed or another; time begins anew, connections stay."""
         self.ask("reset", **({} if seed is None else {"seed": seed}))
 
     def on_wires(self) -> BenchDescription:

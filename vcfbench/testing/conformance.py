@@ -1,4 +1,4 @@
-"""What every driver must do, whatever its instrument; run it over a registry, one's own drivers included."""
+"""Duties of every driver, whatever its instrument; run it over a registry, one's own drivers included."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ConformanceCase:
-    """A driver class, the protocol it fulfils, how to open it on a wire, and what its instrument answers.
+    """A driver class, the protocol it fulfils, a function that opens it on a wire, and its instrument's answers.
 
-    `answers` maps questions to answers while all is well; `refusal` is what the question `error_question` is then
-    answered with when the instrument has refused something, and `settled` when it has nothing more to say.
+    `answers` maps questions to answers while all is well; `refusal` are those to `error_question` when the
+    instrument has refused something, `settled` is the one when it has nothing more to say.
     """
 
     model: str
@@ -179,7 +179,7 @@ class _AnsweringWire:
 
 
 def conformance_problems(case: ConformanceCase) -> list[str]:
-    """Return what `case`'s driver does not do as it must, in words; empty when it conforms."""
+    """Return the duties that `case`'s driver fails, in words; empty when it conforms."""
     return [
         *_contract_problems(case),
         *_documentation_problems(case),

@@ -1,4 +1,4 @@
-"""A disk that loses what was not synchronised: every state in which a power cut may leave the files of a folder.
+"""A disk that loses all that was not synchronised: every state in which a power cut may leave the files of a folder.
 
 ::
 
@@ -45,13 +45,13 @@ class _Change(Struct, frozen=True):
 
 
 class _File(Struct):
-    """What of a file is on the disk, and what is on its way there."""
+    """A file's bytes on the disk, and the writes on their way there."""
 
     kept: bytes = b""
     pending: tuple[_Change, ...] = ()
 
     def images(self) -> Iterator[bytes]:
-        """Yield what a power cut may leave of it, the whole first."""
+        """Yield the bytes that a power cut may leave of it, the whole first."""
         pending = self.pending
         yield _changed(self.kept, pending)
         for number, each in enumerate(pending):
@@ -138,11 +138,11 @@ class Disk:
     # --- what is left
 
     def now(self) -> DiskState:
-        """Return what a program finds that starts after this one has died: the system keeps what it was given."""
+        """Return the state for a program that starts after this one has died: the system keeps all its writes."""
         return next(self.after_power_cut())
 
     def after_power_cut(self, random: Random | None = None) -> Iterator[DiskState]:
-        """Yield what a power cut at this moment may leave, each state once, all that was written first; or one drawn.
+        """Yield the states after a power cut at this moment, each once, the one with all writes first; or one drawn.
 
         A file that was replaced or taken away while another name is kept may have either's bytes.
         """
@@ -271,7 +271,7 @@ class Disk:
             self._note_names({to: self._numbers[name]})
 
     def _file_object(self, file: Any, mode: str = "r", *more: Any, **named: Any) -> Any:
-        """Open a file; what is written to it comes through here."""
+        """Open a file; writes to it come through here."""
         if not set(mode) & set("wxa+") or self._name(file) is None:
             return self._plain_open(file, mode, *more, **named)
         raw: Any = _Raw(file, mode)

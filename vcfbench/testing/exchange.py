@@ -1,4 +1,4 @@
-"""Protocol tests: a driver against a list of what goes over the wire, so that its test reads like its manual.
+"""Protocol tests: a driver against a list of messages on the wire, so that its test reads like its manual.
 
 ::
 
@@ -27,7 +27,7 @@ _T = TypeVar("_T")
 
 Message = str | bytes
 Exchange = tuple[Message, Message | None]
-"""What is sent and what is answered. Text is without its newline, bytes are literal; None is no answer."""
+"""A message sent and its answer. Text is without its newline, bytes are literal; None is no answer."""
 
 
 def _bytes(message: Message) -> bytes:
@@ -52,7 +52,7 @@ class ScriptedWire:
         self._complaint: AssertionError | None = None
 
     def send(self, data: bytes, deadline: Deadline) -> None:
-        """Compare `data` with what comes next."""
+        """Compare `data` with the next message."""
         __tracebackhide__ = True  # whoever reads the failure wants to see who sent it
         del deadline
         if self.closed:
@@ -72,7 +72,7 @@ class ScriptedWire:
         raise self._complaint
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return what has been answered, or wait for the deadline in vain."""
+        """Return the answer, or wait for the deadline in vain."""
         if not self._answers:
             self._clock.sleep_until(deadline.expires_s)
             raise DeadlineExceeded("no answer")
@@ -83,7 +83,7 @@ class ScriptedWire:
         return b""
 
     def clear(self, deadline: Deadline) -> None:
-        """Count a device clear and forget what has been answered."""
+        """Count a device clear and forget the answer."""
         del deadline
         self.clears += 1
         self._answers.clear()

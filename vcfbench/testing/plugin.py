@@ -52,7 +52,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class Faults:
-    """What the fixture `fault` is: called, it lets a fault happen on the simulated bench.
+    """Value of the fixture `fault`: called, it lets a fault happen on the simulated bench.
 
     ``fault("multimeter", "overload")`` happens now, ``fault("rate_table", "interlock", at_s=20.0)`` at a bench time,
     ``duration_s=`` says for how long; `play` takes a script, `clear` ends all. The kinds are in `vcfbench.sim.faults`.
@@ -100,19 +100,19 @@ def simulated_bench(_vcfbench_lab: SimulatedLab) -> Bench:
 
 @pytest.fixture
 def simulated_world(_vcfbench_lab: SimulatedLab) -> World:
-    """Return the physics behind `simulated_bench`: what is really there, whatever instruments say."""
+    """Return the physics behind `simulated_bench`: the true values, whatever instruments say."""
     return _vcfbench_lab.world
 
 
 @pytest.fixture
 def fault(_vcfbench_lab: SimulatedLab) -> Faults:
-    """Return what lets faults happen on `simulated_bench`."""
+    """Return a function that lets faults happen on `simulated_bench`."""
     return Faults(_vcfbench_lab)
 
 
 @pytest.fixture
 def open_simulated_bench(request: pytest.FixtureRequest) -> Callable[..., AbstractContextManager[SimulatedLab]]:
-    """Return what opens benches as the mark and the ini options ask, but for what is given in the call.
+    """Return a function that opens benches as the mark and the ini options ask, but for the call's own arguments.
 
     ``with open_simulated_bench(seed=4) as lab:`` has `lab.bench`, `lab.world` and `lab.fault`. Faults go on while it is
     left, so that NotSafe can be expected.
@@ -152,7 +152,7 @@ def expected_exchange() -> Callable[..., AbstractContextManager[Any]]:
 
 @contextmanager
 def _mistakes_reported() -> Iterator[None]:
-    """Say in one sentence what is wrong with what a test asks for; where in this plugin that was seen helps nobody."""
+    """Raise a mistake in a test's settings in one sentence; the place in this plugin that saw it helps nobody."""
     from vcfbench.errors import ConfigError  # noqa: PLC0415  # nothing of the package before it is needed
 
     try:
@@ -162,7 +162,7 @@ def _mistakes_reported() -> Iterator[None]:
 
 
 def _asked(request: pytest.FixtureRequest) -> dict[str, Any]:
-    """Return what is asked for: the nearest mark that says it, else the ini options."""
+    """Return the settings: of the nearest mark that has them, else the ini options'."""
     config, asked = request.config, dict[str, Any].fromkeys(_SETTINGS)
     for name in ("bench", "parameters", "errors", "seed"):
         asked[name] = config.getini(f"vcfbench_{name}") or None

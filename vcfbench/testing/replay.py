@@ -1,4 +1,4 @@
-"""Traces as tests: a driver against what an instrument once said to it.
+"""Traces as tests: a driver against the recorded answers of an instrument.
 
 ::
 
@@ -77,7 +77,7 @@ class ReplayWire:
         return line
 
     def _fail_as_then(self) -> None:
-        """Raise what went wrong here then, if anything did."""
+        """Raise the recorded error at this place, if there was one."""
         line = self._next("!")
         if line is not None:
             kind, _, words = line.data.decode("latin-1").partition(" ")
@@ -85,7 +85,7 @@ class ReplayWire:
             raise (known if isinstance(known, type) and issubclass(known, TransportError) else TransportError)(words)
 
     def send(self, data: bytes, deadline: Deadline) -> None:
-        """Compare `data` with what was sent then."""
+        """Compare `data` with the recorded message."""
         __tracebackhide__ = True
         del deadline
         if self._closed:
@@ -96,7 +96,7 @@ class ReplayWire:
         self._fail_as_then()
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return what came then, or fail as it did."""
+        """Return the recorded answer, or fail as recorded."""
         __tracebackhide__ = True
         del deadline
         self._fail_as_then()
@@ -106,7 +106,7 @@ class ReplayWire:
         return line.data, line.mark == "<|"
 
     def pending(self) -> bytes:
-        """Return what came unasked here then."""
+        """Return the recorded unasked bytes at this place."""
         line = self._next("<?")
         return b"" if line is None else line.data
 

@@ -1,4 +1,4 @@
-"""A man in the middle: passes on what a program and its instrument say, and spoils the replies as told.
+"""A man in the middle: passes on the messages of a program and its instrument, and spoils the replies as told.
 
 It stands on a TCP connection or on a serial line (a pseudo-terminal) and knows nothing of what is said there. Commands
 always reach the instrument as they are; only what comes back suffers::
@@ -60,7 +60,7 @@ WIRE_FAULTS: dict[str, str] = {
     "cut": "the connection is lost with the next reply; there is no new one until the fault ends",
     "noise": "random bytes come before each reply, and between",
 }
-"""What each kind does."""
+"""Effect of each kind."""
 
 _CHUNK = 1 << 16
 _TICK_S = 0.02
@@ -72,7 +72,7 @@ _QUICK_ACK: int | None = getattr(socket, "TCP_QUICKACK", None)
 
 @dataclass(frozen=True, slots=True)
 class WireFault:
-    """What happens to replies.
+    """Fault of replies.
 
     Args:
         kind: one of `WIRE_FAULTS`.
@@ -140,7 +140,7 @@ class FaultyWire:
         self._nudge()
 
     def end(self) -> None:
-        """Pass on everything again; what is on its way comes as it was to come."""
+        """Pass on everything again; replies on their way come as they were to come."""
         with self._lock:
             self._fault, self._left = None, 0
             for link in self._links:
@@ -237,7 +237,7 @@ class FaultyWire:
         return link
 
     def _heard(self, link: _Link) -> None:
-        """Pass on what the program says."""
+        """Pass on the program's bytes."""
         data = _received(link.near)
         if not data:
             self._program_left(link)
@@ -246,7 +246,7 @@ class FaultyWire:
         link.tell(data)
 
     def _said(self, link: _Link) -> None:
-        """Pass on what the instrument says."""
+        """Pass on the instrument's bytes."""
         data = _received(link.far)
         if data:
             self._reply(link, data)
@@ -280,7 +280,7 @@ class FaultyWire:
 
 
 class _Link:
-    """What connects the program (`near`) with the instrument (`far`), and what is on its way to the program."""
+    """Link of the program (`near`) with the instrument (`far`), and the replies on their way to the program."""
 
     def __init__(self, wire: FaultyWire, near: _End, far: _End) -> None:
         self.wire, self.near, self.far = wire, near, far
@@ -289,11 +289,11 @@ class _Link:
 
     @property
     def pending(self) -> bool:
-        """Whether anything is to be sent to the program."""
+        """Tell whether anything is to be sent to the program."""
         return self.flood or bool(self._queue)
 
     def send(self, data: bytes, due_s: float) -> None:
-        """Send `data` to the program at `due_s`, not before what was sent earlier."""
+        """Send `data` to the program at `due_s`, not before any sent earlier."""
         if data:
             latest_s = self._queue[-1][0] if self._queue else due_s
             self._queue.append((max(due_s, latest_s), data))
@@ -311,7 +311,7 @@ class _Link:
                         return  # the instrument takes nothing: as on a real line, it is lost
 
     def pump(self, now_s: float) -> None:
-        """Send the program what is due, as far as it takes it."""
+        """Send the program the due replies, as far as it takes them."""
         if self.flood and not self._queue:
             self._queue.append((now_s, b"A" * _CHUNK))
         with suppress(OSError):
@@ -324,7 +324,7 @@ class _Link:
                     return
 
     def forget(self) -> None:
-        """Lose what is on its way."""
+        """Lose the replies on their way."""
         self.flood = False
         self._queue.clear()
 
@@ -372,7 +372,7 @@ class _SocketEnd:
         return self._socket.send(data)
 
     def finish(self) -> None:
-        """Say that nothing more comes; what was sent still arrives."""
+        """Say that nothing more comes; bytes already sent still arrive."""
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
 
@@ -536,7 +536,7 @@ _ASRL = re.compile(r"ASRL(?P<path>/.+?)(?:::INSTR)?", re.IGNORECASE)
 
 @contextmanager
 def faulty_wire(resource: str) -> Iterator[FaultyWire]:
-    """Stand between a program and the instrument at `resource`; a program opens the `resource` of what this yields.
+    """Stand between a program and the instrument at `resource`; a program opens the yielded `resource`.
 
     Args:
         resource: ``TCPIP0::HOST::PORT::SOCKET``, ``socket://HOST:PORT``, ``ASRL/dev/...::INSTR`` or ``/dev/...``; the

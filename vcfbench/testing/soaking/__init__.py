@@ -1,4 +1,4 @@
-"""Runs under faults drawn by seed, on simulated benches in virtual time: what breaks is one line to repeat.
+"""Runs under faults drawn by seed, on simulated benches in virtual time: a failure is one line to repeat.
 
 ::
 
@@ -37,7 +37,7 @@ _IN_ONE_PIECE, _SAME_END = "cannot be resumed: a warm-up", "it would end again a
 
 
 class Verdict(Struct, frozen=True):
-    """What was wrong with a draw; nothing: it held. `ends` says in words how each start ended."""
+    """Faults found in a draw; nothing: it held. `ends` says in words how each start ended."""
 
     draw: Draw
     wrong: tuple[str, ...]
@@ -45,7 +45,7 @@ class Verdict(Struct, frozen=True):
 
 
 def soak(seeds: Iterable[int]) -> Iterator[Verdict]:
-    """Yield what each seed came to."""
+    """Yield the verdict on each seed."""
     return (tried(drawn(seed)) for seed in seeds)
 
 

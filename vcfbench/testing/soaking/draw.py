@@ -1,4 +1,4 @@
-"""What a seed draws: a bench, a procedure with short settings, and what happens to the run."""
+"""Draws of a seed: a bench, a procedure with short settings, and happenings to the run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 What = Literal["fault", "kill", "power cut", "signal", "starter", "clock", "disk full", "sync fails"]
 _ENDS = frozenset({"kill", "power cut"})
-"""What a program does not survive."""
+"""Happenings that a program does not survive."""
 
 LANGUAGES = ("acl", "zaber", "atl", "esp", "dd16", "mn_as", "ruya", "aaaa")
 _SPARE = frozenset({"ruya", "aaaa"})
@@ -57,11 +57,11 @@ class Happening(Struct, frozen=True):
 
     @property
     def ends(self) -> bool:
-        """Whether the program does not survive it."""
+        """True where the program does not survive it."""
         return self.what in _ENDS
 
     def describe(self) -> str:
-        """Return in words what happens and when."""
+        """Return in words the happening and its time."""
         where = f"start {self.life + 1}, {self.at:.1%} of its {'writes' if self.by_writes else 'time'}: "
         if self.fault is not None:
             return where + self.fault.describe()
@@ -70,7 +70,7 @@ class Happening(Struct, frozen=True):
 
 
 class Draw(Struct, frozen=True):
-    """What a seed draws; without what happens it is its clean run."""
+    """Draw of a seed; without its happenings it is its clean run."""
 
     seed: int
     language: str
@@ -79,12 +79,12 @@ class Draw(Struct, frozen=True):
     procedure: str
     settings: dict[str, Any]
     synchronised: bool
-    """Whether each line of the journal is synchronised, as on a real bench."""
+    """True where each line of the journal is synchronised, as on a real bench."""
     happenings: tuple[Happening, ...] = ()
 
     @property
     def lives(self) -> int:
-        """How often the program is started."""
+        """Number of the program's starts."""
         return 1 + max((each.life + each.ends for each in self.happenings), default=0)
 
     def bench(self) -> BenchDescription:
@@ -111,7 +111,7 @@ class Draw(Struct, frozen=True):
 
 
 def drawn(seed: int) -> Draw:
-    """Return what `seed` draws."""
+    """Return the draw of `seed`."""
     random = Random(f"soak {seed}")  # noqa: S311  # faults, no secrets
     language = random.choice(LANGUAGES)
     wires = random.choices(tuple(_WIRES), (12, 2, 1, 5))[0]  # each character on RS-232 takes its time

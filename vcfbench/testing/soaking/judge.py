@@ -1,4 +1,4 @@
-"""What must be true of a start, and of what all starts of a seed came to: each rule says what is wrong, or nothing."""
+"""Rules that must hold for a start, and for all starts of a seed: each yields its violations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LONGEST_S = 600.0
 _APART = 1.5
 """In both U95: the noise of two runs of short windows comes to that once in 40 000 values, and to 1 once in 200."""
 VALUE_FAULTS = frozenset({"offset", "overload", "current_limit", "power_cycle", "jam", "drive_fault"})
-"""What changes what is measured: of what was recorded with it a resumed run may say that it is refused."""
+"""Faults that change readings: a resumed run may refuse those recorded under them."""
 
 
 def values_of(results: Any) -> dict[str, tuple[float, float]]:
@@ -35,7 +35,7 @@ def values_of(results: Any) -> dict[str, tuple[float, float]]:
 
 
 def wrong_of(ended: Ended, clean: Clean, *, spoilt: bool = False) -> Iterator[str]:
-    """Yield what is wrong with one start; `spoilt`: what was measured before it may be refused."""
+    """Yield the faults of one start; `spoilt`: the readings before it may be refused."""
     yield from ended.wrong
     if ended.died:
         return
@@ -61,7 +61,7 @@ def _left_live(ended: Ended) -> Iterator[str]:
 
 
 def _not_safe(ended: Ended) -> Iterator[str]:
-    """Check that what is said not to be safe has a fault that goes on, or was broken off by a third signal."""
+    """Check that an instrument said not to be safe has a fault that goes on, or was broken off by a third signal."""
     if not isinstance(ended.error, NotSafe) or ended.signals >= 3:
         return
     ill = {
@@ -88,7 +88,7 @@ def _code(ended: Ended, *, spoilt: bool) -> Iterator[str]:
 
 
 def wrong_record(ended: Ended, record: JournalRecord | None, draw: Draw) -> Iterator[str]:
-    """Yield what is wrong with what a start left on the disk; None: nothing."""
+    """Yield the faults of the record that a start left on the disk; None: no record."""
     lost = ended.died == "power cut" and not draw.synchronised
     if record is None:
         if ended.points and not lost:
@@ -108,7 +108,7 @@ def wrong_record(ended: Ended, record: JournalRecord | None, draw: Draw) -> Iter
 
 
 def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]]) -> Iterator[str]:
-    """Yield what a complete run states that is further from the clean run than the noise of both can bring it."""
+    """Yield the results of a complete run that are further from the clean run than the noise of both can bring them."""
     if ended.run is None or ended.error is not None or ended.died:
         return
     stated = values_of(ended.run.results)

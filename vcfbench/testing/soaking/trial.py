@@ -1,4 +1,4 @@
-"""One start of a program under what was drawn, from the first operation to the last, and what was seen of it."""
+"""One start of a program under the drawn happenings, from the first operation to the last, with its observations."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _WALL_S = 600.0
 
 
 class Killed(BaseException):
-    """The program has died; no handler on the way knows it, and what they do is not seen."""
+    """The program has died; no handler on the way knows it, and their actions are not seen."""
 
 
 class Stuck(BaseException):
@@ -53,19 +53,19 @@ class Stuck(BaseException):
 
 
 class Clean(Struct, frozen=True):
-    """How long the clean run of a draw takes, in bench time and in operations of its disk."""
+    """Duration of the clean run of a draw, in bench time and in operations of its disk."""
 
     duration_s: float
     operations: int
 
 
 class Ended(Struct):
-    """What was seen of one start."""
+    """Observations of one start."""
 
     error: BaseException | None = None
     run: Run | None = None
     died: str = ""
-    """What killed it: "kill" or "power cut"."""
+    """Cause of its death: "kill" or "power cut"; empty where it lived."""
     signals: int = 0
     faults: list[Happening] = field(default_factory=list)
     """Those that could happen, their instants bench time."""
@@ -180,7 +180,7 @@ class _Stage:
                 self.ended.wrong.append("a run under way is taken for one that was broken off")
 
     def before(self, number: int, what: str) -> float | None:
-        """Say what the disk does with an operation."""
+        """Return the part of a write that the disk takes, None for all; raise the OSError that was drawn."""
         for at, each in self._written:
             if each.ends and number == at:
                 self._die(each)
@@ -197,7 +197,7 @@ class _Stage:
         return None
 
     def look(self) -> None:
-        """Look at what is really there."""
+        """Record the true state of the bench."""
         self.ended.operations = 0 if self.disk is None else self.disk.operations
         if self._world is not None:
             world, ended = self._world, self.ended
@@ -228,7 +228,7 @@ def _send(number: int) -> None:
 
 @contextmanager
 def _within(wall_s: float, ended: Ended) -> Iterator[None]:
-    """End what takes longer (where there is an alarm), with Stuck."""
+    """End the context if it takes longer (where there is an alarm), with Stuck."""
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -262,7 +262,7 @@ def _surroundings(draw: Draw) -> Iterator[None]:
 
 
 def start(draw: Draw, life: int, clean: Clean, folder: Path, earlier: Path | None) -> Ended:
-    """Start the program, anew or to go on with the record `earlier`; what it leaves on its disk is in `folder`.
+    """Start the program, anew or to go on with the record `earlier`; its disk is left in `folder`.
 
     Raises:
         Aborted: a signal came that was not drawn.
