@@ -99,7 +99,7 @@ if TYPE_CHECKING:
     from vcfbench.studies.result import StudyResult, load_study
 
 __version__: str
-"""Of the package as it was installed: that of the tag, or what comes after it; ``0+unknown`` where it was not."""
+"""Version of the installed package: the tag's, or one after it; ``0+unknown`` where none is installed."""
 
 __all__ = [
     "PROCEDURES",

@@ -1,4 +1,4 @@
-"""What can go wrong on a bench, one class a kind.
+"""Errors of a bench, one class a kind.
 
 ::
 
@@ -50,11 +50,11 @@ __all__ = [
 
 
 _AT_ONCE_S = 0.001
-"""What failed sooner is said to have failed at once."""
+"""Time below which a failure is said to be at once, s."""
 
 
 class Where(TypedDict, total=False):
-    """Where and when something went wrong, as :class:`BenchError` takes it."""
+    """Place and time of an error, as :class:`BenchError` takes it."""
 
     instrument: str | None
     resource: str | None
@@ -182,7 +182,7 @@ class DeadlineExceeded(TransportError):
 
 
 class FramingError(TransportError):
-    """What came is not an answer of the expected form."""
+    """The received bytes are not an answer of the expected form."""
 
 
 class OutOfSync(TransportError):

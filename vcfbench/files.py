@@ -175,7 +175,7 @@ _NOT_FOR_FORKS: Final[set[int]] = set()
 
 @contextmanager
 def kept_from_forks(descriptor: int) -> Iterator[None]:
-    """Keep `descriptor` from processes that are forked meanwhile: what it holds or tells is this one's alone.
+    """Keep `descriptor` from processes that are forked meanwhile: it is this process's alone.
 
     In a forked process the number stands for the null device.
     """
@@ -200,7 +200,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def shown(path: Path | str) -> str:
-    """Return the name of a file as it can be printed: quoted where it holds what cannot."""
+    """Return the name of a file as it can be printed: quoted where it holds unprintable characters."""
     name = str(path)
     return name if name.isprintable() and name else ascii(name)
 
@@ -239,7 +239,7 @@ def require_numbers(table: dict[str, Any], source: str) -> None:
 
 
 def unfit_numbers(table: dict[str, Any]) -> Iterator[tuple[Keys, str, str]]:
-    """Yield the keys of every number that cannot be a setting, what is expected there and what came; as `parse_toml`.
+    """Yield the keys of every number that cannot be a setting, the expected and the given one; as `parse_toml`.
 
     A table that is nested too deeply is told at its first keys.
     """

@@ -1,4 +1,4 @@
-"""What the procedures need of the instruments: small capabilities, SI floats, the unit in the name.
+"""Capabilities of instruments, as the procedures need them: small protocols, SI floats, the unit in the name.
 
 A procedure asks for capabilities by role (``{"multimeter": ReadsVoltage}``); a driver class has one when it has its
 methods. The instruments of the paper's bench are compositions of them.
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Identity(Struct, frozen=True):
-    """Who answers: the four fields of ``*IDN?`` (empty where a dialect has none)."""
+    """Identity of an instrument: the four fields of ``*IDN?`` (empty where a dialect has none)."""
 
     maker: str
     model: str
@@ -32,16 +32,16 @@ class Identity(Struct, frozen=True):
 
 
 class UnprovedCommand(Struct, frozen=True):
-    """A command sent to an instrument without waiting for an answer, and what was last read back of it."""
+    """A command sent to an instrument without waiting for an answer, and the last read-back."""
 
     words: str
     """The command: ``to stop``, ``to switch off``; empty for one that drives nothing."""
     sent: bool
-    """Whether the wire took the words. That the instrument heard them is not known."""
+    """True where the wire took the words. That the instrument heard them is not known."""
     last_read: str | None = None
     """The last read-back in words, ``200 deg/s``; None: nothing was ever read back."""
     age_s: float | None = None
-    """How long ago that was, s of bench time; None where the bench's clock does not answer either."""
+    """Age of that read-back, s of bench time; None where the bench's clock does not answer either."""
 
     def __str__(self) -> str:
         done = f"told {self.words}, not proved" if self.sent else f"could not be told {self.words}"
@@ -52,7 +52,7 @@ class UnprovedCommand(Struct, frozen=True):
 
 
 class SafeReport(Struct, frozen=True):
-    """What making an instrument safe came to, proved by read-back; `unproved` is there when it could not be proved."""
+    """Result of making an instrument safe, proved by read-back; `unproved` is there when it could not be proved."""
 
     instrument: str
     resource: str
@@ -62,7 +62,7 @@ class SafeReport(Struct, frozen=True):
 
 
 class Regulation(Enum):
-    """How a supply output is regulated."""
+    """Regulation of a supply output."""
 
     OFF = "off"
     CONSTANT_VOLTAGE = "CV"
@@ -78,7 +78,7 @@ class Waveform(Struct, frozen=True):
 
 
 class Instrument(Protocol):
-    """What every instrument of the bench can do."""
+    """Capabilities of every instrument of the bench."""
 
     @property
     def name(self) -> str:
@@ -91,7 +91,7 @@ class Instrument(Protocol):
         ...
 
     def identify(self) -> Identity:
-        """Ask who answers."""
+        """Ask for the identity."""
         ...
 
     def check_errors(self) -> None:
@@ -99,7 +99,7 @@ class Instrument(Protocol):
         ...
 
     def command_safe(self) -> UnprovedCommand:
-        """Send the stop or off commands at once, without waiting for an answer, and return what is known.
+        """Send the stop or off commands at once, without waiting for an answer, and return the last read-back.
 
         They go out whatever state the session is in and whoever is in the middle of an exchange; a connection that is
         closed is made anew, if that is quick. Never raises; takes at most a few tenths of a second of wall time.
@@ -153,7 +153,7 @@ class PowersRails(Protocol):
 
 @runtime_checkable
 class SwitchesOutput(Protocol):
-    """Has an output with a relay; what drives something can be switched off."""
+    """An output with a relay, by which it can be switched off."""
 
     def enable_output(self) -> None:
         """Close the output relay."""
@@ -234,7 +234,7 @@ class SamplesVoltage(ReadsVoltage, Protocol):
 
     @property
     def aperture_s(self) -> float:
-        """How long one reading integrates as configured, s."""
+        """Return the integration time of one reading as configured, s."""
         ...
 
     def start_sampling(self, samples: int, interval_s: float) -> float:
@@ -307,7 +307,7 @@ class MeasuresWaveforms(CapturesWaveforms, Protocol):
 
 @runtime_checkable
 class Rotates(Protocol):
-    """Turns what is mounted on it about one axis."""
+    """Turns the device on it about one axis."""
 
     def enable(self) -> None:
         """Zero the demand, then close the servo; raises InterlockError when a fault forbids it."""

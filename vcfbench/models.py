@@ -315,7 +315,7 @@ LANGUAGES: Final = (
 
 
 def resolve(reference: Any) -> Any:
-    """Return what ``module:Name`` names; what is no text is what it is."""
+    """Return the object that ``module:Name`` names; anything but a text is returned as it is."""
     if not isinstance(reference, str):
         return reference
     module, _, name = reference.partition(":")

@@ -1,4 +1,4 @@
-"""Data sheets by model: what makers promise of direct voltages, and how finely meters resolve them.
+"""Data sheets by model: limits of direct voltages, and the resolution of meters.
 
 What no source at hand confirms says so in its `source`.
 """
@@ -27,7 +27,7 @@ class Accuracy(Struct, frozen=True):
 
 
 class VoltmeterSpecification(Struct, frozen=True):
-    """What a voltmeter promises of direct voltages.
+    """Data sheet of a voltmeter for direct voltages.
 
     Args:
         model: its name.
@@ -51,7 +51,7 @@ class VoltmeterSpecification(Struct, frozen=True):
     added_noise: Mapping[float, tuple[float, float]] = field(default_factory=lambda: MappingProxyType({}))
 
     def accuracy_of(self, range_v: float, age_days: float) -> Accuracy:
-        """Return what is promised of a range so long after a calibration.
+        """Return the limit of error on a range so long after a calibration.
 
         Raises:
             ValueError: the meter has no such range, or its data sheet nothing about an age so great.
@@ -63,7 +63,7 @@ class VoltmeterSpecification(Struct, frozen=True):
         return promised
 
     def known_accuracy(self, range_v: float, age_days: float) -> Accuracy | None:
-        """Return what is promised of a range that it has, so long after a calibration; None: nothing."""
+        """Return the limit of error on a range so long after a calibration; None: nothing is promised."""
         age = min((each for each in self.accuracy[range_v] if each >= age_days), default=None)
         return None if age is None else self.accuracy[range_v][age]
 
@@ -118,9 +118,9 @@ def accuracy_at(
 
 _USUAL_COEFFICIENT: Final = Accuracy(5e-6, 1e-6)
 TEMPERATURE_COEFFICIENTS: Final = MappingProxyType({0.1: Accuracy(5e-6, 5e-6)})
-"""What each kelvin outside of 18 to 28 degC adds, by range: 34401A, User's Guide p. 216; assumed of the others."""
+"""Temperature coefficient for each kelvin outside of 18 to 28 degC, by range: 34401A, p. 216; assumed of the others."""
 ROOM_C: Final = (18.0, 28.0)
-"""Where data sheets of voltmeters hold."""
+"""Temperatures at which data sheets of voltmeters hold, degC."""
 
 
 AC_VOLTS_U: Final = MappingProxyType({"34401A": Accuracy(6e-4 / 4.0, 3e-4 / 4.0)})
@@ -131,7 +131,7 @@ AC_VOLTS_U: Final = MappingProxyType({"34401A": Accuracy(6e-4 / 4.0, 3e-4 / 4.0)
 
 
 class LevelSpecification(Struct, frozen=True):
-    """What a generator promises of a direct voltage into an open circuit: a part of the setting, and volts.
+    """Limits of a generator's direct voltage into an open circuit: a part of the setting, and volts.
 
     Any error within the limits is as likely as any other. `ranges_v` are the largest levels of its ranges, V, within
     each of which the errors are the same at all levels; `bits` are those of its converter over the range, both signs.
@@ -155,7 +155,7 @@ class LevelSpecification(Struct, frozen=True):
 
 
 class SupplySpecification(Struct, frozen=True):
-    """What a supply promises of its read-backs, by output: a part of the reading, and volts or amperes beside it.
+    """Limits of a supply's read-backs, by output: a part of the reading, and volts or amperes beside it.
 
     `limit_sigmas` is how many standard deviations of its specimens a limit is; None: any error within is as likely.
     """
@@ -309,7 +309,7 @@ KEYSIGHT_E36312A: Final = SupplySpecification(
 
 
 class Assumed(Struct, frozen=True):
-    """What is taken where nobody says better: the worst of a class, and which class that is."""
+    """Assumed value where nobody states a better one: the worst of a class, and the name of that class."""
 
     value: float
     unit: str
@@ -334,4 +334,4 @@ WORST_OF_CLASS: Final = MappingProxyType(
         "misalignment_deg": Assumed(1.0, "deg", "package on board and board on table; unverified"),
     }
 )
-"""What a bench file need not say, by its key of ``[uncertainty]``."""
+"""Values that a bench file need not state, by their key of ``[uncertainty]``."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 _ONE_AT_A_TIME: Final = RLock()
-"""Entered again by who converts while a struct is made."""
+"""Entered again by a conversion while a struct is made."""
 
 
 @overload
@@ -30,7 +30,7 @@ def typed(values: Any, kind: Any) -> Any:
 
 
 def decoder_of(kind: type[_T]) -> Decoder[_T]:
-    """Return what decodes a `kind` from JSON."""
+    """Return a decoder of a `kind` from JSON."""
     from msgspec.json import Decoder  # noqa: PLC0415  # most that converts reads no JSON
 
     with _ONE_AT_A_TIME:

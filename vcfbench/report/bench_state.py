@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 
 class BenchState(Struct, frozen=True):
-    """What was last set and read back; None where a run has not come to it.
+    """Last settings and read-backs of a bench; None where a run has not come to it.
 
-    `demand_deg_s` is the rate that the table was told, `table_deg_s` what it read back since, deg/s; `servo` whether
-    its servo is closed. `supply` tells whether the outputs are on, `rails` what they read. `v_vc` says what the
-    generator is set to, `generator` whether its output is on.
+    `demand_deg_s` is the rate that the table was told, `table_deg_s` its read-back since, deg/s; `servo` whether its
+    servo is closed. `supply` tells whether the outputs are on, `rails` are their read-backs. `v_vc` is the generator's
+    setting in words, `generator` whether its output is on.
     """
 
     demand_deg_s: float | None = None
@@ -54,7 +54,7 @@ class BenchState(Struct, frozen=True):
         return replace(self, demand_deg_s=step.rate_deg_s, table_deg_s=None) if isinstance(step, SetRate) else self
 
     def table(self) -> str:
-        """Say what the table is told, and what it reads back."""
+        """Say in words the table's demand and its read-back."""
         if self.servo is False:
             return "table off"
         if self.demand_deg_s is None:
@@ -63,20 +63,20 @@ class BenchState(Struct, frozen=True):
         return f"table {self.demand_deg_s:+g}{read} deg/s"
 
     def supplied(self) -> str:
-        """Say what the rails read."""
+        """Say in words the read-backs of the rails."""
         if self.supply is False:
             return "rails off"
         return f"rails {' '.join(f'{rail.voltage_v:+.3f}' for rail in self.rails)} V" if self.rails else "rails -"
 
     def driven(self) -> str:
-        """Say what V_Vc is."""
+        """Say in words the setting of V_Vc."""
         if self.generator is False:
             return "V_Vc off"
         return f"V_Vc {'-' if self.v_vc is None else self.v_vc}"
 
 
 def _set_by(step: object, result: object) -> dict[str, Any]:
-    """Return what a step sets of table and supply; of V_Vc as below."""
+    """Return the settings of table and supply by a step; those of V_Vc as below."""
     match step:
         case EnableTable():
             return {"servo": True, "demand_deg_s": 0.0, "table_deg_s": None}

@@ -1,4 +1,4 @@
-"""How many digits a value and its uncertainty are printed with (GUM 7.2.6): two of u, the value to the same place."""
+"""Digits of a value and its uncertainty in print (GUM 7.2.6): two of u, the value to the same place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def stated_cells(value: float, u: float, u95: float) -> tuple[Cell, Cell, Cell]:
 
 
 def incomplete(missing: Sequence[str]) -> str:
-    """Say behind a value or a title what its uncertainty is without; nothing where nothing is missing."""
+    """Say behind a value or a title which contributions its uncertainty lacks; nothing where none is missing."""
     return f"; INCOMPLETE without {', '.join(missing)}" if missing else ""
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 Value: TypeAlias = "float | str | None"
-"""What stands in a table: a number, a text, or None where there is nothing."""
+"""Cell of a table: a number, a text, or None where there is nothing."""
 
 DEEPEST_HEADING = 6
 
@@ -34,7 +34,7 @@ class Heading(Struct, frozen=True):
 
 
 class Text(Struct, frozen=True):
-    """Words, in lines that stay as they are; `verbatim` where also their characters must: what a person wrote."""
+    """Words, in lines that stay as they are; `verbatim` where also their characters must: words of a person."""
 
     text: str
     verbatim: bool = False
@@ -94,7 +94,7 @@ class Table(Struct, frozen=True):
     title: str = ""
 
     def __post_init__(self) -> None:
-        """Keep tuples, and refuse what cannot be shown."""
+        """Keep tuples, and refuse values that cannot be shown."""
         columns = tuple(self.columns)
         rows = tuple(tuple(map(_as_value, row)) for row in self.rows)
         force_setattr(self, "columns", columns)
@@ -109,7 +109,7 @@ class Table(Struct, frozen=True):
 
     @property
     def has_heads(self) -> bool:
-        """Whether any column has a head; names beside values need none."""
+        """Tell whether any column has a head; names beside values need none."""
         return any(column.head for column in self.columns)
 
     def printed(self) -> tuple[tuple[str, ...], ...]:
@@ -148,7 +148,7 @@ def _printed(value: Any, column: Column) -> str:
 
 
 class Axis(Struct, frozen=True):
-    """An axis of a figure: what is drawn along it, its unit, and its scale."""
+    """An axis of a figure: the quantity along it, its unit, and its scale."""
 
     label: str
     unit: str = ""
@@ -156,12 +156,12 @@ class Axis(Struct, frozen=True):
 
     @property
     def title(self) -> str:
-        """What stands beside it: ``rate / (deg/s)``."""
+        """Title beside the axis: ``rate / (deg/s)``."""
         return Column(self.label, self.unit).head
 
 
 class Series(Struct, frozen=True):
-    """What is drawn in a figure: as many `y` as `x`, as points, a line through them, or bars.
+    """Data of a figure: as many `y` as `x`, as points, a line through them, or bars.
 
     Args:
         label: for the legend.
@@ -185,7 +185,7 @@ class Series(Struct, frozen=True):
     high: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        """Keep tuples of floats, and refuse what cannot be drawn."""
+        """Keep tuples of floats, and refuse values that cannot be drawn."""
         for name in ("x", "y", "u_y", "low", "high"):
             values = getattr(self, name)
             if values is not None:
@@ -214,7 +214,7 @@ class Series(Struct, frozen=True):
 
 
 class Figure(Struct, frozen=True):
-    """A figure: title, axes, what is drawn, and words below it. Who renders it chooses size, colours and marks.
+    """A figure: title, axes, series, and words below it. Its renderer chooses size, colours and marks.
 
     Raises:
         ValueError: there is no series, or a logarithmic axis has values that are not positive.
@@ -227,7 +227,7 @@ class Figure(Struct, frozen=True):
     caption: str = ""
 
     def __post_init__(self) -> None:
-        """Keep a tuple, and refuse what cannot be drawn."""
+        """Keep a tuple, and refuse series that cannot be drawn."""
         force_setattr(self, "series", tuple(self.series))
         if not self.series:
             raise ValueError(f"figure {self.title!r} has no series")
@@ -240,12 +240,12 @@ Part: TypeAlias = "Heading | Table | Figure | Text | Notice"
 
 
 class Report(Struct, frozen=True):
-    """What a run came to, part after part."""
+    """Report of a run, part after part."""
 
     parts: Sequence[Part] = ()
 
     def __post_init__(self) -> None:
-        """Keep a tuple, and refuse what is no part."""
+        """Keep a tuple, and refuse any value that is no part."""
         force_setattr(self, "parts", tuple(self.parts))
         for part in self.parts:
             if not isinstance(part, Heading | Table | Figure | Text | Notice):

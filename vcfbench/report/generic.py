@@ -1,4 +1,4 @@
-"""The report of what has none of its own: its points, and whatever its results hold by their names."""
+"""Report of a procedure that has none of its own: its points, and its results by their names."""
 
 from __future__ import annotations
 

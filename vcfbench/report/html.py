@@ -28,7 +28,7 @@ def html_of(report: Report, draw: Callable[[Figure], str] | None = None) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return `text` as it can stand in HTML, in quotes too: its markup is shown, and what cannot be printed."""
+    """Return `text` as it can stand in HTML, in quotes too: its markup is shown, and unprintable characters."""
     return escape(printable_lines(text))
 
 

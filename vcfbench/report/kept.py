@@ -1,4 +1,4 @@
-"""Reports as plain values and back: what a record keeps of a report whose procedure may not be there later."""
+"""Reports as plain values and back: the form in records, whose procedure may not be there later."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stream that cannot hold up who writes to it."""
+"""A stream that cannot hold up its writer."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from typing import TextIO
 
 _PARTING_S: Final = 0.5
-"""How long a stream may take for one text when all else is done."""
+"""Longest time of a stream for one text when all else is done, s."""
 
 
 class Outlet:
-    """Writes to a terminal or pipe in a thread of its own, and is itself what one prints to.
+    """A stream whose texts a thread of its own writes to a terminal or pipe.
 
     A terminal may stand still (Ctrl-S, a pager that waits for its reader) or go away (closed window, broken pipe). The
     table turns meanwhile, so nobody may wait for it: what cannot be written is lost, and nothing is raised.
@@ -31,7 +31,7 @@ class Outlet:
 
     @property
     def behind(self) -> bool:
-        """Whether something is still waiting to be written."""
+        """Tell whether something is still waiting to be written."""
         return not self._pending.empty()
 
     def open(self) -> None:
@@ -55,7 +55,7 @@ class Outlet:
             return False
 
     def close(self) -> None:
-        """Write what is left, as long as the stream goes on taking it."""
+        """Write the rest, as long as the stream goes on taking it."""
         self._pending.put(None)
         left = self._pending.qsize() + 1
         while self._writer.is_alive() and self._pending.qsize() < left:

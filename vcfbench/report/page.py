@@ -1,4 +1,4 @@
-"""A report as one page: HTML that needs nothing beside itself, and what PDF is made of."""
+"""A report as one page: HTML that needs nothing beside itself, and the source of the PDF."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _THEMED: Final = {INK: "var(--ink)", GRID: "var(--line)"} | {
     colour: f"var(--series-{number})" for number, colour in enumerate(PALETTE, start=1)
 }
-"""What stands in the drawings of a page for screens in place of each colour, so that they are read on dark ground."""
+"""Substitute for each colour in the drawings of a page for screens, so that they are read on dark ground."""
 
 
 def page_of(report: Report, title: str, name: str, *, printed: bool = False) -> str:

@@ -74,7 +74,7 @@ def svg_of(figure: Figure, name: str = "figure") -> str:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Draw `figure` into a file; its suffix says as what: ``.png``, ``.svg``, ``.pdf``. Bars of error are U = 2 u.
+    """Draw `figure` into a file of the kind of its suffix: ``.png``, ``.svg``, ``.pdf``. Bars of error are U = 2 u.
 
     Raises:
         ConfigError: no such suffix is known, or the file cannot be written.
@@ -97,7 +97,7 @@ def caption_of(figure: Figure) -> str:
 
 
 def _settings(salt: str) -> Any:
-    """Return a context in which Matplotlib is as it comes, but for what makes the same bytes each time."""
+    """Return a context in which Matplotlib has its defaults, but for settings that make the same bytes each time."""
     import matplotlib as mpl  # noqa: PLC0415 - it takes a while, and figures alone need it
 
     plain: dict[Any, Any] = {key: each for key, each in mpl.rcParamsDefault.items() if not key.startswith("backend")}

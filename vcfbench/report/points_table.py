@@ -44,7 +44,7 @@ class PointsSoFar:
         return tuple(self._of_step)
 
     def line_words(self, step: int) -> str:
-        """Say what the line through the points of `step` is; empty while there is none."""
+        """Describe the line through the points of `step`; empty while there is none."""
         line = self.line(step)
         if line is None:
             return ""
@@ -65,12 +65,12 @@ class PointRow(Struct, frozen=True):
 
     @property
     def point(self) -> Point:
-        """What its readings come to."""
+        """Point of its readings."""
         return self.window.point
 
 
 class _Column(NamedTuple):
-    """Heading in two lines (what, unit), width, what stands in it, and how much it matters where room is short."""
+    """Heading in two lines (name, unit), width, text, and rank: the highest goes first where room is short."""
 
     name: str
     unit: str
@@ -115,7 +115,7 @@ _V_VC_MEASURED = _Column("V_Vc measured", "V", 13, _measured, 9)
 
 
 def _columns(row: PointRow, width: int) -> tuple[_Column, ...]:
-    """Return what has room in `width` characters, the most important first to be taken; rate and output always."""
+    """Return the columns that have room in `width` characters, by rank; rate and output always."""
     known = _COLUMNS if row.point.v_vc_measured_v is None else (*_COLUMNS, _V_VC_MEASURED)
     chosen: list[_Column] = []
     for column in sorted(known, key=lambda each: each.rank):

@@ -1,4 +1,4 @@
-"""What is said while a run goes: what was measured, the step, and how long it will still take."""
+"""Progress of a run: measured points, the step, and the time left."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class LineProgress(NoProgress):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Let what is left be written."""
+        """Let the rest be written."""
         self._outlet.close()
 
     def handle(self, event: Event) -> None:
@@ -99,7 +99,7 @@ class LineProgress(NoProgress):
 
 
 class LiveProgress(NoProgress):
-    """The table of points, row after row, with what else was found; below it in place what is done now and how long.
+    """The table of points, row after row, with other findings; below it in place the step and the time left.
 
     The table stays when the run ends, the block below goes. The times left are those of the wall: a simulated bench may
     be faster than its own clock. `points` are those that were measured before the run was broken off.
@@ -131,7 +131,7 @@ class LiveProgress(NoProgress):
         self._outlet.close()
 
     def handle(self, event: Event) -> None:
-        """Show what was measured, and where the run is."""
+        """Show the measured points, and the place of the run."""
         if self._begin_s is None:
             self._begin_s = event.t_s if isinstance(event, StepStarted) else 0.0
         if isinstance(event, WentOn):
@@ -161,7 +161,7 @@ class LiveProgress(NoProgress):
             self._print(wanted_words(by), "bold yellow", whole=True)
 
     def _tell(self, t_s: float, step: Step, result: StepResult) -> None:
-        """Print what a step gave: a window as a row, anything else that was measured or checked in its words."""
+        """Print the result of a step: a window as a row, any other measurement or check in its words."""
         if step.not_checked:
             self._print(step.describe(), "yellow", whole=True)
         elif isinstance(result, Window):
@@ -180,7 +180,7 @@ class LiveProgress(NoProgress):
         self._print(row_text(row, self._console.width), "cyan")
 
     def _end_part(self) -> None:
-        """Say what the line through the points of the part that ends is, and have the next begin with a heading."""
+        """Print the line through the points of the part that ends, and have the next begin with a heading."""
         if self._head is not None and (steps := self._points.steps()) and (words := self._points.line_words(steps[-1])):
             self._print(f"  {words}", "green", whole=True)
         self._head = None
@@ -204,7 +204,7 @@ class LiveProgress(NoProgress):
 
 
 def _live(console: Console, outlet: Outlet, block: _Block) -> Any:
-    """Return what draws `block` below all that is printed, as long as the terminal takes it."""
+    """Return a display that draws `block` below all that is printed, as long as the terminal takes it."""
     from rich.live import Live  # noqa: PLC0415
 
     class PatientLive(Live):
@@ -223,7 +223,7 @@ def _live(console: Console, outlet: Outlet, block: _Block) -> Any:
 
 
 class _Block:
-    """What stands below the table: the step, the state of the bench, how far the run is and when it ends."""
+    """Block below the table: the step, the state of the bench, the progress of the run and its end."""
 
     def __init__(self, estimate_s: float, bar: tuple[str, str]) -> None:
         self.clock = WallClock()
@@ -262,7 +262,7 @@ class _Block:
                 pass
 
     def _reading(self, voltage_v: float) -> str:
-        """Put rate and reading first: a narrow terminal cuts off what comes last."""
+        """Put rate and reading first: a narrow terminal cuts off the end of a line."""
         if not isinstance(self._step, Acquire):
             return f"{voltage_v:+.5f} V  reading {self._readings}"
         rate = f"{self._step.rate_deg_s:+.6g} deg/s"

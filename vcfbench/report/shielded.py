@@ -30,7 +30,7 @@ class NoProgress:
         """Take no notice."""
 
     def hear(self, state: RunState, by: str) -> None:
-        """Take no notice of what somebody wants of the run."""
+        """Take no notice of a wish to stop, pause or go on."""
 
 
 class Shielded:
@@ -60,7 +60,7 @@ class Shielded:
             self._guarded(lambda: context.__exit__(kind, error, traceback))
 
     def handle(self, event: Event) -> None:
-        """Pass on what happens."""
+        """Pass on an event."""
         if (display := self._display) is not None:
             self._guarded(lambda: display.handle(event))
 

@@ -21,11 +21,11 @@ _LEAST_WIDTH = 30
 _BELOW = "    "
 
 _RULES = ("=", "-")
-"""What stands below headings of the first and the second level."""
+"""Underlines of headings of the first and the second level."""
 
 
 def text_of(report: Report, width: int = WIDTH) -> str:
-    """Return the report with an empty line between its parts; what would write on a terminal by itself is escaped.
+    """Return the report with an empty line between its parts; control characters of a terminal are escaped.
 
     Args:
         report: what is to be shown.
@@ -100,7 +100,7 @@ def left_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """Return `text` with its lines as they are, those escaped that hold what cannot be printed."""
+    """Return `text` with its lines as they are, those escaped that hold characters that cannot be printed."""
     return "\n".join(map(_line, text.split("\n")))
 
 

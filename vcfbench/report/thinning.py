@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 Floats: TypeAlias = "NDArray[np.float64]"
 
 COLUMNS: Final = 800
-"""About as many as a drawing is wide in points of a screen: what lies closer shows as one line upright."""
+"""About as many as a drawing is wide in points of a screen: values closer together show as one line upright."""
 
 DRAWN: Final = f"drawn are the least and the greatest in each of {COLUMNS} columns."
-"""What a caption says of a series that is drawn so."""
+"""Words of a caption for a series that is drawn so."""
 
 _FEW: Final = 4 * COLUMNS
 """So many values are drawn one by one."""

@@ -1,4 +1,4 @@
-"""How names and units are set where a page can: V with the index Vc, degrees as a sign, a thin space before a unit.
+"""Typography of names and units on pages: V with the index Vc, degrees as a sign, a thin space before a unit.
 
 Reports are written in plain characters, as terminals and files of numbers have them: ``V_Vc``, ``deg/s^2``. Only what
 is made for reading asks here, so that a name looks the same in HTML, PDF, Markdown and certificates.

@@ -1,1 +1,1 @@
-"""Studies: many runs of one procedure on simulated benches, and what their results come to."""
+"""Studies: many runs of one procedure on simulated benches, and their statistics."""

@@ -1,4 +1,4 @@
-"""What a study is asked to be: the study file, read and checked wholly before anything runs."""
+"""A study as it is asked for: the study file, read and checked wholly before anything runs."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Study(Struct, frozen=True, kw_only=True):
 
     @property
     def labels(self) -> dict[str, str]:
-        """What the column of each varied path is called."""
+        """Label of each varied path's column."""
         return {each.path: each.label for each in self.varied}
 
     def values(self, case: Case, seed: int) -> dict[str, Any]:
@@ -134,7 +134,7 @@ class Study(Struct, frozen=True, kw_only=True):
         return f"{self.source}: change." if changed else f"{self.bench}: "
 
     def asked(self, case: Case, seed: int) -> Asked:
-        """Return one run of the study as what :func:`vcfbench.runs.conduct.conduct` takes; it keeps no record."""
+        """Return one run of the study as :func:`vcfbench.runs.conduct.conduct` takes it; it keeps no record."""
         from vcfbench.runs.asked import Asked  # noqa: PLC0415
 
         description, settings = self.described(case, seed)
@@ -146,7 +146,7 @@ class Study(Struct, frozen=True, kw_only=True):
         return f"{self.source}: {'vary.' if given else ''}{path}"
 
     def fingerprint(self) -> str:
-        """Return what tells this study from every other: all that its results depend on, but for which seeds."""
+        """Return a fingerprint of all that the study's results depend on, but for its seeds."""
         inputs = {
             "version": installed_version(),
             "procedure": self.procedure,
@@ -277,7 +277,7 @@ def _require_simulated(study: Study) -> None:
 
 
 def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
-    """Return what a bench is called in errors, and its file as a table; profiles are found from anywhere."""
+    """Return a bench's name for errors, and its file as a table; profiles are found from anywhere."""
     from vcfbench.bench.file import EMBEDDED, embedded_text  # noqa: PLC0415
 
     file = folder / bench

@@ -38,7 +38,7 @@ _BATCH_S = 1.0
 
 
 class Progress(Protocol):
-    """Is told how a study goes."""
+    """Display that is told the progress of a study."""
 
     def checked(self, done: int, total: int) -> None:
         """Take note that so many cases of all have been checked."""
@@ -64,7 +64,7 @@ class Quiet:
 
 
 class StudyOptions(Struct, frozen=True):
-    """How a study is done: `output` is the file of its table, None writes nothing; `workers` None: all processors."""
+    """Options of a study: `output` is the file of its table, None writes nothing; `workers` None: all processors."""
 
     output: Path | None = None
     workers: int | None = None
@@ -86,7 +86,7 @@ class Plan(Struct, frozen=True):
 
     @property
     def left_s(self) -> float:
-        """How long the study will take, s."""
+        """Time left of the study, s."""
         return (len(self.study.runs) - self.had) * self.run_s / self.workers
 
 
@@ -100,7 +100,7 @@ def study(
     keep_records: str | Path | None = None,
     progress: Progress | None = None,
 ) -> StudyResult:
-    """Run a procedure many times on simulated benches, varied as `study` says, and return what that comes to.
+    """Run a procedure many times on simulated benches, varied as `study` says, and return the statistics.
 
     The same study gives the same rows and files, however many processes do it and in whatever order they end.
 
@@ -228,7 +228,7 @@ def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -
 
 
 def _require_metrics(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -> list[RunRow]:
-    """Do the first run here, if the study names what it keeps, and return its row: a word that fits nothing is seen.
+    """Do the first run here, if the study names its metrics, and return its row: a name that fits none is seen.
 
     Raises:
         ConfigError: no metric of it has such a name.

@@ -1,4 +1,4 @@
-"""The pictures of a study: every headline over what was varied, all runs and their mean with its spread."""
+"""The pictures of a study: every headline over each varied path, all runs and their mean with its spread."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _MOST_PANELS = 12
 _ACROSS = 3
 _WIDTH = 0.5
-"""Of the band over which the runs of a case are spread, in cases."""
+"""Width of the band over which the runs of a case are spread, in cases."""
 
 
 def picture(title: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary]) -> bytes:

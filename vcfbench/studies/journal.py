@@ -26,7 +26,7 @@ FORMAT = 1
 
 
 class Begun(Struct, frozen=True, tag="study", tag_field="type"):
-    """The first line: the study's title, procedure and bench, and what tells it from others."""
+    """The first line: the study's title, procedure and bench, and its fingerprint."""
 
     fingerprint: str
     title: str
@@ -38,7 +38,7 @@ class Begun(Struct, frozen=True, tag="study", tag_field="type"):
     format: int = FORMAT
 
     def drawn_for(self, seeds: Iterable[int]) -> dict[int, dict[str, Any]]:
-        """Return what is drawn for each seed, by label."""
+        """Return the values drawn for each seed, by label."""
         if not self.drawn:
             return {}
         return {seed: {each.label: each.value(seed) for each in self.drawn} for seed in seeds}
@@ -133,7 +133,7 @@ def read_rows(path: Path) -> tuple[Begun, dict[tuple[int, int], RunRow]]:
 
 
 def _read(path: Path) -> tuple[Begun | None, dict[tuple[int, int], RunRow], int]:
-    """Return first line, rows, and how many bytes they have: what comes after is a line that was cut off."""
+    """Return first line, rows, and their number of bytes: any after them are of a line that was cut off."""
     rows: dict[tuple[int, int], RunRow] = {}
     whole = 0
     with opened(path, "the journal of a study") as file:

@@ -1,4 +1,4 @@
-"""What a study keeps of a run: one flat row of numbers, by names that say what they are."""
+"""Metrics of a run that a study keeps: one flat row of numbers by name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from vcfbench.runs.run import Run
 
 PARTS = (".u", ".u95", ".truth", ".z", ".covered")
-"""What stands beside a value: its uncertainties, the true value, (value - truth)/u, and whether U95 holds the truth."""
+"""Endings of names beside a value: its uncertainties, the true value, (value - truth)/u, and whether U95 holds it."""
 
 _DEEPEST = 4
 
@@ -36,7 +36,7 @@ def metrics_of(run: Run, description: BenchDescription, patterns: Sequence[str])
 
 
 def _stated(results: Any, truth: Mapping[str, float]) -> Iterator[tuple[str, Any]]:
-    """Yield what is stated in the budget of the results, where they have one."""
+    """Yield the values stated in the budget of the results, where they have one."""
     for each in getattr(getattr(results, "uncertainty", None), "values", ()):
         yield each.name, each.value
         yield f"{each.name}.u", each.u

@@ -28,7 +28,7 @@ class PlannedRun(Struct, frozen=True):
 
 
 class RunRow(Struct, frozen=True):
-    """What a run came to: ``complete`` with its metrics, or ``failed`` with a message."""
+    """Outcome of a run: ``complete`` with its metrics, or ``failed`` with a message."""
 
     case: int
     seed: int

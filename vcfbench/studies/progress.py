@@ -1,4 +1,4 @@
-"""What is said while a study goes: a bar on a terminal, a line now and then elsewhere."""
+"""Progress of a study: a bar on a terminal, a line now and then elsewhere."""
 
 from __future__ import annotations
 

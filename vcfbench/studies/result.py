@@ -1,4 +1,4 @@
-"""What a study came to: its rows, and what is made of them."""
+"""Result of a study: its rows, and their statistics."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class StudyResult:
-    """What a study came to.
+    """Result of a study.
 
-    `title`, `procedure` and `bench` say of what. `rows` are those of the table, sorted by case and seed: ``status`` is
-    ``complete`` or says how the run failed, ``metrics`` its numbers. `values` are those that were varied, by case and
-    label, `drawn` what was drawn, by seed and label. `table_path` is the file of the table, None where there is none.
+    `title`, `procedure` and `bench` are those of the study. `rows` are those of the table, sorted by case and seed:
+    ``status`` is ``complete`` or says how the run failed, ``metrics`` are its numbers. `values` are the varied ones,
+    by case and label, `drawn` the drawn ones, by seed and label. `table_path` is the file of the table, None where
+    there is none.
     """
 
     title: str
@@ -42,7 +43,7 @@ class StudyResult:
 
     @property
     def summary(self) -> tuple[CaseSummary, ...]:
-        """What the runs of each case come to."""
+        """Statistics of the runs of each case."""
         return summaries(self.rows, self.values)
 
     @property
@@ -73,7 +74,7 @@ class StudyResult:
         return Report([Text("\n".join(said)), *([summary_table(cases)] if headlines(cases) else [])])
 
     def as_json(self) -> dict[str, Any]:
-        """Return what ``summary.json`` holds."""
+        """Return the contents of ``summary.json``."""
         members = {"title": self.title, "procedure": self.procedure, "bench": self.bench, "runs": len(self.rows)}
         return {**members, "cases": msgspec.to_builtins(self.summary)}
 
@@ -113,7 +114,7 @@ def beside(path: Path, ending: str) -> Path:
 def of_rows(
     begun: Begun, rows: Sequence[RunRow], drawn: Mapping[int, Mapping[str, Any]], path: Path | None
 ) -> StudyResult:
-    """Return what `rows` come to; `begun` says of which study they are."""
+    """Return the result of the study `begun` from `rows`."""
     ordered = tuple(sorted(rows, key=lambda row: (row.case, row.seed)))
     values = {
         number: {begun.labels[path]: value for path, value in case.items()} for number, case in enumerate(begun.cases)
@@ -122,7 +123,7 @@ def of_rows(
 
 
 def load_study(path: str | Path) -> StudyResult:
-    """Return what a study has come to until now, by the path of its table or its journal, which lies beside it.
+    """Return the result of a study until now, by the path of its table or its journal, which lies beside it.
 
     Raises:
         ConfigError: there is no journal of a study.

@@ -1,4 +1,4 @@
-"""What the runs of a study come to, case by case: mean, spread, coverage, pass rate."""
+"""Statistics of the runs of a study, case by case: mean, spread, coverage, pass rate."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _values(case: CaseSummary, heads: Sequence[str]) -> list[str | None]:
 
 
 def _short(path: str) -> str:
-    """Return what is left of a long path: its last two names say what it is."""
+    """Return the last two names of a long path."""
     return ".".join(path.split(".")[-2:])
 
 

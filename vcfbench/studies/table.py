@@ -31,7 +31,7 @@ class ColumnOf(Struct, frozen=True):
 
 
 def columns_of(rows: Sequence[RunRow], varied: Sequence[Mapping[str, Any]]) -> tuple[ColumnOf, ...]:
-    """Return the columns of `rows`: case, seed, what was varied (by label, a mapping a row), how it ended, metrics."""
+    """Return the columns of `rows`: case, seed, varied values (by label, a mapping a row), status, metrics."""
     labels = list(dict.fromkeys(label for values in varied for label in values))
     metrics = list(dict.fromkeys(name for row in rows for name in row.metrics))
     return (
@@ -63,7 +63,7 @@ def in_words(value: Any) -> str:
 
 
 def require_writable(path: Path) -> None:
-    """See that a table can be written as what the suffix of `path` says, before anything runs.
+    """Make sure that a table can be written in the format of `path`'s suffix, before anything runs.
 
     Raises:
         ConfigError: the suffix is unknown, there is no such directory, or what is needed is not installed.
@@ -81,7 +81,7 @@ def require_writable(path: Path) -> None:
 
 
 def write_table(path: Path, columns: Sequence[ColumnOf]) -> None:
-    """Write the table as what the suffix of `path` says; errors as :func:`require_writable`, BenchError of the disk."""
+    """Write the table in the format of `path`'s suffix; errors as :func:`require_writable`, BenchError of the disk."""
     written(path, _parquet(columns) if path.suffix == ".parquet" else _csv(columns))
 
 

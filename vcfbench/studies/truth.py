@@ -1,4 +1,4 @@
-"""The true values of what a calibration of a simulated gyroscope states, in closed form.
+"""True values of a calibration of a simulated gyroscope, in closed form.
 
 Lines through the true outputs of the warm gyroscope (docs/theory.md), K_Vc where two outputs are equal, a meter that
 does not load the gyroscope, rails as the run set them. So they hold for runs that let the gyroscope warm up
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Rates(Struct, frozen=True):
-    """At what a four-step calibration was done: rates of the table, levels of V_Vc, rates at which V_Vc was matched."""
+    """Settings of a four-step calibration: rates of the table, levels of V_Vc, rates at which V_Vc was matched."""
 
     table_deg_s: Sequence[float]
     levels_v: Sequence[float]
@@ -30,7 +30,7 @@ class Rates(Struct, frozen=True):
 
 
 def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
-    """Return the true values of what `run` states with an uncertainty, by name; none where no closed form is known.
+    """Return the true values of the results of `run` that have an uncertainty, by name; none without a closed form.
 
     The bench is that of `description`, which is simulated.
     """

@@ -1,4 +1,4 @@
-"""What a study varies: a dotted path into the bench file or the settings, and its values: listed, or drawn by the seed.
+"""Varied paths of a study: dotted paths into the bench file or the settings, with values listed or drawn by the seed.
 
 ``[vary]`` of a study file has a key for each path::
 
@@ -83,7 +83,7 @@ _EXPECTED = "a list, { values = }, { from =, to =, steps = }, { uniform = }, { n
 
 
 class Varied(Struct, frozen=True):
-    """A path that a study varies; `label` is what its column is called."""
+    """A path that a study varies; `label` is the name of its column."""
 
     path: str
     label: str
@@ -96,7 +96,7 @@ class Listed(Varied, frozen=True):
 
 
 class Drawn(Varied, frozen=True):
-    """With a value drawn for each seed, the same in all cases; `of` are ends, mean and deviation, or what there is."""
+    """With a value drawn for each seed, the same in all cases; `of` are ends, mean and deviation, or the choices."""
 
     law: Literal["uniform", "normal", "choice"]
     of: tuple[Any, ...]
@@ -112,7 +112,7 @@ class Drawn(Varied, frozen=True):
 
 
 def varied(table: Mapping[str, Any], source: str) -> tuple[Varied, ...]:
-    """Return what ``[vary]`` of the study file `source` says, in its order.
+    """Return the paths of ``[vary]`` of the study file `source`, in its order.
 
     Raises:
         ConfigError: a path is given twice or is none, or its values are of no known form.

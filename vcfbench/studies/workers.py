@@ -1,4 +1,4 @@
-"""Who does the runs of a study: this process, processes of its own, or a Dask cluster. All yield the same rows.
+"""Workers for the runs of a study: this process, processes of its own, or a Dask cluster. All yield the same rows.
 
 A process that dies takes its pool with it. What it may have been doing is then done again one run at a time, each in a
 process of its own making, so that a run that kills its process is found, and no other run is lost by it.
@@ -81,7 +81,7 @@ def in_processes(works: Iterable[PlannedRun], workers: int) -> Iterator[RunRow]:
 
 
 def _done(pool: ProcessPoolExecutor, queue: deque[PlannedRun], window: int, lost: list[PlannedRun]) -> Iterator[RunRow]:
-    """Yield the rows of `queue`, at most `window` of them under way; what was when a process died goes into `lost`."""
+    """Yield the rows of `queue`, at most `window` of them under way; those lost with a dead process go into `lost`."""
     running: dict[Any, PlannedRun] = {}
     while queue or running:
         try:
@@ -107,7 +107,7 @@ def _done(pool: ProcessPoolExecutor, queue: deque[PlannedRun], window: int, lost
 
 
 def _left(running: dict[Any, PlannedRun], lost: list[PlannedRun]) -> Iterator[RunRow]:
-    """Yield what was done before the pool broke; the rest is lost."""
+    """Yield the rows done before the pool broke; the rest is lost."""
     for future, work in running.items():
         try:
             yield future.result()
@@ -178,7 +178,7 @@ def on_cluster(works: Iterable[PlannedRun], address: str) -> Iterator[RunRow]:
 
 @contextmanager
 def _silent(logger: str) -> Iterator[None]:
-    """Let `logger` say nothing: what it would say is told as an error, once."""
+    """Let `logger` say nothing: its messages are told as an error, once."""
     import logging  # noqa: PLC0415  # few studies are done on a cluster
 
     said = logging.getLogger(logger)
