@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,6 +14,7 @@ import vcfbench
 from vcfbench.cli.main import app
 from vcfbench.runs.quantities import values_of
 
+ROOT = Path(__file__).parents[2]
 NUMBER = {"k_vc": "150", "k_vc_u_deg_s_per_v": 0.01}
 
 
@@ -29,6 +31,20 @@ def test_the_u95_that_is_stated_is_that_expected_within_20_percent(procedure: st
         assert each.u95 == pytest.approx(stated[each.name].u95, rel=0.2), each.name
         assert list(each.causes) == sorted(each.causes, key=lambda cause: -cause[1])
         assert {source for source, _ in each.causes} <= {source for source, _ in stated[each.name].causes}
+
+
+def test_a_field_bench_without_an_oscilloscope_has_its_u95_before_the_run(tmp_path: Path) -> None:
+    """Split and Q are then found by sines through the multimeter, which the dry run has to answer as the modes do."""
+    bench = ROOT / "examples" / "field-bench.toml"
+    settings = {"dut": "G-018", "devices": str(tmp_path)}
+    vcfbench.run("kvc", "lab", settings={**settings, "match_rates_deg_s": [50.0, 100.0, 200.0]}, runs=tmp_path)
+    settings["virtual_rates_deg_s"] = [50.0, 100.0, 200.0]  # type: ignore[assignment]
+    expected = vcfbench.dry_run("self-calibration", bench, settings=settings).expected
+    assert expected.why_none is None
+    stated = values_of(vcfbench.run("self-calibration", bench, seed=7, settings=settings, runs=tmp_path))
+    u95 = {each.name: each.u95 for each in expected.values}
+    for name in ("scale_factor", "bias", "drift.change_ppm"):
+        assert u95[name] == pytest.approx(stated[name].u95, rel=0.2), name
 
 
 def test_noise_that_the_bench_file_tells_is_taken_and_said() -> None:

@@ -248,7 +248,7 @@ def split_guess_hz(frequency_hz: ArrayLike, gain: ArrayLike) -> float:
     return float(tried[np.var(left, axis=1).argmin()])
 
 
-def split_response(frequency_hz: ArrayLike, drive_hz: float, parameters: Floats) -> Floats:
+def split_response(frequency_hz: ArrayLike, drive_hz: float, parameters: Floats | Sequence[float]) -> Floats:
     """Return |H(f)| / |H(0)| for split (Hz), Q, force and pick-off of the in-phase mode over the other, its split, lag.
 
     Both side bands of the carrier through both modes, demodulated with a phase of `lag` (rad) against the force.
@@ -258,7 +258,7 @@ def split_response(frequency_hz: ArrayLike, drive_hz: float, parameters: Floats)
     return np.asarray(np.abs(passed) / np.abs(at_rest))
 
 
-def _transfer(at: Floats, drive_hz: float, parameters: Floats) -> NDArray[np.complex128]:
+def _transfer(at: Floats, drive_hz: float, parameters: Floats | Sequence[float]) -> NDArray[np.complex128]:
     split, q, share, in_phase_split, lag = parameters
     total = np.zeros(at.shape, dtype=np.complex128)
     for part, own in ((1.0, drive_hz - split), (share, drive_hz - in_phase_split)):

@@ -48,8 +48,8 @@ class SineResponse(StepResult, Struct, frozen=True):
 class SampleSine(Step, Struct, frozen=True):
     """Sample the output while V_Vc is a sine: `samples` readings, one every `interval_s`, taken by the meter itself.
 
-    The frequency (Hz) and amplitude (V) of V_Vc stand here for the record. `split_hz` is what a dry run answers with:
-    a response that peaks there.
+    The frequency (Hz) and amplitude (V) of V_Vc stand here for the record. A dry run answers with `gain` over that at
+    rest, or where there is none with a response that peaks at `split_hz`.
     """
 
     effect: ClassVar[Effect] = Effect.MEASURES
@@ -61,6 +61,7 @@ class SampleSine(Step, Struct, frozen=True):
     samples: int
     interval_s: float
     split_hz: float
+    gain: float | None = None
 
     def describe(self) -> str:
         """Name the record."""
@@ -87,9 +88,9 @@ class SampleSine(Step, Struct, frozen=True):
         return SineResponse(self.interval_s, meter.aperture_s, meter.sampled_voltages_v())
 
     def predict(self, gyro: LinearGyro) -> SineResponse:
-        """Predict a sine with the gain of a mode at `split_hz`, without noise."""
+        """Predict a sine without noise."""
         ratio = self.frequency_hz / self.split_hz
-        gain = 1.0 / math.hypot(1.0 - ratio**2, 0.1 * ratio)
+        gain = 1.0 / math.hypot(1.0 - ratio**2, 0.1 * ratio) if self.gain is None else self.gain
         amplitude_v = gyro.scale_factor * gyro.k_vc * self.amplitude_v * gain
         step_rad = 2.0 * math.pi * self.frequency_hz * self.interval_s
         voltages_v = tuple(gyro.bias_v + amplitude_v * math.cos(n * step_rad) for n in range(self.samples))

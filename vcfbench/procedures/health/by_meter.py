@@ -78,11 +78,31 @@ def split_by_meter(settings: KnownVvcSettings, then: Characteristics) -> Routine
             continue
         yield SetSine(frequency_hz, _SINE_V)
         yield Settle(settings.settle_s, "gyro settles after the change of frequency")
-        yield SampleSine(frequency_hz, _SINE_V, _SAMPLES, sampled_every_s(frequency_hz), then.split_hz.value)
+        interval_s, gain = sampled_every_s(frequency_hz), _gain_of(then, frequency_hz)
+        yield SampleSine(frequency_hz, _SINE_V, _SAMPLES, interval_s, then.split_hz.value, gain)
     yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield from v_vc_level_again()
     yield DisableVvc()
     yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
+
+
+def _gain_of(then: Characteristics, frequency_hz: float) -> float:
+    """Return the response at a frequency over that at rest, with its filter, of a device as its certificate has it."""
+    from vcfbench.analysis.rate_band import Known, split_response  # noqa: PLC0415  # NumPy
+
+    assert then.split_hz is not None  # noqa: S101  # as above
+    assert then.q_anti_phase is not None  # noqa: S101
+    drive, far, share = (getattr(then, name) or ASSUMED[name] for name in _OF_THE_OTHER)
+    split_hz, known = then.split_hz.value, Known(drive.value, far.value)
+    force = _force(share.value, drive.value, split_hz, far.value)
+    passed = split_response(frequency_hz, drive.value, (split_hz, then.q_anti_phase.value, force, far.value, 0.0))
+    return float(passed[0] / math.sqrt(1.0 + (frequency_hz / known.low_pass_hz) ** (2 * known.low_pass_order)))
+
+
+def _force(share: float, drive_hz: float, split_hz: float, far_hz: float) -> float:
+    """Return force and pick-off of the in-phase mode over the other, by its share of what both answer at rest."""
+    stiff = [(drive_hz - each) ** 2 - drive_hz**2 for each in (far_hz, split_hz)]
+    return share / (1.0 - share) * stiff[0] / stiff[1]
 
 
 def found_by_sines(
@@ -107,8 +127,7 @@ def found_by_sines(
     def fitted(
         *, far_hz: float = far.value, part: float = share.value, lag_deg: float = 0.0, pass_hz: float = 100.0
     ) -> NearSplit:
-        stiff = [(drive.value - each) ** 2 - drive.value**2 for each in (far_hz, split)]
-        force = part / (1.0 - part) * stiff[0] / stiff[1]
+        force = _force(part, drive.value, split, far_hz)
         known = Known(drive.value, far_hz, low_pass_hz=pass_hz)
         try:
             return fit_near_split(tones, known, (split, q), (force, math.radians(lag_deg)))
