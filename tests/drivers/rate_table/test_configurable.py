@@ -13,7 +13,7 @@ from vcfbench.drivers.rate_table.configurable import ConfigurableDialect
 from vcfbench.drivers.rate_table.frames import frame_bytes, frame_text, take_frame, take_text
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.rate_table.profile import Frame, parse_profile
-from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, InterlockError, LimitError
+from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, InterlockError, LimitError, OutOfSync
 from vcfbench.testing import ScriptedWire
 
 if TYPE_CHECKING:
@@ -95,6 +95,20 @@ def test_stopping_does_not_wait_for_the_line_to_be_in_order() -> None:
     on.dirty = True
     table().hold(on, soon(on))
     assert not on.dirty
+
+
+def test_a_table_may_answer_the_line_end_that_goes_before_a_blind_stop() -> None:
+    """It may call that a mistake, and so a message that broke off; a stop that it refuses is one all the same."""
+    dialect = table(more='[refusals]\npattern = "NO.*"\n')
+    on = line(("S", "NO 7\r\nOK"), ("R", "NO 7\r\n1.5,2.0"), ("R", "1.5,2.0"), ("S", "NO 8"), ("R", "NO 9"))
+    on.dirty = True
+    dialect.hold(on, soon(on))
+    on.dirty = True
+    assert dialect.angle_deg(on, soon(on)) == 1.5
+    with pytest.raises(InstrumentError, match=r"refused \(NO 8\)"):
+        dialect.hold(on, soon(on))
+    with pytest.raises(OutOfSync, match=r"no longer belong to the questions \(no answer but 'NO 9'\)"):
+        dialect.angle_deg(on, soon(on))
 
 
 def test_an_echo_and_a_prompt() -> None:

@@ -98,7 +98,7 @@ class ConfigurableDialect:
         except LinkLost as error:
             raise line.locate(error, "resynchronise", deadline)  # noqa: B904 - the same error, now knowing where
         except (TransportError, InstrumentError) as error:
-            lost = OutOfSync("the answers no longer belong to the questions, the connection was closed")
+            lost = OutOfSync(f"the answers no longer belong to the questions ({error.what}), the connection was closed")
             raise line.locate(lost, "resynchronise", deadline) from error
         line.dirty = False
 
@@ -108,7 +108,7 @@ class ConfigurableDialect:
         for step in self.profile.commands[name]:
             self._send(line, step, {}, deadline)
             if step.expect is not None:
-                self._replies.await_reply(line, step.expect, deadline, among_others=True)
+                self._replies.await_reply(line, step.expect, deadline, out_of_order=True)
         drain(line, deadline)
 
     @property
@@ -383,9 +383,10 @@ class ConfigurableDialect:
         try:
             if line.dirty and not stopping:  # stopping does not wait for anything
                 self.resync(line, deadline)
+            out_of_order = line.dirty
             line.dirty = step.expect is not None and self.profile.stream is None
             self._send(line, step, values, within)
-            received = self._reply(line, step, within, among_others=stopping)
+            received = self._reply(line, step, within, among_others=stopping, out_of_order=out_of_order)
         except (TransportError, InstrumentError) as error:
             error.command = error.command or shown
             raise line.locate(error, shown, within) if isinstance(error, TransportError) else error  # noqa: B904
@@ -446,13 +447,13 @@ class ConfigurableDialect:
             if echoed != message.decode("latin-1").strip():
                 raise FramingError(f"expected the echo of the command, came {echoed[:60]!r}")
 
-    def _reply(self, line: TableLine, step: Step, within: Deadline, *, among_others: bool) -> Received | None:
+    def _reply(self, line: TableLine, step: Step, within: Deadline, **known: bool) -> Received | None:
         if step.expect is None:
             if self.profile.link.prompt is not None and not step.no_reply:
                 self._replies.await_prompt(line, step, within)
             return None
         try:
-            return self._replies.await_reply(line, step.expect, within, among_others=among_others, sent=step.send or "")
+            return self._replies.await_reply(line, step.expect, within, sent=step.send or "", **known)
         except DeadlineExceeded:
             if step.optional_reply:
                 return None

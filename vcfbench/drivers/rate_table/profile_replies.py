@@ -49,20 +49,37 @@ class ProfileReplies:
         return take_text(self._profile.received_frame, self._profile.link.rx_end, line, deadline)
 
     def await_reply(
-        self, line: TableLine, name: str, deadline: Deadline, *, among_others: bool = False, sent: str = ""
+        self,
+        line: TableLine,
+        name: str,
+        deadline: Deadline,
+        *,
+        among_others: bool = False,
+        out_of_order: bool = False,
+        sent: str = "",
     ) -> Received:
-        """Return the reply `name`; others are dropped if they may come late, or if `among_others`."""
+        """Return the reply `name`; others are dropped if they may come late, or if `among_others`.
+
+        Refusals are too where the line is `out_of_order`: of a torn message, or of the line end that was sent after it.
+        """
+        dropped: bytes | str = ""
         while True:
             try:
                 received = self._receive(line, name, deadline)
+            except DeadlineExceeded as error:
+                if dropped:
+                    error.what += f" but {dropped[:60]!r}"
+                raise
             except FramingError:
-                if not among_others:
+                if not (among_others or out_of_order):
                     raise
                 continue
             if isinstance(received, Received):
                 self._close_reply(line, deadline)
                 return received
-            self._require_droppable(line, received, among_others=among_others, sent=sent)
+            dropped = received
+            if not out_of_order:
+                self._require_droppable(line, received, among_others=among_others, sent=sent)
 
     def _receive(self, line: TableLine, name: str, deadline: Deadline) -> Received | bytes | str:
         """Return the next message: as a reply if it is `name`, else as it came."""
