@@ -4,6 +4,7 @@ import json
 import os
 import re
 import signal
+import socket
 import stat
 import subprocess
 import sys
@@ -86,6 +87,21 @@ def test_a_killed_process_leaves_its_instruments_free(holder: subprocess.Popen[s
         assert left_by["multimeter"].startswith(f"process {holder.pid} of ")
     with instrument_locks("lab-1", {"multimeter": METER}) as left_by:
         assert left_by == {}
+
+
+@posix
+def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(folder: Path) -> None:
+    """A socket at which somebody listens is another matter: its next owner is told who died with it."""
+    with socket.create_server(("127.0.0.1", 0)) as served, socket.create_server(("127.0.0.1", 0)) as gone:
+        served_at, gone_at = (f"socket://localhost:{each.getsockname()[1]}" for each in (served, gone))
+        for resource in (served_at, gone_at, METER):
+            with instrument_locks("lab-1", {"multimeter": resource}):
+                signed = lock_path(resource).read_text("utf-8")
+            lock_path(resource).write_text(signed.replace(f'"pid": {os.getpid()}', '"pid": 0'), encoding="utf-8")
+        gone.close()
+        with instrument_locks("lab-1", {"multimeter": "GPIB0::1::INSTR"}):
+            left = sorted(each.name for each in folder.iterdir())
+        assert left == sorted(lock_path(each).name for each in (served_at, METER, "GPIB0::1::INSTR"))
 
 
 def test_a_lock_is_given_back_and_can_be_taken_again(folder: Path) -> None:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 _VARIABLE: Final = "VCFBENCH_LOCKS"
 _SHARED: Final = ("/run/lock", "/var/lock", "/tmp")  # noqa: S108  # made for this; what others lay there is refused
+_OF_SOCKET: Final = re.compile(r"vcfbench-socket-localhost-([0-9]+)-[0-9a-f]{8}\.lock")
 _DYING_S: Final = 5.0
 """Longest wait for a process that is dying, s."""
 _FLAGS: Final = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
@@ -89,6 +90,7 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Map
         LockUnusable: a lock file cannot be used, and nobody is known to have one of the others.
     """
     keys = {resource_key(resource): (role, resource) for role, resource in resources.items()}
+    _clear_dead_servers()
     unusable: LockUnusable | None = None
     left: dict[str, str] = {}
     with ExitStack() as stack:
@@ -102,6 +104,33 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Map
         if unusable is not None:
             raise unusable
         yield left
+
+
+def _clear_dead_servers() -> None:
+    """Take away the files that dead programs have left of sockets of this computer at which nobody listens any more.
+
+    A simulated bench was served there, and is gone. Of any other instrument the next owner is told who died with it.
+    """
+    with suppress(OSError):
+        for path in lock_directory().iterdir():
+            found = _OF_SOCKET.fullmatch(path.name)
+            owner = None if found is None else _signed(path)
+            if found is None or owner is None or owner.alive() or _is_served(int(found[1])):
+                continue
+            with suppress(BenchError, OSError), _lock(path, "", "", owner.resource):
+                pass  # who gives a lock back takes its file away
+
+
+def _is_served(port: int) -> bool:
+    """Tell whether somebody listens; without a connection, for many instruments take one only."""
+    with socket.socket() as free:
+        if sys.platform != "win32":
+            free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # there it would take what others have
+        try:
+            free.bind(("127.0.0.1", port))
+        except (OSError, OverflowError):
+            return True
+    return False
 
 
 def owners_of(resources: Iterable[str]) -> dict[int, Owner]:
