@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -221,6 +222,14 @@ def test_a_format_without_its_extra_says_which_to_install(
 def test_what_cannot_be_written_is_refused(asked: dict[str, str], words: str, run: Run) -> None:
     with pytest.raises(ConfigError, match=words):
         export_run(run, **asked)  # type: ignore[arg-type]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with a name are POSIX's")
+def test_what_is_no_file_is_not_replaced_by_one(run: Run, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(ConfigError, match=r"pipe\.csv: expected a file to write, this is none"):
+        export_run(run, tmp_path / "pipe.csv")
+    assert (tmp_path / "pipe.csv").is_fifo()
 
 
 def test_the_command_says_what_it_wrote(run: Run, tmp_path: Path) -> None:

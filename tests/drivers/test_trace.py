@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -91,6 +92,26 @@ def test_other_threads_are_not_traced(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_written_is_said_before_anything_is_opened(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"--trace .*: cannot be written: Is a directory"), traced(tmp_path):
         pytest.fail("the trace was begun")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with a name are POSIX's")
+def test_a_pipe_keeps_nothing_from_beginning_or_going_on(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match=r"cannot be written: No such device"), traced(tmp_path / "pipe"):
+        pytest.fail("nobody reads it")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    clock = VirtualClock()
+
+    def speak_at_length() -> None:
+        with traced(tmp_path / "pipe"):
+            for _ in range(1000):  # more than a pipe holds
+                speak(ScriptedWire(EXCHANGE, clock=clock), clock)
+
+    try:
+        with pytest.raises(BenchError, match="is not whole: write could not complete without blocking"):
+            speak_at_length()
+    finally:
+        os.close(reader)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")

@@ -9,6 +9,7 @@ escaped as ``\n``, ``\r``, ``\t``, ``\\`` and ``\xNN``; docs/console.md has the 
 
 from __future__ import annotations
 
+import os
 import re
 import threading
 from contextlib import contextmanager
@@ -104,7 +105,8 @@ def traced(path: Path | str | None) -> Iterator[None]:
         yield
         return
     try:
-        file = open(path, "w", encoding="ascii", buffering=1)  # noqa: PTH123, SIM115 - None of it is to be lost
+        # line by line: none of it is to be lost
+        file = open(path, "w", encoding="ascii", buffering=1, opener=_opened)  # noqa: SIM115
     except (OSError, ValueError) as error:
         raise ConfigError(f"--trace {path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
     trace = _Trace(file)
@@ -117,6 +119,11 @@ def traced(path: Path | str | None) -> Iterator[None]:
         trace.failure = _closed(file) or trace.failure
     if trace.failure is not None:
         raise BenchError(f"the trace {path} is not whole: {trace.failure.strerror or trace.failure}")
+
+
+def _opened(path: str, flags: int) -> int:
+    """Open without waiting for who reads a pipe, and never to wait for its room: a run does not stop for its trace."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 
 def _closed(file: TextIO) -> OSError | None:

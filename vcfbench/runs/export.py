@@ -97,6 +97,8 @@ def export_run(
     written_as = _format(file, format)
     table = replace((_readings if raw else _points)(directory), progress=progress)
     path = Path(f"{directory.run}-{table.name}.{written_as}" if file is None else file)
+    if path.exists() and not path.is_file():  # replacing it would take a device away
+        raise ConfigError(f"{shown(path)}: expected a file to write, this is none")
     draft = path.with_name(f".{path.name}.draft")
     try:
         try:
