@@ -1,1 +1,1 @@
-"""Procedures: what is calibrated, in which order, and what comes of it."""
+"""Procedures: quantities to calibrate, the order of their steps, and their results."""

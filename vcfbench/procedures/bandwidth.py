@@ -59,7 +59,7 @@ _TIME_BASE = 20e-6
 """33220A: frequency within 20 ppm a year (data sheet, unverified), rectangular."""
 _DRIVE_RECORDS = 8
 _PAPER_Q = 1224.0
-"""Of the sense modes of the paper's gyroscope: what a dry run goes by."""
+"""Quality factor of the sense modes of the paper's gyroscope: assumed in a dry run."""
 _PAPER_LAG_RAD = math.radians(0.5)
 """The same of its demodulator."""
 
@@ -94,7 +94,7 @@ class BandwidthSettings(KeptSettings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Bandwidth:
-    """What `bandwidth` finds; frequencies of the response without the low-pass filter, which is divided out.
+    """Result of `bandwidth`; frequencies of the response without the low-pass filter, which is divided out.
 
     `q` is that of the anti-phase sense mode; `peak_gain` is over the static gain. `static_gain_v_per_v` rests on the
     generator's setting and has no uncertainty. `chi_square` over `dof` tells how well the closed form fits; lack of
@@ -119,7 +119,7 @@ class Bandwidth:
     u_gain_v_per_v: tuple[float, ...]
     residual: tuple[float, ...]
     phase: tuple[PhasePoint, ...] = ()
-    """Where the oscilloscope sees V_Vc and the output; else none."""
+    """Phase of the output against V_Vc, where the oscilloscope sees both; else empty."""
 
 
 NOT_HELD = (
@@ -182,7 +182,7 @@ def _swept(settings: BandwidthSettings) -> Routine[list[tuple[float, SineRespons
 
 
 def _measurable(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> list[float]:
-    """Return the frequencies, rising, that a record tells from the mains: what its leads pick up is a tone as well."""
+    """Return the frequencies, rising, that a record tells from the mains: its pick-up is a tone as well."""
     mains_hz, samples = settings.station.mains_hz, settings.record_samples
     return sorted(each for each in frequencies_hz if each <= HIGHEST_HZ and stands_off_mains(each, mains_hz, samples))
 
@@ -254,7 +254,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
 def _foreseen_tones(
     settings: BandwidthSettings, steps: Sequence[SampleSine], known: Known, white_v_sqrt_s: float
 ) -> list[Tone]:
-    """Return the sines that the paper's gyroscope will show, and their noise: what passes its modes, folded."""
+    """Return the sines that the paper's gyroscope will show, and their noise: passed by its modes, and folded."""
     from vcfbench.analysis.rate_band import foreseen_tone  # noqa: PLC0415  # as above
 
     gyro = settings.expected_gyro()
@@ -325,7 +325,7 @@ def _quantity(value: float, unit: str, noise_dof: float, **parts: float) -> Meas
 
 
 def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) -> Report:
-    """Report the figures, the response with its fit, and what the fit leaves."""
+    """Report the figures, the response with its fit, and the residuals."""
     named = {
         "mode split": found.split_hz,
         "Q of the sense mode": found.q,
@@ -376,7 +376,7 @@ def _made_of(quantity: Measurand) -> str:
 
 
 def characteristics(found: Bandwidth) -> Characteristics:
-    """Return what K_Vc depends on of what a sweep found; it knows one Q of both modes."""
+    """Return the characteristics that K_Vc depends on, as a sweep found them; it knows one Q of both modes."""
     from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
 
     return Characteristics(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
-    """What procedures are told whose budgets have the flicker of the device."""
+    """Settings of procedures with the flicker of the device in their budgets."""
 
     outdated: Annotated[bool, Meta(description="whether what is known may be used that is out of date")] = False
 
@@ -50,7 +50,7 @@ def with_flicker(sources: Sources, found: Mapping[str, Any]) -> Sources:
 
 
 def flicker_sources(store: DeviceStore, serial: str, now: datetime, *, outdated: bool) -> Mapping[str, Any]:
-    """Return what is known of the flicker of a device by the keys of `Sources`; nothing without a static record.
+    """Return the known flicker of a device by the keys of `Sources`; nothing without a static record.
 
     It goes before what the bench file tells, which is of no one device.
 

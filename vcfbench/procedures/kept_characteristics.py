@@ -1,4 +1,4 @@
-"""What a procedure finds of what K_Vc depends on, kept under the device's name for its next certificate."""
+"""Characteristics that K_Vc depends on, kept under the device's name for its next certificate."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
-    """What procedures are told that keep what they find of a device."""
+    """Settings of procedures that keep characteristics of a device."""
 
     def recalled(self) -> Self:
         """See that it can be kept under the device's name, where one is given."""
@@ -42,7 +42,7 @@ def require_room(settings: _Named) -> None:
 
 
 class Keeps(Struct, frozen=True):
-    """Makes the entry of what a procedure found; `found` returns that of settings and results, None for nothing."""
+    """Makes the device entry of a procedure; `found` returns that of settings and results, None for nothing."""
 
     procedure: str
     found: Callable[[Any, Any], Characteristics | None]

@@ -1,4 +1,4 @@
-"""What can be set of a procedure: its keys with default, range and meaning, as help and error messages name them."""
+"""Settable keys of a procedure, with default, range and meaning, as help and error messages name them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class SettableKey(Struct, frozen=True):
-    """One key: `path` as ``--set`` takes it, `default` in TOML (empty when it has none), and what is said of it.
+    """One key: `path` as ``--set`` takes it, `default` in TOML (empty when it has none), and its description.
 
     `option` is what the command's own option for it is called, empty when it has none.
     """
@@ -30,7 +30,7 @@ class SettableKey(Struct, frozen=True):
 
 
 def settable_keys(kind: type[ProcedureSettings]) -> Iterator[SettableKey]:
-    """Yield every key of settings of `kind`, those of tables within one by one; what the station gives is none."""
+    """Yield every key of settings of `kind`, those of tables within one by one; keys of the station are none."""
     for field in structs.fields(kind):
         if field.name != "station":
             yield from _keys(field, ())
@@ -60,7 +60,7 @@ def _option(name: str, option: object) -> str:
 
 
 def _expected(node: inspect.Type) -> str:
-    """Say what a value is; of a list also what each number in it is."""
+    """Describe the expected value; of a list also each number in it."""
     items = node.item_types if isinstance(node, inspect.TupleType) else ()
     item = node.item_type if isinstance(node, inspect.VarTupleType) else next(iter(items), None)
     limits = expectation(item).removeprefix("a number") if isinstance(item, inspect.FloatType) else ""

@@ -40,7 +40,7 @@ S = TypeVar("S", bound=ProcedureSettings)
 
 
 def asked_in_python(settings: Mapping[str, Any]) -> Layer:
-    """Return what a script asks for: ``settings={...}``; numbers and arrays of numpy are taken as Python's.
+    """Return the request of a script: ``settings={...}``; numbers and arrays of numpy are taken as Python's.
 
     Raises:
         ConfigError: it is no mapping of texts to values.
@@ -97,7 +97,7 @@ def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:
 
 
 def with_settings(description: BenchDescription, settings: ProcedureSettings) -> BenchDescription:
-    """Return the bench with `settings` in place of what its ``[procedure]`` says to every procedure."""
+    """Return the bench with `settings` in place of its ``[procedure]`` settings for all procedures."""
     shared = plain_settings(settings, setting_keys(ProcedureSettings))
     return structs.replace(description, procedure_table={**description.procedure_table, **shared})
 
@@ -109,7 +109,7 @@ def plain_settings(settings: ProcedureSettings, keys: Sequence[str]) -> dict[str
 
 
 def check_tables(description: BenchDescription, source: str) -> None:
-    """Check ``[procedure]`` and what it says to single procedures.
+    """Check ``[procedure]`` and its tables for single procedures.
 
     A table ``[procedure.NAME]`` of a procedure that is not installed is checked when it is run.
 
@@ -143,7 +143,7 @@ def _addressed(own: Mapping[str, Any], source: str) -> Iterator[AnyProcedure]:
 
 
 def layers_of(procedure: AnyProcedure, description: BenchDescription, source: str) -> list[Layer]:
-    """Return what the bench file `source` says to `procedure`: what it says to all, then what to this one."""
+    """Return the settings of the bench file `source` for `procedure`: those for all, then those for this one."""
     own = description.procedure_table.get(procedure.name, {})
     path = ("procedure", procedure.name)
     if not isinstance(own, dict):
@@ -163,7 +163,7 @@ def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
 
 
 def _station(description: BenchDescription) -> Station:
-    """Return what the bench file says of its place; the meter's resolution depends on what is chosen."""
+    """Return the station by the bench file; the meter's resolution depends on the chosen settings."""
     return Station(
         instruments=_placed(description),
         meters=_meters(description),
@@ -184,7 +184,7 @@ def _placed(description: BenchDescription) -> dict[str, PlacedInstrument]:
 
 
 def _meters(description: BenchDescription) -> dict[str, MeterKnown]:
-    """Return what is known of the voltmeters by role, of those of which there is anything beside the data sheet."""
+    """Return the known corrections of the voltmeters by role, if any beside the data sheet."""
     parts = {role: getattr(description, role) for role in ("multimeter", "v_vc_meter")}
     known = {role: _meter_known(description, part) for role, part in parts.items() if part is not None}
     return {role: each for role, each in known.items() if each != MeterKnown()}
@@ -229,7 +229,7 @@ def _sheet_of(part: Any) -> Any:
 
 
 def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Sources:
-    """Return what uncertainties come from; ConfigError when the age told of a meter is beyond its data sheet."""
+    """Return the sources of uncertainty; ConfigError when the stated age of a meter is beyond its data sheet."""
     known = structs.asdict(description.uncertainty)
     left_open = {key: each for key, each in WORST_OF_CLASS.items() if known[key] is None}
     known |= {key: each.value for key, each in left_open.items()}
@@ -254,7 +254,7 @@ def _assumed_words(taken: Assumed) -> str:
 
 
 def _meter_sources(description: BenchDescription, role: str, short: str, range_v: float) -> dict[str, Any]:
-    """Return what the meter of `role` contributes, by the keys of :class:`Sources`, which begin with `short`."""
+    """Return the contributions of the meter of `role`, by the keys of :class:`Sources`, which begin with `short`."""
     key = _AGE_KEYS[role]
     age_days, age_from = _age_days(description, role, key)
     sources: dict[str, Any] = {key: age_days, _from(key): age_from}
@@ -297,14 +297,14 @@ def meter_worth(
 
 
 def _meter_known(description: BenchDescription, part: Any) -> MeterKnown:
-    """Return what is known of a voltmeter beside its data sheet."""
+    """Return the known corrections of a voltmeter beside its data sheet."""
     low_c, high_c = ROOM_C
     ambient_c = description.site.ambient_c or ROOM_C
     return MeterKnown(max(0.0, low_c - min(ambient_c), max(ambient_c) - high_c), part.calibration)
 
 
 def _room_words(ambient_c: tuple[float, float] | None) -> str:
-    """Say what the room is, where that counts or nobody told it."""
+    """Describe the room's temperature, where that counts or is not stated."""
     low_c, high_c = ROOM_C
     if ambient_c is None:
         return f"; room assumed within {low_c:g} to {high_c:g} degC (site.ambient_c)"
@@ -339,7 +339,7 @@ def _age_days(description: BenchDescription, role: str, key: str) -> tuple[float
 
 
 def _generator_sources(description: BenchDescription) -> dict[str, Any]:
-    """Return what the generator contributes; without a data sheet as a 33220A, the worst that is known."""
+    """Return the contributions of the generator; without a data sheet as a 33220A, the worst known."""
     if description.rate_source is None:
         return {}
     sheet: LevelSpecification = _sheet_of(description.rate_source) or AGILENT_33220A

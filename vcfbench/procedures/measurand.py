@@ -1,4 +1,4 @@
-"""Measured values as they are reported: one combined uncertainty, what it is made of, what it holds and what not."""
+"""Measured values as they are reported: one combined uncertainty, its contributions, and its omissions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class UncertaintyPart:
-    """What one source puts into a standard uncertainty, in the unit of the value; the sign is that of its effect.
+    """Contribution of one source to a standard uncertainty, in the unit of the value; the sign is that of its effect.
 
     `of` says whose it is where other results have the same, so that it cancels between them: an instrument, a
     certificate. None is this result's own.
@@ -36,7 +36,7 @@ class UncertaintyPart:
     dof: float | None = None
     of: str | None = None
     rectangular: bool = False
-    """Whether any value within a limit is as likely; else it is normal, or Student's t."""
+    """True if any value within a limit is as likely; else it is normal, or Student's t."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Measurand:
     """The largest first."""
     complete: bool = True
     missing: tuple[str, ...] = ()
-    """What `u` is without because nobody tells it; none where it is complete."""
+    """Contributions that `u` lacks because nobody tells them; none where it is complete."""
 
     def printed(self) -> tuple[Cell, Cell, Cell]:
         """Return value, u and U95 as they are printed: two digits of either, the value to the last one of u."""
@@ -122,5 +122,5 @@ def budget_table(name: str, found: Measurand) -> Table:
 
 
 def _shown(part: UncertaintyPart, found: Measurand) -> float:
-    """Return the u of a part; what rounding alone leaves of a part that cancels is none."""
+    """Return the u of a part; a remainder of rounding, where a part cancels, is none."""
     return abs(part.u) if abs(part.u) > _ROUNDING * found.u else 0.0

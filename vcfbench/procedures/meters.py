@@ -1,4 +1,4 @@
-"""What the certificate of a voltmeter makes of its readings on a range."""
+"""Corrections of a voltmeter's readings on a range by its certificate."""
 
 from __future__ import annotations
 
@@ -79,4 +79,4 @@ def _line(own: Sequence[CalibrationPoint]) -> tuple[tuple[float, float], tuple[f
 
 
 _LEAST_V = 1e-12
-"""Of a standard uncertainty: a certificate that states none at a level makes no other level worthless."""
+"""Least standard uncertainty: a certificate that states none at a level makes no other level worthless."""

@@ -61,7 +61,7 @@ def file_of(procedure: AnyProcedure) -> dict[str, str] | None:
 
 
 def mistake_in(error: BaseException) -> str:
-    """Say what `error`, of code that is not ours, is, with the innermost file and line of such code."""
+    """Describe `error`, of code that is not ours, with the innermost file and line of such code."""
     if isinstance(error, SyntaxError) and error.filename is not None:
         return f"{shown(error.filename)}, line {error.lineno}: {_words(error)}"
     places = [(file, line) for file, line in _places(error) if not file.startswith((_OURS, "<"))]
@@ -69,7 +69,7 @@ def mistake_in(error: BaseException) -> str:
 
 
 def mistake_of(procedure: AnyProcedure, error: BaseException) -> PlanError | None:
-    """Return what to say of `error` if it is a mistake in the code of `procedure`; None for any other."""
+    """Return `error` as a PlanError if it is a mistake in the code of `procedure`; None for any other."""
     files = _files_of(procedure)
     places = [(file, line) for file, line in _places(error) if file in files]
     if isinstance(error, BenchError) or not isinstance(error, Exception) or not places:

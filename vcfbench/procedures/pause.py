@@ -1,4 +1,4 @@
-"""What is done around a pause of a run: the bench to rest and looked at, later looked at again, and all as it was.
+"""Steps around a pause of a run: the bench to rest and looked at, later looked at again, and all as before.
 
 Between pause and going on the rails stay on, so that the gyroscope stays warm. The output at rest with V_Vc off is read
 before and after: by what it moved everything later is counted from a new reference.
@@ -47,13 +47,13 @@ _AT_REST: Final = frozenset(
         *("multimeter", "V_Vc meter", "oscilloscope"),
     }
 )
-"""What may be set otherwise since a measurement, and the output at rest with V_Vc off be the same."""
+"""Subjects that may be set otherwise since a measurement, and the output at rest with V_Vc off be the same."""
 _WINDOWS: Final = 2
-"""So many times the readings of a window of the run: what is counted from the reference has its noise too."""
+"""Length of the reference, in windows of the run: values counted from the reference have its noise too."""
 
 
 class AroundPause(Struct, frozen=True):
-    """The steps around a pause of a run with these settings; `drifts` tells that drift is what the run measures."""
+    """The steps around a pause of a run with these settings; `drifts` tells that drift is the run's measurand."""
 
     settings: ProcedureSettings
     drifts: bool = False
@@ -84,13 +84,13 @@ class AroundPause(Struct, frozen=True):
         return answer((yield VerifyZero(0, 0.0, 0.0, 0.0 if held else None, **window)), Window)
 
     def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
-        """Set again what was `disturbed` by the pause, and wait what is waited after it."""
+        """Set again all that was `disturbed` by the pause, and wait as after a setting."""
         yield from set_again(done, disturbed)
         if disturbed - {"multimeter"}:
             yield Settle(self.settings.settle_s, "gyro settles as it did before the pause")
 
     def moved(self, done: Sequence[Step], before: Window, after: Window) -> Moved:
-        """Return by how much the output moved from `before` to `after`, and what of it may be noise and drift."""
+        """Return the shift of the output from `before` to `after`, and the limit of its noise and drift."""
         settings, limits = self.settings, Limits.of(self.settings)
         one, other = before.point, after.point
         dof = one.n + other.n - 2
@@ -109,13 +109,13 @@ class AroundPause(Struct, frozen=True):
 
 
 def _last(done: Sequence[Step], *kinds: type[Step], subject: str) -> type[Step] | None:
-    """Return which of `kinds` was done last of all that sets `subject`; what else sets it counts as the other."""
+    """Return the last one of `kinds` that set `subject`; another setter of it counts as the other kind."""
     step = next((step for step in reversed(done) if subject in step.sets), None)
     return next((kind for kind in kinds if isinstance(step, kind)), None)
 
 
 def _is_comparable(done: Sequence[Step]) -> bool:
-    """Tell whether something was measured since the rails, the temperature, or what hands do, were changed."""
+    """Tell whether something was measured since rails, temperature or manual settings were changed."""
     changed = _powered(done)
     for place, step in enumerate(done, 1):
         if step.effect is Effect.SETS and not _AT_REST.issuperset(step.sets):

@@ -62,7 +62,7 @@ _SURE = 5.0
 _LEAST = 0.2
 """Part of the response that is expected below which there is none."""
 _ANY_V = 1e3
-"""Of what a meter on V_Vc reads here nothing is asked: its sign is what is looked for."""
+"""Tolerance of a meter on V_Vc here, without any demand: its sign is the question."""
 
 What = Literal["table", "V_Vc", "bias", "meter on V_Vc", "carrier"]
 
@@ -78,7 +78,7 @@ CAUSES: Mapping[str, frozenset[What]] = MappingProxyType(
         "the sense pick-off is turned by half a cycle": frozenset({"table", "V_Vc"}),
     }
 )
-"""What can be the wrong way round, and which signs it turns."""
+"""Possible reversals, and the signs that each turns."""
 DEMODULATED: frozenset[str] = frozenset(name for name, turned in CAUSES.items() if turned == {"table", "V_Vc"})
 """These turn the bias too where it is quadrature rather than the output stage's offset, which nobody knows here."""
 
@@ -98,11 +98,11 @@ class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
 
     @property
     def has_table(self) -> bool:
-        """Whether the bench has a table."""
+        """True if the bench has a table."""
         return self.station.limits.max_rate_deg_s is not None
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
+        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         limit_deg_s = self.station.limits.max_rate_deg_s
         if limit_deg_s is not None and self.polarity_rate_deg_s > limit_deg_s:
@@ -111,7 +111,7 @@ class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """One sign: what was put in, the response per unit of it, and whether it is as expected.
+    """One sign: its input, the response per unit of it, and whether it is as expected.
 
     `found` is 0 where there is no response. `u_response` is what the scatter of the readings leaves; whether a sign is
     sure is all that it is for. Of the carrier the response is its phase against the drive, read once.
@@ -126,13 +126,13 @@ class Sign:
 
     @property
     def right(self) -> bool:
-        """Whether it is as expected."""
+        """True if it is as expected."""
         return self.found == self.expected
 
 
 @dataclass(frozen=True, slots=True)
 class PolarityResult:
-    """The signs, how many are wrong or not there, and what explains them.
+    """The signs, the number of wrong or missing ones, and their explanation.
 
     Each of `causes` alone does: the fewest faults. Each of `look_alikes`, two faults at once, shows the same signs;
     where no sign is wrong, these undo each other.
@@ -145,7 +145,7 @@ class PolarityResult:
     expected_from: str
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what is judged."""
+        """Return the judged values."""
         return {"wrong_signs": float(self.wrong_signs)}
 
 
@@ -242,7 +242,7 @@ def _require_responses(settings: PolaritySettings, points: Sequence[Point]) -> N
 
 
 def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
-    """Return the signs, and what explains those that are wrong."""
+    """Return the signs, and the explanation of the wrong ones."""
     signs = [*_responses(settings, points), *_bias(settings, points)]
     if _carrier_has_a_sign(settings):
         *_, (_, drive) = points.found(DriveReading)
@@ -261,7 +261,7 @@ def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
 
 
 def _responses(settings: PolaritySettings, points: Sequence[Point]) -> list[Sign]:
-    """Return the signs of what was turned and driven."""
+    """Return the signs of the responses to table and V_Vc."""
     gyro = settings.expected_gyro()
     driven = [point for point in points if point.step == DRIVEN]
     signs = [
@@ -285,7 +285,7 @@ def _u_v_vc(point: Point) -> float:
 
 
 def _sign(what: What, seen: Sequence[tuple[float, float, float]], expected: float, unit: str) -> Sign:
-    """Return the sign of the slope through what was put in, what came out, and its uncertainty."""
+    """Return the sign of the slope through inputs, outputs and their uncertainties."""
     swing = math.fsum(abs(x) for x, _, _ in seen)
     response = math.fsum(math.copysign(1.0, x) * y for x, y, _ in seen) / swing
     u = math.sqrt(math.fsum(each**2 for _, _, each in seen)) / swing
@@ -309,7 +309,7 @@ def _bias(settings: PolaritySettings, points: Sequence[Point]) -> list[Sign]:
 
 
 def _silence(silent: Sequence[What]) -> tuple[str, ...]:
-    """Say what may be loose where there is no response."""
+    """Name the leads that may be loose where there is no response."""
     if "table" in silent and "V_Vc" in silent:
         return ("the output does not move: a lead of the multimeter is off, or the gyroscope does not run",)
     loose: dict[What, str] = {
@@ -323,9 +323,9 @@ def _silence(silent: Sequence[What]) -> tuple[str, ...]:
 
 
 def _explained(wrong: set[What], seen: set[What]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return what turns just the signs that are wrong, of those that were seen: the fewest causes, each choice a line.
+    """Return the fewest causes that turn just the wrong signs, of those that were seen, each choice a line.
 
-    Besides, what does it with two faults where one would do, or none. Two that turn the same sign leave it as it was.
+    Besides, those with two faults where one would do, or none. Two that turn the same sign leave it as it was.
     """
     by_count: list[tuple[str, ...]] = [() if wrong else ("",)]  # no fault at all
     for count in range(1, len(CAUSES) + 1):
@@ -350,7 +350,7 @@ def _shows(chosen: Sequence[str], wrong: set[What], seen: set[What]) -> bool:
 
 
 def report(settings: PolaritySettings, _points: Sequence[Point], found: PolarityResult) -> Report:
-    """Report each sign, and what explains those that are wrong."""
+    """Report each sign, and the explanation of the wrong ones."""
     words = {-1: "-", 0: "no response", 1: "+"}
     columns = (
         *(Column("sign of the output for", align="left"), Column("expected"), Column("found")),

@@ -1,4 +1,4 @@
-"""What a procedure is: one object, from which come its command, its settings in the bench file, its record."""
+"""A procedure as one object: the source of its command, its settings in the bench file, its record."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ R = TypeVar("R")
 PAPER_NEEDS: Mapping[str, type] = MappingProxyType(
     {"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage, "rate_table": Rotates}
 )
-"""What the calibrations of the paper cannot do without, by role: what the instrument must be able to do."""
+"""Roles that the calibrations of the paper need, each with the necessary capability."""
 
 PAPER_USES: Mapping[str, type] = MappingProxyType({"oscilloscope": MeasuresWaveforms})
-"""What they look at the drive signal with; without it they say that it was not checked."""
+"""Instrument that they look at the drive signal with; without it they say that it was not checked."""
 
 
 class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
@@ -85,7 +85,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
             )
 
     def _require_capabilities(self, asked: object, what: str) -> None:
-        """Refuse what names no role, or asks of one what is no capability: it would be found with the bench."""
+        """Refuse unknown roles and capabilities: else they would fail with the bench."""
         roles = (*ROLES, "rate_table")
         words = f"procedure {self.name!r}: {what}: expected a capability by role, as in {{'power': PowersRails}}"
         if not isinstance(asked, Mapping):
@@ -101,16 +101,16 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
 
 
 class Provenance(Struct, frozen=True):
-    """Where and when results were made, for what is kept of a device."""
+    """Origin of results, for the device store."""
 
     bench: str
     run: str
     simulated: bool
     instruments: Mapping[str, str]
-    """Who measured, by role: maker, model, serial number and firmware as they answered."""
+    """Measuring instruments by role: maker, model, serial number and firmware as they answered."""
     finished: datetime
     verdict: Literal["pass", "marginal", "fail"] | None
-    """That of the acceptance limits, None where nothing was judged."""
+    """Verdict on the acceptance limits, None where nothing was judged."""
 
 
 AnyProcedure = Procedure[Any, Any]

@@ -27,7 +27,7 @@ def as_resolved(description: BenchDescription) -> dict[str, Any]:
 
 
 def _resolved_table(description: BenchDescription) -> dict[str, Any]:
-    """Return ``[procedure]`` with every key: what all share, and for each installed procedure a table of its own.
+    """Return ``[procedure]`` with every key: the shared ones, and for each installed procedure a table of its own.
 
     That table also holds the shared keys for which the procedure has a value of its own.
     """

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 _SENSE_RECORD, _DRIVE_RECORD = (0.05, 20_000), (0.02, 50_000)
 """Time base (s/div) and points of the records: half a second and a fifth."""
 _LARGEST_V = 10.0
-"""What no node of the PCB exceeds: its rails."""
+"""Voltage that no node of the PCB exceeds: its rails."""
 
 
 class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
@@ -106,7 +106,7 @@ class CaptureDecay(Step):
     expected: SenseDecay
 
     def describe(self) -> str:
-        """Name what is captured."""
+        """Name the captured signal."""
         return "oscilloscope: the sense modes ring down"
 
     def perform(self, context: Context) -> SenseDecay:
@@ -130,7 +130,7 @@ class CaptureDecay(Step):
         return SenseDecay(drive_hz, tuple(RingingMode(each.frequency_hz, each.q, each.amplitude) for each in modes))
 
     def predict(self, gyro: LinearGyro) -> SenseDecay:
-        """Predict what is expected."""
+        """Predict the expected decay."""
         del gyro
         return self.expected
 
@@ -166,7 +166,7 @@ class ReleaseDrive(Step):
     drive_hz: float
 
     def describe(self) -> str:
-        """Say what is done."""
+        """Describe the action."""
         return "supply outputs off; oscilloscope: the drive rings down"
 
     def perform(self, context: Context) -> DriveDecay:
@@ -192,7 +192,7 @@ class ReleaseDrive(Step):
 
 @dataclass(frozen=True, slots=True)
 class Resonances:
-    """What `resonance` finds, by ring-down and by sweep; a quantity that was not seen is null.
+    """Result of `resonance`, by ring-down and by sweep; a quantity that was not seen is null.
 
     `drive_hz` is that of the loop, locked; `drive_ring_down_hz` and `drive_q` those of the drive once it is let go;
     `why_no_drive` says why they are null. `sense_...` is the anti-phase mode. The splits are drive less sense
@@ -290,7 +290,7 @@ def results(settings: ResonanceSettings, measured: Measured) -> Resonances:
 
 
 def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[DriveDecay]) -> Resonances:
-    """Return the resonances by either way; what was not seen every time is not reported."""
+    """Return the resonances by either way; a quantity that was not seen every time is not reported."""
     seen = [found for found in released if not found.trouble]
     drive_hz = _frequency([found.drive_hz for found in decays])
     anti_phase = [found.modes[0] for found in decays]
@@ -365,7 +365,7 @@ def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances)
 
 
 def resonance_characteristics(_settings: ResonanceSettings, found: Resonances) -> Characteristics:
-    """Return what K_Vc depends on of it: the in-phase mode as well where it was seen to ring down."""
+    """Return the characteristics that K_Vc depends on: the in-phase mode as well where it was seen to ring down."""
     from msgspec import structs  # noqa: PLC0415  # few name a device
 
     apart = None

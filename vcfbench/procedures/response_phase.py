@@ -60,7 +60,7 @@ def phase_channels(settings: ProcedureSettings) -> tuple[int, int] | None:
 def phases_of(
     settings: ProcedureSettings, amplitude_v: float, found: Sequence[tuple[float, SineResponse]]
 ) -> Routine[None]:
-    """Capture V_Vc and output at each frequency; what the meter has `found` there says how large the output is."""
+    """Capture V_Vc and output at each frequency; the meter's samples `found` there tell the output's size."""
     channels = phase_channels(settings)
     if channels is None:
         return

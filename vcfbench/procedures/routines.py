@@ -1,4 +1,4 @@
-"""What every work instruction does: power up, check the drive, go to a rate, take a point, shut down."""
+"""Common parts of work instructions: power up, check the drive, go to a rate, take a point, shut down."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def rails_on(settings: ProcedureSettings) -> Routine[None]:
 
 
 def rails_of(settings: ProcedureSettings) -> tuple[ConfigureRail, ...]:
-    """Return what each rail is set to."""
+    """Return the setting of each rail."""
     return tuple(ConfigureRail(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a) for rail in settings.rails)
 
 
@@ -109,7 +109,7 @@ def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:
 def take(
     settings: ProcedureSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None = None
 ) -> Routine[Point]:
-    """Average one window and return its point; `table_deg_s` is what the table must read back, None asks no table."""
+    """Average one window and return its point; `table_deg_s` is the table's due readback, None asks no table."""
     grid = window_grid(settings, table_deg_s or 0.0)
     window = {**window_of(settings), "samples": grid.samples, "interval_s": grid.interval_s}
     acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window)
@@ -117,7 +117,7 @@ def take(
 
 
 def take_reference(settings: ProcedureSettings, step: int, v_vc_v: float = 0.0) -> Routine[Point]:
-    """Average one window at rest, V_Vc as it is, and return what it gives; it is for comparison and no point."""
+    """Average one window at rest, V_Vc as it is, and return its mean, which is for comparison and no point."""
     verify = VerifyZero(step, 0.0, v_vc_v, 0.0, **window_of(settings))
     return answer((yield verify), Window).point
 
@@ -144,7 +144,7 @@ def require_alive(settings: ProcedureSettings, point: Point) -> None:
 
 
 def window_of(settings: ProcedureSettings) -> dict[str, Any]:
-    """Return what all windows of a run have in common."""
+    """Return the common settings of all windows of a run."""
     return {
         "tolerance_deg_s": settings.rate_tolerance_deg_s,
         "rails": rails_of(settings),

@@ -1,4 +1,4 @@
-"""How sines are sampled, and how well time is known: what `bandwidth`, `vibration` and others have in common."""
+"""Sampling of sines, and the accuracy of its time base: common parts of `bandwidth`, `vibration` and others."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def table_sweep(settings: SweepSettings, step: int, earlier: Sequence[Point] = (
 
 
 def _announced(settings: SweepSettings) -> Routine[None]:
-    """Say in what order, and at which rates windows of whole turns cannot be."""
+    """Note the order of the rates, and those where windows of whole turns cannot be."""
     if words := sweep_words(settings):
         yield Note(f"The rates{words}")
     if settings.whole_turns:
@@ -94,13 +94,13 @@ def _announced(settings: SweepSettings) -> Routine[None]:
 
 
 class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
-    """What a calibration on the rate table came to: its one column."""
+    """Result of a calibration on the rate table: its one column."""
 
     uncertainty: Statement | None = None
     """Combined uncertainties; None where only the points of the run are known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits, by its keys."""
+        """Return the values that ``[acceptance]`` limits, by its keys."""
         return acceptance_values(self)
 
     def acceptance_u95(self) -> Mapping[str, float]:
@@ -139,7 +139,7 @@ def _results(settings: SweepSettings, points: Sequence[Point]) -> TurntableResul
 
 
 def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:
-    """Report a turntable calibration: its column, its line, and what it leaves over."""
+    """Report a turntable calibration: its column, its line, and its residuals."""
     points = [point for point in points if point.step == 1]
     columns = (Column("Omega_z", "deg/s", "g"), Column("output", "V", ".5f"), Column("s", "V", ".1e"))
     rows = [(p.rate_deg_s, p.output_v, p.std_v) for p in points]

@@ -1,4 +1,4 @@
-"""The virtual vibration: a rate that vibrates, by the second generator, and what the output makes of it.
+"""The virtual vibration: a rate that vibrates, by the second generator, and the output's response.
 
 The paper's bench has a second generator for a virtual vibration rate; here its sine is added to V_Vc, on which the
 first generator stands at 0 V. What the output should make of it follows from its response to a direct V_Vc, taken in
@@ -73,7 +73,7 @@ Hertz = Annotated[float, Meta(ge=0.3, le=HIGHEST_HZ)]
 
 
 class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
-    """What the vibration is told; split and Q as `bandwidth` finds them, with their standard uncertainties."""
+    """Settings of the vibration; split and Q as `bandwidth` finds them, with their standard uncertainties."""
 
     warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
     vibration_hz: Annotated[
@@ -102,7 +102,7 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     @property
     def v_vc_is_measured(self) -> bool:
-        """Whether the bench has a meter on V_Vc."""
+        """True if the bench has a meter on V_Vc."""
         return "v_vc_meter" in self.station.instruments
 
     @property
@@ -114,7 +114,7 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class VibrationResponse:
-    """What the output made of one vibration.
+    """Response of the output to one vibration.
 
     `response` is that of the output to V_Vc over that at rest, as measured; `expected` that of the closed form.
     `virtual_rate_deg_s` is the amplitude by the K_Vc that the bench expects, for orientation.
@@ -144,7 +144,7 @@ class VibrationResult:
     v_vc_is_measured: bool
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits, by its keys."""
+        """Return the values that ``[acceptance]`` limits, by its keys."""
         return {"e_n": self.largest_e_n}
 
 
@@ -184,7 +184,7 @@ def _both(settings: VibrationSettings) -> Routine[Outcome]:
 
 
 def _meters(settings: VibrationSettings, nplc: float) -> Routine[None]:
-    """Set both meters up alike, so that what the averaging over a reading takes off cancels."""
+    """Set both meters up alike, so that the attenuation by averaging over a reading cancels."""
     yield ConfigureMeter(float(settings.meter_range_v), nplc)
     if settings.v_vc_is_measured:
         yield ConfigureVvcMeter(V_VC_RANGE_V, nplc)
@@ -273,7 +273,7 @@ def _static_gain(settings: VibrationSettings, measured: Measured) -> Measurand:
 def _flicker_at_rest(
     settings: VibrationSettings, measured: Measured, signs: Sequence[float], per_v: float
 ) -> UncertaintyPart:
-    """Return what the gyroscope's flicker leaves in the response at rest; `per_v` turns a sum of V_Vc into it."""
+    """Return the contribution of flicker to the response at rest; `per_v` turns a sum of V_Vc into it."""
     from vcfbench.analysis.modulation import flicker_share  # noqa: PLC0415  # NumPy, needed here alone
 
     known = settings.station.sources
@@ -284,7 +284,7 @@ def _flicker_at_rest(
 
 
 def _believed(settings: VibrationSettings, what: str, size: float) -> list[UncertaintyPart]:
-    """Return what a level adds that nobody measured: the generator's accuracy, rectangular."""
+    """Return the contribution of a level that nobody measured: the generator's accuracy, rectangular."""
     if settings.v_vc_is_measured:
         return []
     return [UncertaintyPart(f"generator's accuracy, {what}", size * generator_sheet(settings).setting / math.sqrt(3.0))]
@@ -306,7 +306,7 @@ def _tones(records: Sequence[tuple[float, ModulatedRecord, Sequence[float]]], ma
 
 
 def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float]:
-    """Return what noise leaves in the amplitude of each tone, V.
+    """Return the standard uncertainty of each tone's amplitude by noise, V.
 
     It was read from the spectrum on both sides, over some hertz, where near the peak the modes pass more than at the
     tone itself. So the noise of the close records is taken apart into what is flat and what passed the modes.
@@ -368,7 +368,7 @@ def _response(
 
 
 def _expected(settings: VibrationSettings, frequency_hz: float) -> Measurand:
-    """Return the closed form with what its parameters leave open."""
+    """Return the closed form with the uncertainties of its parameters."""
     inputs = (
         ("mode split", settings.split_hz, settings.u_split_hz),
         ("Q", settings.q, settings.u_q),

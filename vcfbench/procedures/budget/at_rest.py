@@ -1,4 +1,4 @@
-"""What makes an output at rest uncertain beside its readings: the meter, the flicker, temperature, warm-up, phases.
+"""Uncertainty of an output at rest beside its readings: the meter, the flicker, temperature, warm-up, phases.
 
 A bias is the mean over the horizon (`horizon_h`, a day) about the run. Flicker has as much in an hour as in a minute,
 so a short run tells little of that mean however well it is read; how little follows from B alone.
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Floats: TypeAlias = "NDArray[np.float64]"
 
 _CONTRADICTS = 1.645
-"""What a run shows of the flicker goes before what is told where it is larger by so many of its own uncertainties."""
+"""Excess of the observed flicker, in its own uncertainties, from which it replaces the stated one."""
 
 
 def flicker_stated(known: Sources) -> Flicker | None:
@@ -40,7 +40,7 @@ def flicker_stated(known: Sources) -> Flicker | None:
 
 
 def flicker_counted(stated: Flicker | None, square: float, u_square: float, where: str) -> Flicker:
-    """Return the flicker that counts: what is told, or what `where` shows, where that is larger by more than chance.
+    """Return the flicker that counts: the stated one, or that of `where`, if it is larger by more than chance.
 
     Args:
         stated: by static record or bench file.
@@ -63,7 +63,7 @@ def flicker_found(known: Sources, square: float, u_square: float) -> Flicker:
 
 
 def _not_negative(square: float, u: float) -> tuple[float, float]:
-    """Return what is to be expected of a square that was found with so large a `u`, and its degrees of freedom.
+    """Return the expectation of a square that was found with so large a `u`, and its degrees of freedom.
 
     A square that came out as 0 is not known to be 0: of a normal distribution about it, the part above 0 counts.
     """
@@ -76,7 +76,7 @@ def _not_negative(square: float, u: float) -> tuple[float, float]:
 
 
 def flicker_part(flicker: Flicker, per_deg_h: float) -> UncertaintyPart:
-    """Return what a flicker puts into a value that 1 deg/h of it makes uncertain by `per_deg_h`."""
+    """Return the contribution of a flicker to a value that 1 deg/h of it makes uncertain by `per_deg_h`."""
     dof = flicker.dof if math.isfinite(flicker.dof) else None
     return UncertaintyPart(f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})", per_deg_h * flicker.deg_h, dof)
 
@@ -120,7 +120,7 @@ def about_horizon(begin_s: ArrayLike, end_s: ArrayLike, horizon_h: float) -> flo
 def parts_at_rest(
     settings: ProcedureSettings, output_v: float, scale_factor: float, lasted_s: float
 ) -> Iterator[UncertaintyPart]:
-    """Yield what meter, temperature, warm-up and phases put into an output at rest, V.
+    """Yield the contributions of meter, temperature, warm-up and phases to an output at rest, V.
 
     Args:
         settings: of the run.

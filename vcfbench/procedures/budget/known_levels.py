@@ -1,4 +1,4 @@
-"""What V_Vc is known by, and how well: the meter that measured it, else the generator that it was set on."""
+"""Uncertainty of V_Vc: of the meter that measured it, else of the generator that it was set on."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _ONE_LEVEL = 0.02
 
 
 class KnownLevels(Struct, frozen=True):
-    """What V_Vc is known by, and how well: gain and offset are the same at all levels of one of its ranges.
+    """Source and uncertainty of V_Vc: gain and offset errors are the same at all levels of one of its ranges.
 
     Where nobody knows the ranges (`ranges_v` is empty), they are taken to be those that make each value least certain.
     """
@@ -38,9 +38,9 @@ class KnownLevels(Struct, frozen=True):
     offset_v: float | None
     sigmas: float | None
     besides: str
-    """What every level has of its own."""
+    """Name of the error that every level has of its own."""
     u_besides_v: Callable[[float], float]
-    """Of one level of the virtual line, V."""
+    """Standard uncertainty of one level of the virtual line by that, V."""
     reading_v: float | None
     """Scatter of one reading of V_Vc, V; None where it was set."""
 
@@ -58,7 +58,7 @@ class KnownLevels(Struct, frozen=True):
         return math.sqrt(offset_v**2 + offset_v * room_v + room_v**2 / 3.0)
 
     def shared(self, kind: str, volts: Floats, weights: Floats) -> list[tuple[str, NDArray[np.bool_], float]]:
-        """Return what levels share: the ranges by name, which levels are on each, and the limit of the error there.
+        """Return the shared errors of levels: the ranges by name, the levels on each, and the limit of the error there.
 
         Args:
             kind: ``"gain"`` or ``"offset"``.
@@ -76,7 +76,7 @@ class KnownLevels(Struct, frozen=True):
         return found
 
     def errors(self, moved: Mapping[str, tuple[Floats, Floats]]) -> tuple[list[Source], dict[str, dict[str, float]]]:
-        """Return the sources of errors that levels share, and what one unit of each adds to each value.
+        """Return the sources of errors that levels share, and the effect of one unit of each on each value.
 
         Args:
             moved: of each value the levels, V, and what a volt of error of each of them adds to it.
@@ -93,7 +93,7 @@ class KnownLevels(Struct, frozen=True):
         return list(sources.values()), effects
 
     def covariances(self, volts: Floats, per_v: Floats, counts: int) -> Iterator[tuple[str, str, Floats]]:
-        """Yield by kind and range what errors that levels share put into the covariance of several values.
+        """Yield the covariance of several values by errors that levels share, by kind and range.
 
         Args:
             volts: the levels, V.
@@ -106,12 +106,12 @@ class KnownLevels(Struct, frozen=True):
                 yield kind, where, np.outer(moved, moved)
 
     def u_mean_v(self, level_v: float, per_reading: float) -> float:
-        """Return the standard uncertainty of what a level has of its own, V, the mean of 1 / `per_reading` readings."""
+        """Return the standard uncertainty of a level's own error, V, the mean of 1 / `per_reading` readings."""
         return self.u_besides_v(level_v) if self.reading_v is None else self.reading_v * math.sqrt(per_reading)
 
 
 def known_levels(points: Sequence[Point], known: Sources) -> KnownLevels:
-    """Return what V_Vc is known by: the meter that measured it, else the generator that it was set on."""
+    """Return the uncertainty of V_Vc: of the meter that measured it, else of the generator that it was set on."""
     scatter_v = [point.v_vc_std_v for point in points if point.v_vc_std_v is not None]
     if not scatter_v:
         ranges, reach_v = known.generator_ranges_v, known.generator_reach_v

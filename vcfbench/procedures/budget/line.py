@@ -1,4 +1,4 @@
-"""A least-squares line of outputs against rates, and what its errors are made of: readings, meter, table, Earth."""
+"""A least-squares line of outputs against rates, and the sources of its errors: readings, meter, table, Earth."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Line(Struct, frozen=True):
     """Slope of the curve through the outputs at each rate, V/(deg/s)."""
 
     mixing: Floats
-    """What makes the outputs of the line of those of all windows: the windows' own, less a drift of zeros."""
+    """Weights of all windows' outputs in the outputs of the line: the windows' own, less a drift of zeros."""
 
     @classmethod
     def of(cls, sweep: Sweep) -> Line:
@@ -68,7 +68,7 @@ def line_sums(name: str, line: Line) -> list[OutputSum]:
 
 
 def noises_of(name: str, q: Mapping[str, Any]) -> Any:
-    """Return what readings and flicker put into a sum of outputs."""
+    """Return the contribution of readings and flicker to a sum of outputs."""
     return q[f"readings: {name}"] + q[f"flicker: {name}"]
 
 
@@ -80,7 +80,7 @@ def limited(name: str, limit: float | None, unit: str, sigmas: float | None = No
 
 
 def instrument_sources(known: Sources) -> list[Source]:
-    """Return what multimeter and table put into every line."""
+    """Return the contributions of multimeter and table to every line."""
     return [
         limited("meter gain", known.meter_gain, "1", known.meter_sigmas),
         limited("meter offset", known.meter_offset_v, "V", known.meter_sigmas),
@@ -89,6 +89,6 @@ def instrument_sources(known: Sources) -> list[Source]:
 
 
 def earth_sources(settings: ProcedureSettings, scale_factor: float) -> list[Source]:
-    """Return what is left of the Earth's rate where it was added to the rates."""
+    """Return the residual of the Earth's rate where it was added to the rates."""
     left_deg_s = earth_left_deg_s(settings)
     return [] if left_deg_s is None else [Source.within(TILT, 0.0, abs(scale_factor) * left_deg_s, "V")]

@@ -28,20 +28,20 @@ _RANGES_UNKNOWN = "nobody knows where the generator's ranges end, whose steps st
 
 
 class CurvedLine(Struct, frozen=True):
-    """The non-linearity of one line: its residuals, and what outputs and V_Vc put into each of them."""
+    """The non-linearity of one line: its residuals, and the effects of outputs and V_Vc on each of them."""
 
     name: str
     residuals: Residuals
     rate_deg_s: Floats
     derivative: Floats
     weights: Floats
-    """(n, N): what a volt at the output of each of all windows puts into each residual, ppm/V."""
+    """(n, N): change of each residual by a volt at the output of each of all windows, ppm/V."""
     effects: Mapping[str, Floats]
-    """Of sources that others have too: what one unit puts into each residual, ppm."""
+    """Change of each residual by one unit of each source shared with others, ppm."""
     own: Mapping[str, Floats]
-    """Of what each level has of its own: (n, m), ppm by each level's standard uncertainty."""
+    """Change of each residual by each level's own standard uncertainty: (n, m), ppm."""
     only_bound: str = ""
-    """Why there is no value, whatever is found; empty where there may be one."""
+    """Reason for having a bound only, whatever is found; empty where there may be a value."""
 
     @classmethod
     def of(cls, name: str, line: Line) -> CurvedLine:
@@ -78,7 +78,7 @@ class CurvedLine(Struct, frozen=True):
 
 
 class ValueModel(Struct, frozen=True):
-    """What the values of a statement were made of."""
+    """Inputs of the values of a statement."""
 
     sources: Sequence[Source]
     sums: Sequence[OutputSum]
@@ -89,7 +89,7 @@ class ValueModel(Struct, frozen=True):
 def with_nonlinearity(
     settings: ProcedureSettings, stated: Statement, budget: ValueModel, curved: Sequence[CurvedLine]
 ) -> Statement:
-    """Return the statement with the non-linearities that stand above what errors make, and a bound for the others.
+    """Return the statement with the non-linearities that stand above errors, and a bound for the others.
 
     The budget is done a second time with one more sum each, so that what stood there keeps its last digit.
     """
@@ -131,11 +131,11 @@ class WorstResidual(Struct, frozen=True):
 
     size_ppm: float
     sum: OutputSum
-    """Of the residual that is the largest."""
+    """The largest residual, as a sum of outputs."""
     own: tuple[Source, ...]
     effects: Mapping[str, float]
     rates_deg_s: tuple[float, ...]
-    """Where the largest may be."""
+    """Rates at which the largest may be."""
     by_trials: LargestResidual | None
     """None where it is one alone."""
     only_bound: str
@@ -181,5 +181,5 @@ class WorstResidual(Struct, frozen=True):
         return structs.replace(value, u=u, u95=u95, coverage_factor=u95 / u, of=of)
 
     def by_errors_ppm(self, value: StatedValue) -> float:
-        """Return what errors alone would make of no non-linearity, ppm (95 %)."""
+        """Return the largest residual by errors alone, without non-linearity, ppm (95 %)."""
         return value.u95 if self.by_trials is None else self.by_trials.by_errors

@@ -1,4 +1,4 @@
-"""What a calibration states: values with their combined uncertainty, what that is made of, and what it does not hold.
+"""Statement of a calibration: values with their combined uncertainty, its contributions, and its omissions.
 
 Model, contributions and what is left out are described in docs/uncertainty.md. Linear sums over the windows (slopes,
 intercepts, the match of step 2) are weights; readings' scatter and flicker go through them with their correlations, and
@@ -29,23 +29,23 @@ _NEARLY_NORMAL = 0.05
 
 
 class StatedContribution(Struct, frozen=True):
-    """What one source adds to one value."""
+    """Contribution of one source to one value."""
 
     source: str
     distribution: str
     u_source: float
     unit: str
     dof: float | None
-    """None: infinite, for what is known beforehand."""
+    """None: infinite, for sources known beforehand."""
     sensitivity: float
     u: float
     """Sensitivity times `u_source`, in the unit of the value."""
     share: float
-    """Of the variance."""
+    """Share of the variance."""
 
 
 class StatedValue(Struct, frozen=True):
-    """A value with its combined standard uncertainty and what that is made of; `of` says which value it is."""
+    """A value with its combined standard uncertainty and the contributions to it; `of` names the value."""
 
     name: str
     value: float
@@ -60,11 +60,11 @@ class StatedValue(Struct, frozen=True):
     contributions: tuple[StatedContribution, ...]
     complete: bool = True
     missing: tuple[str, ...] = ()
-    """What `u` is without because the bench file does not tell it; none where it is complete."""
+    """Contributions that `u` lacks because the bench file does not tell them; none where it is complete."""
 
 
 class Statement(Struct, frozen=True):
-    """All values with an uncertainty, their correlations, and what the uncertainties do not hold."""
+    """All values with an uncertainty, their correlations, and the omissions of the uncertainties."""
 
     values: tuple[StatedValue, ...]
     correlation: tuple[tuple[float, ...], ...]
@@ -73,10 +73,10 @@ class Statement(Struct, frozen=True):
     disagree. None where there is one method."""
     not_in_u: tuple[str, ...]
     known_from: tuple[str, ...] = ()
-    """Where what the budget takes for known is from."""
+    """Origin of the quantities that the budget takes for known."""
     complete: bool = True
     missing: tuple[str, ...] = ()
-    """What `u` of some of them is without."""
+    """Contributions that `u` of some of them lacks."""
 
     def value(self, name: str) -> StatedValue:
         """Return one value; KeyError when it has no uncertainty."""
@@ -132,7 +132,7 @@ def _meaning(settings: ProcedureSettings, words: str) -> str:
 
 
 class Circumstances(Struct, frozen=True):
-    """What temperature, mounting and phases do to the values, as far as the bench file knows it."""
+    """Effects of temperature, mounting and phases on the values, as far as the bench file knows them."""
 
     sources: tuple[Source, ...]
     scale_factor_per_k: float
@@ -141,7 +141,7 @@ class Circumstances(Struct, frozen=True):
 
     @classmethod
     def of(cls, settings: ProcedureSettings) -> Circumstances:
-        """Return what is known; the warm-up as far as it is to go when the first window begins."""
+        """Return the known effects; the warm-up as far as it is to go when the first window begins."""
         known, sources = settings.station.sources, []
         if known.scale_factor_ppm_k is not None and known.bias_deg_h_k is not None:
             if known.temperature_k:
@@ -183,14 +183,14 @@ class Circumstances(Struct, frozen=True):
 
     @property
     def moves_driven_zero(self) -> bool:
-        """Whether anything is known that changes what a volt of V_Vc does; the rest of the warm-up is too small."""
+        """True if a known source changes the effect of a volt of V_Vc; the rest of the warm-up is too small."""
         moving = {_TEMPERATURE, CARRIER_PHASE, DEMODULATOR_PHASE}
         return any(source.name in moving for source in self.sources)
 
     def _output_per_volt(self, q: Mapping[str, Any]) -> Any:
-        """Return by what the output of a volt at the modulator is multiplied: that of its offset too.
+        """Return the factor of the output of a volt at the modulator: that of its offset too.
 
-        The offset is what sets the zeros of both columns apart, so their difference goes with it.
+        The offset sets the zeros of both columns apart, so their difference goes with it.
         """
         warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
         return self.phases.k_vc(q) * self.phases.scale_factor(q) / warmer
@@ -208,7 +208,7 @@ def _coverage_factor(result: Result, sources: Mapping[str, Source]) -> float:
 
 
 def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tuple[str, ...] = ()) -> StatedValue:
-    """Return a result of a budget as it is stated, `missing` being what that is without."""
+    """Return a result of a budget as it is stated, `missing` being the contributions that it lacks."""
     sources = {source.name: source for source in budget.sources}
     factor = _coverage_factor(result, sources)
     lines = tuple(
@@ -254,7 +254,7 @@ _OUTSIDE = (
 
 
 def _not_in_u(settings: ProcedureSettings) -> Iterable[str]:
-    """Say what the uncertainties do not hold."""
+    """Name the omissions of the uncertainties."""
     yield from (f"MISSING {gap.words}" for gap in settings.station.sources.gaps())
     yield from _OUTSIDE
     if earth_left_deg_s(settings) is None:
@@ -266,7 +266,7 @@ def _after(age_days: float) -> str:
 
 
 def _known_from(settings: ProcedureSettings, levels_by: str, flicker: Flicker | None) -> Iterable[str]:
-    """Say where what is taken for known is from."""
+    """Name the origin of quantities taken for known."""
     known = settings.station.sources
     yield f"multimeter: {_after(known.meter_age_days)} ({known.meter_age_from})"
     if levels_by == "V_Vc meter":

@@ -29,7 +29,7 @@ _MAY_BE_LARGEST = 3.0
 
 
 class Residuals(Struct, frozen=True):
-    """The residuals of a line over its span, ppm, and what errors of its n windows do to each of them.
+    """The residuals of a line over its span, ppm, and the effects of errors of its n windows on each of them.
 
     Windows at one rate have one residual, that of their mean: the largest of many windows would grow with their number.
     """
@@ -39,9 +39,9 @@ class Residuals(Struct, frozen=True):
     ppm: Floats
     """(m,)."""
     of_outputs: Floats
-    """(m, n): what a volt at each output puts into each residual, ppm/V; the span moves with the slope."""
+    """(m, n): change of each residual by a volt at each output, ppm/V; the span moves with the slope."""
     of_rates: Floats
-    """(m, n): what moving each rate by 1 deg/s puts into it, outputs as they were, ppm/(deg/s)."""
+    """(m, n): change of each residual by 1 deg/s of each rate, outputs as they were, ppm/(deg/s)."""
 
     @classmethod
     def of(cls, line: Line) -> Residuals:
@@ -68,31 +68,31 @@ def _means(rate_deg_s: Floats) -> Floats:
 
 
 class LargestResidual(Struct, frozen=True):
-    """How far errors move the largest of several residuals, ppm."""
+    """Uncertainty of the largest of several residuals, ppm."""
 
     u: float
     u95: float
     by_errors: float
-    """What errors alone stay below with 95 %, where there is no non-linearity."""
+    """Limit of the largest by errors alone with 95 %, where there is no non-linearity."""
 
 
 class ResidualSpread(Struct, frozen=True):
-    """How the residuals vary together, ppm; `residuals` (n,) as found."""
+    """Joint uncertainty of the residuals, ppm; `residuals` (n,) as found."""
 
     residuals: Floats
     scattered: Floats
     """(n, n): covariance by readings' scatter, ppm^2, with `dof` degrees of freedom."""
     dof: float
     normal: Floats
-    """(n, n): covariance by flicker and by what each level of V_Vc has of its own, ppm^2."""
+    """(n, n): covariance by flicker and by each level's own error of V_Vc, ppm^2."""
     common: Floats
-    """(m, n): what one standard uncertainty of each source that all residuals share puts into them, ppm."""
+    """(m, n): change of the residuals by one standard uncertainty of each source that all share, ppm."""
     rectangular: NDArray[np.bool_]
     """(m,): whether that source is; else it is normal."""
 
     @property
     def covariance(self) -> Floats:
-        """That of the residuals by everything, (n, n), ppm^2."""
+        """Covariance of the residuals by all sources, (n, n), ppm^2."""
         return np.asarray(self.scattered + self.normal + self.common.T @ self.common)
 
     def near_largest(self) -> Places:

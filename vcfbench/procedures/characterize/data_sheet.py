@@ -1,4 +1,4 @@
-"""The data sheet: every value with an uncertainty that results hold, and what else they say of themselves."""
+"""The data sheet: every value with an uncertainty that results hold, and their own remarks."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SheetRow:
 
 
 def sheet_rows(procedure: str, results: Any, conditions: str) -> Iterator[SheetRow]:
-    """Yield what `results` of `procedure` put on a data sheet.
+    """Yield the rows that `results` of `procedure` put on a data sheet.
 
     That is what its method ``quantities()`` yields, names and values, where it has one; else its statement of
     uncertainties (``uncertainty.values``) or every field with a value and an uncertainty; then what acceptance judges.

@@ -61,7 +61,7 @@ _SCALE_FACTOR, _U_SCALE_FACTOR = "scale_factor_v_per_deg_s", "scale_factor_u_v_p
 
 @dataclass(frozen=True, slots=True)
 class CertificatePart:
-    """A procedure as a part of the whole: what a data sheet wants of it where nobody says otherwise.
+    """A procedure as a part of the whole, with a data sheet's settings as its defaults.
 
     `roles` must be on the bench beside those that the procedure needs.
     """
@@ -120,7 +120,7 @@ PARTS = (
         roles=("chamber",),
     ),
 )
-"""The parts in their order: what must be warm comes after what must be cold, and what heats or cools comes last."""
+"""The parts in their order: cold ones before warm ones, and those that heat or cool last."""
 
 _BY_NAME = {each.name: each for each in PARTS}
 
@@ -128,7 +128,7 @@ PartSettings = Annotated[dict[str, Any], Meta(description="settings of this part
 
 
 class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
-    """Which parts there are, and what each is told; what is told to the whole goes to every part."""
+    """The parts and their own settings; settings of the whole go to every part."""
 
     parts: Annotated[
         tuple[str, ...], Meta(min_length=1, max_length=50, description="procedures, in the order in which they are run")
@@ -158,16 +158,16 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     @property
     def warm_again_s(self) -> float:
-        """What its first part needs: the others have found the gyroscope warm."""
+        """Waiting time of its first part: the others have found the gyroscope warm."""
         return self.of(self.parts[0]).warm_again_s
 
     def given(self, name: str) -> dict[str, Any]:
-        """Return what the part `name` is told of its own."""
+        """Return the own settings of the part `name`."""
         found = getattr(self, name.replace("-", "_"), {})
         return dict(found) if isinstance(found, dict) else {}
 
     def of(self, name: str) -> ProcedureSettings:
-        """Return the settings of the part `name`: its defaults here, what the whole is told, what it is told itself.
+        """Return the settings of the part `name`: its defaults here, those of the whole, its own.
 
         Raises:
             ConfigError: a key is unknown to it, or a value cannot be.
@@ -186,7 +186,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         return structs.replace(own, station=self._warm(name, self._station_of(own)))
 
     def _warm(self, name: str, station: Station) -> Station:
-        """Return the place as a part finds it: warm by what the first part has waited, cooled by power cuts since.
+        """Return the station as a part finds it: warmed by the first part's waiting, cooled by power cuts since.
 
         How long the parts between take is not counted, so a little too much is left.
         """
@@ -200,7 +200,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         return structs.replace(station, sources=sources)
 
     def _station_of(self, own: ProcedureSettings) -> Station:
-        """Return what the place gives a part: what its meter promises goes by its own range and integration time."""
+        """Return a part's station: its meter's accuracy goes by its own range and integration time."""
         station, sources = self.station, self.station.sources
         placed = {role: station.instruments.get(role) for role in ("multimeter", "v_vc_meter")}
         sheets = {role: _sheet_of(each) for role, each in placed.items() if each is not None}
@@ -218,7 +218,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         return structs.replace(station, meter_resolution_v=resolution_v, sources=sources)
 
     def made_plain(self) -> Self:
-        """Return these settings with what each part is told written out: what is not its default, wherever it is said.
+        """Return these settings with those of each part written out, if not the default.
 
         Raises:
             ConfigError: a key is unknown to a part, or a value cannot be.
@@ -235,7 +235,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         return structs.replace(self, **written)
 
     def recalled(self) -> Self:
-        """Return these settings with what is known of the device that the parts name."""
+        """Return these settings with the device's history that the parts name."""
         seen = self.station.characteristics
         for name in self.parts:
             if not self.lacking(name):
@@ -244,11 +244,11 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         return self.beside(seen)
 
     def beside(self, characteristics: dict[str, Any]) -> Self:
-        """Return these settings with what K_Vc of the device depends on."""
+        """Return these settings with the device's characteristics that K_Vc depends on."""
         return structs.replace(self, station=structs.replace(self.station, characteristics=characteristics))
 
     def lacking(self, name: str) -> str:
-        """Say what the bench lacks for the part `name`; empty where it has all."""
+        """Name the bench's lack for the part `name`; empty where it has all."""
         procedure = PROCEDURES[name]
         roles = [*procedure.needs, *(_BY_NAME[name].roles if name in _BY_NAME else ())]
         if missing := [role for role in roles if not self._has(role)]:
@@ -270,7 +270,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         return role in self.station.instruments
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say, of every part that will be run too."""
+        """Yield the contradictions beyond the ranges, of every part that will be run too."""
         yield from super().contradictions()
         for index, name in enumerate(self.parts):
             if name not in PROCEDURES or PROCEDURES[name].settings is type(self):
@@ -291,7 +291,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
 
 
 def _written(settings: ProcedureSettings) -> dict[str, Any]:
-    """Return what can be set, as a bench file has it."""
+    """Return the settable values, as a bench file has them."""
     values = cast("dict[str, Any]", to_builtins(settings))
     return {key: values[key] for key in setting_keys(type(settings))}
 
@@ -317,7 +317,7 @@ def _absent(model: str, capability: type) -> Sequence[str]:
 
 
 class BeginPart(Step, Struct, frozen=True):
-    """A heading: what follows is the part of this name; so results know what is whose."""
+    """Heading of a part, by its name; results assign the following steps to it."""
 
     name: str
 
@@ -338,7 +338,7 @@ class BeginPart(Step, Struct, frozen=True):
 
 @dataclass(slots=True)
 class _Session:
-    """Whether the supply was left on by a part that has ended."""
+    """State of the supply, left on or not by a part that has ended."""
 
     left_on: bool = False
 
@@ -363,7 +363,7 @@ def plan(settings: CharacterizeSettings) -> Plan:
 
 
 def _kept_on(part: Plan, session: _Session) -> Plan:
-    """Pass on the steps of a part, but for the last switching off; to switch on what is on changes nothing.
+    """Pass on the steps of a part, but for the last switching off; switching on again changes nothing.
 
     Switching off is held back until the part asks for something else: then it was not its end, and is done. A step
     that switches on and looks at it, a kind of its own, finds the supply off. Once something has failed, all is done.
@@ -403,7 +403,7 @@ def _thrown(part: Plan, error: BenchError) -> Step:
 
 @dataclass(frozen=True, slots=True)
 class PartResult:
-    """What a part came to: its results, None where its measurements gave none, and then why."""
+    """Outcome of a part: its results, None where its measurements gave none, and then the reason."""
 
     name: str
     conditions: str
@@ -421,14 +421,14 @@ class NotMeasured:
 
 @dataclass(frozen=True, slots=True)
 class CharacterizeResult:
-    """The data sheet, what it is made of, and what is not on it."""
+    """The data sheet, the results of its parts, and the parts not on it."""
 
     data_sheet: tuple[SheetRow, ...]
     not_measured: tuple[NotMeasured, ...]
     parts: tuple[PartResult, ...]
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits; of what several parts tell, the first that tells it."""
+        """Return the values that ``[acceptance]`` limits; of several parts with the same one, the first."""
         return self._first("acceptance_values")
 
     def acceptance_u95(self) -> Mapping[str, float]:
@@ -444,7 +444,7 @@ class CharacterizeResult:
 
 
 def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeResult:
-    """Have each part make its results of what was measured in it; then put them together."""
+    """Have each part make its results of its own measured data; then put them together."""
     by_name = {begin.name: part for begin, part in measured.parted(BeginPart)}
     found: dict[str, PartResult] = {}
     last = [name for name in by_name if hasattr(PROCEDURES[name].settings, _SCALE_FACTOR)]
@@ -462,7 +462,7 @@ def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeR
 
 
 def _seen(settings: CharacterizeSettings, found: Mapping[str, PartResult]) -> dict[str, Any]:
-    """Return what K_Vc depends on, as the parts found it, else as it was known of the device."""
+    """Return the characteristics that K_Vc depends on, as the parts found them, else as known of the device."""
     from vcfbench.record.devices import Characteristics, together  # noqa: PLC0415  # few certify
 
     made = [typed(settings.station.characteristics, Characteristics)]
@@ -510,7 +510,7 @@ def report(settings: CharacterizeSettings, _measured: Measured, found: Character
 
 
 def entry(settings: CharacterizeSettings, found: CharacterizeResult, made: Provenance) -> NewEntry | None:
-    """Return what the first part that keeps something of the device keeps of it."""
+    """Return the device entry of the first part that keeps one."""
     for part in found.parts:
         keep = PROCEDURES[part.name].entry
         kept = None if keep is None or part.results is None else keep(settings.of(part.name), part.results, made)

@@ -1,4 +1,4 @@
-"""What reports say and draw of a column: its line, its uncertainties, what it leaves over."""
+"""Tables and figures of a column: its line, its uncertainties, its residuals."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RATE = Axis("Omega_z", "deg/s")
 
 
 def sweep_text(name: str, sweep: SweepFound) -> Text:
-    """Say what order, zeros and repeats tell, where the rates were not visited as the paper does."""
+    """Describe order, zeros and repeats, where the rates were not visited as the paper does."""
     return Text("\n".join([f"{name}: {_visited(sweep)}", *_lines_of(sweep)]))
 
 
@@ -53,7 +53,7 @@ _LEAST_SHARE = 0.001
 
 
 def statement_tables(statement: Statement | None) -> list[Table | Text]:
-    """Lay out the combined uncertainties, what they are made of, E_n, and what they do not hold."""
+    """Lay out the combined uncertainties, their contributions, E_n, and their omissions."""
     if statement is None:
         return []
     columns = (
@@ -87,7 +87,7 @@ def _listed(title: str, lines: Sequence[str]) -> list[str]:
 
 
 def line_words(name: str, column: CalibrationColumn) -> str:
-    """Say what the line of a column is, and its non-linearity."""
+    """Describe the line of a column, and its non-linearity."""
     scale_factor, bias, ppm = column.scale_factor, column.bias, column.nonlinearity_ppm
     u_fit_mv = [1e3 * (each.u_fit or 0.0) for each in (scale_factor, bias)]
     return "\n".join(
@@ -139,7 +139,7 @@ def _line(name: str, points: Sequence[Point], column: CalibrationColumn) -> Seri
 
 
 def residuals_figure(lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) -> Figure:
-    """Draw what each line leaves over, in ppm of full scale: of the output at the largest rate, bias apart."""
+    """Draw the residuals of each line, in ppm of full scale: of the output at the largest rate, bias apart."""
     series = []
     for name, points, column in lines:
         rates = [p.rate_deg_s for p in points]

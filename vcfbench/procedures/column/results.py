@@ -1,4 +1,4 @@
-"""What is common to the columns of table and virtual Coriolis force: noise, line, what is accepted."""
+"""Common results of the columns of table and virtual Coriolis force: noise, line, accepted values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
-    """Return what ``[acceptance]`` limits of a column, by its keys."""
+    """Return the values of a column that ``[acceptance]`` limits, by its keys."""
     scale_factor, bias_v = column.scale_factor.value, column.bias.value
     return {
         "scale_factor_v_per_deg_s": scale_factor,
@@ -45,7 +45,7 @@ _STATED = MappingProxyType(
 
 
 def acceptance_u95(statement: Statement | None) -> dict[str, float]:
-    """Return the expanded uncertainties of what ``[acceptance]`` limits, by its keys."""
+    """Return the expanded uncertainties of the values that ``[acceptance]`` limits, by its keys."""
     stated = () if statement is None else statement.values
     named = {each.name.removeprefix("turntable."): each.u95 for each in stated}
     return {_STATED[name]: u95 for name, u95 in named.items() if name in _STATED}
@@ -116,7 +116,7 @@ def u_resolution_v(meter_resolution_v: float) -> float:
 
 
 def fitted_column(points: Sequence[Point], u_v: float | Sequence[float]) -> ScaleFactorResult:
-    """Return the line through the outputs of a column, with what is left over."""
+    """Return the line through the outputs of a column, with its residuals."""
     from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415  # numpy comes with it
 
     return characterise([point.rate_deg_s for point in points], [point.output_v for point in points], u_v)

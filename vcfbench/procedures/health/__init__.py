@@ -1,1 +1,1 @@
-"""Health: what K_Vc depends on, measured without a table, then and now."""
+"""Health: characteristics that K_Vc depends on, measured without a table, then and now."""

@@ -1,4 +1,4 @@
-"""What the multimeter tells of what K_Vc depends on.
+"""Characteristics that K_Vc depends on, by the multimeter.
 
 Split and Q by the response to a few sines on V_Vc; the amplitudes of carrier and drive, its leads moved there.
 """
@@ -42,7 +42,7 @@ _OF_SPLIT, _SINE_V, _SAMPLES = (0.1, 0.6, 0.94, 1.0, 1.06, 1.4), 0.1, 512
 """Frequencies of the sines over the split that was, their peak, and readings of each."""
 _OF_THE_OTHER = ("drive_hz", "in_phase_split_hz", "in_phase_share")
 _ALIKE = 0.2
-"""Of a change of Q, by which that of the in-phase mode may differ (assumed): gas damps both alike, supports not."""
+"""Largest share of a change of Q by which that of the in-phase mode may differ (assumed): gas damps both alike."""
 _READINGS = 8
 _BETWEEN = 3e-5
 """By which a 34401A may drift between its readings of drive and carrier, in a few minutes (assumed), rectangular."""

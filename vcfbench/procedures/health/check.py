@@ -1,4 +1,4 @@
-"""What has become of K_Vc, cause by cause: corrected, left to its drift, or such that K_Vc cannot be stated."""
+"""Changes of K_Vc, cause by cause: corrected, left to its drift, or such that K_Vc cannot be stated."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ AMPLITUDES_WORTH_PPM = 1000.0
 SEEN = 3.0
 """A change by so many of its standard uncertainties is one."""
 UNEXPLAINED_DEG = 0.15
-"""Of the sense signal's phase: so much more than carrier, splits and Q explain is something that nobody knows.
+"""Largest deviation of the sense signal's phase from its value by carrier, splits and Q.
 
 This program's own limit, no standard's: seven times what records scatter by, and what would be 150 ppm if it acted as
 the carrier's phase does.
@@ -33,9 +33,9 @@ STILL_UNSEEN = (
     "masses and their shares in the modes",
     "the drive's pick-off: its gain is read as the drive's amplitude, its phase as that of carrier and demodulator",
 )
-"""What of K_Vc no bench without a table sees: it is in its drift."""
+"""Causes of K_Vc that no bench without a table sees: they are in its drift."""
 _DRIVE_PPM_K = -30.0
-"""Of silicon, where nobody measured it."""
+"""Temperature coefficient of silicon's drive frequency, where nobody measured it."""
 _CARRIER, _DRIVE = "carrier_amplitude_v", "drive_amplitude_v"
 _NAMES: Final = {
     "drive_hz": "drive frequency (temperature)",
@@ -55,7 +55,7 @@ Done = Literal["corrected", "left to its drift", "refused", "explained"]
 
 
 class Cause(Struct, frozen=True):
-    """One cause: what it was and is, what that does to K_Vc (ppm, with its u), and what was done about it."""
+    """One cause: its values then and now, its effect on K_Vc (ppm, with its u), and its treatment."""
 
     cause: str
     unit: str
@@ -67,7 +67,7 @@ class Cause(Struct, frozen=True):
 
 
 class HealthCheck(Struct, frozen=True, kw_only=True):
-    """What became of K_Vc since its certificate; `ppm` is by how much it is larger, with its standard uncertainty.
+    """Change of K_Vc since its certificate; `ppm` is the increase, with its standard uncertainty.
 
     `together_ppm` is what all causes do beyond the sum of each alone; it is in `ppm`. `refused` says why K_Vc cannot be
     stated; nothing there: it can. `warning` is of what cannot be seen but may be suspected.
@@ -80,16 +80,16 @@ class HealthCheck(Struct, frozen=True, kw_only=True):
     refused: tuple[str, ...]
     warning: str | None
     measured: tuple[str, ...]
-    """What of all that may have changed was measured now."""
+    """Characteristics measured now, of all that may have changed."""
 
     @property
     def change(self) -> KvcChange:
-        """What K_Vc is corrected by."""
+        """Correction of K_Vc."""
         return KvcChange(self.ppm, self.u_ppm, (), self.together_ppm)
 
 
 def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
-    """Return what of K_Vc's causes has changed, and what is done about each."""
+    """Return the changes of K_Vc's causes, with the treatment of each."""
     seen = structs.replace(now, in_phase_share=None)  # force and pick-off of either mode stay as they were
     then, seen, amplitudes = min(_with_amplitudes(then, seen), key=lambda each: each[2].u_ppm)
     worth = amplitudes.u_ppm <= AMPLITUDES_WORTH_PPM
@@ -115,7 +115,7 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
 def _with_amplitudes(
     then: Characteristics, now: Characteristics
 ) -> list[tuple[Characteristics, Characteristics, KvcChange]]:
-    """Return then and now, and what the amplitudes alone did, by oscilloscope and by multimeter; one at least."""
+    """Return then and now, and the effect of the amplitudes alone, by oscilloscope and by multimeter; one at least."""
     both = [(then, now)]
     if then.carrier_over_drive is not None and now.carrier_over_drive is not None:
         one = Kept(value=1.0, u=0.0)
@@ -148,7 +148,7 @@ def _of_part(part: KvcPart) -> Cause:
 
 
 def _of_amplitudes(then: Characteristics, now: Characteristics, change: KvcChange, *, worth: bool) -> Iterator[Cause]:
-    """Yield what both amplitudes did, of which the ratio alone counts; nothing where they were not measured then."""
+    """Yield the effect of both amplitudes, of which only the ratio counts; nothing where they were not measured."""
     if not change.parts:
         return
     done: Done = "corrected" if worth else "left to its drift"
@@ -163,7 +163,7 @@ def _ratio(of: Characteristics) -> float:
 
 
 def _of_phase(then: Kept | None, phase: Kept | None) -> Iterator[Cause]:
-    """Yield what of the sense signal's phase nothing explains: K_Vc would change by the tangent of what it is."""
+    """Yield the unexplained part of the sense signal's phase: K_Vc would change by its tangent."""
     if then is None or phase is None:
         return
     moved_deg, u_deg = phase.value - then.value, math.hypot(phase.u, then.u)
@@ -185,7 +185,7 @@ def _why(cause: Cause) -> str:
 
 
 def health_parts(found: HealthCheck) -> list[Table | Text]:
-    """Return the table of all causes, and what they come to."""
+    """Return the table of all causes, and their total."""
     columns = (
         *(Column("cause", align="left"), Column("then", format=".7g"), Column("now", format=".7g")),
         *(Column("unit", align="left"), Column("K_Vc", "ppm", "+.1f"), Column("u", "ppm", ".2g")),

@@ -1,4 +1,4 @@
-"""What the oscilloscope's records say of a device: modes, phases, feed-through and amplitudes, with uncertainties."""
+"""Characteristics of a device by the oscilloscope's records: modes, phases, feed-through, amplitudes, uncertainties."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _SHARE = "shares of the modes, as the certificate has them"
 
 
 class Health(Struct, frozen=True, kw_only=True):
-    """What was measured of what K_Vc depends on, by the names that :class:`.Characteristics` has for it; else None.
+    """Measured characteristics that K_Vc depends on, by their names in :class:`.Characteristics`; else None.
 
     `sense_phase_deg` is by how much the phase of what V_Vc does to the sense signal is ahead of what carrier, splits
     and quality factors make of it: 0 where nothing else is at work.
@@ -64,18 +64,18 @@ class Health(Struct, frozen=True, kw_only=True):
     carrier_over_drive: Measurand | None = None
 
     def beside(self, known: Characteristics) -> Characteristics:
-        """Return it as it is kept of a device, beside what else is `known`."""
+        """Return the characteristics for the device store, beside those `known` otherwise."""
         found = structs.asdict(self).items()
         return structs.replace(known, **{name: each.kept() for name, each in found if each is not None})
 
     def unchanged(self, then: Characteristics) -> Health:
-        """Return what is found of the same where nothing has changed since `then`, as surely."""
+        """Return the findings of an unchanged device: the values of `then`, with the uncertainties of now."""
         kept = {name: getattr(then, name) for name, each in structs.asdict(self).items() if each is not None}
         return structs.replace(self, **{name: _again(each) for name, each in kept.items() if each is not None})
 
 
 class _AtRest(Struct, frozen=True):
-    """What a steady V_Vc does to the sense signal: amplitude, V a volt, and phase against the drive's velocity."""
+    """Response of the sense signal to a steady V_Vc: amplitude, V a volt, and phase against the drive's velocity."""
 
     per_v: float
     phase_deg: float
@@ -89,7 +89,7 @@ def _again(kept: Kept) -> Measurand:
 
 
 def health_of(settings: KnownVvcSettings, measured: Measured, then: Characteristics | None = None) -> Health | None:
-    """Return what K_Vc depends on, as the steps of :mod:`.plan` saw it; None where none were done.
+    """Return the characteristics that K_Vc depends on, by the steps of :mod:`.plan`; None where none were done.
 
     `then` is what the sines of the meter's way rest on.
 
@@ -151,7 +151,7 @@ def _mean(values: Sequence[float], unit: str, *others: UncertaintyPart) -> Measu
 
 
 def _at_rest(measured: Measured) -> _AtRest:
-    """Return what V_Vc does at rest, from half the difference of the sense signal's phasors at both signs."""
+    """Return the response at rest, from half the difference of the sense signal's phasors at both signs."""
     plus, minus = (
         [
             sense_phasor(each) / abs(step.v_vc_v)
@@ -170,7 +170,7 @@ def _at_rest(measured: Measured) -> _AtRest:
 
 
 def _share(pairs: Sequence[Modes], at_rest: _AtRest, level: float, carrier_deg: float) -> tuple[Measurand, float]:
-    """Return the part of the in-phase mode, and what phase of the sense signal it leaves unexplained, deg.
+    """Return the share of the in-phase mode, and the unexplained phase of the sense signal, deg.
 
     Amplitudes of a ring-down are those when its record begins; when V_Vc went off the amplitude at rest tells. Whether
     the in-phase mode is seen with the sign of the other, the phase tells.
@@ -235,7 +235,7 @@ def _demodulator(measured: Measured, skew: UncertaintyPart) -> Measurand:
 def _feedthrough(
     settings: KnownVvcSettings, measured: Measured, modes: Modes, share: Kept, at_rest: _AtRest
 ) -> Measurand:
-    """Return what comes through without motion over what the modes answer at rest.
+    """Return the feed-through without motion over the modes' response at rest.
 
     Far above and far below the drive the modes answer with opposite signs, the feed-through with one: of the two
     amplitudes one is larger by it, the other smaller.
@@ -268,7 +268,7 @@ def _through(records: tuple[RotationRecord, RotationRecord], modes: Modes, share
 
 
 def with_output_curve(known: Characteristics, slopes: Floats, covariance: Floats) -> Characteristics:
-    """Return what is `known` with the output's second and third order against the rate, as a cubic had them.
+    """Return `known` with the output's second and third order against the rate, as a cubic had them.
 
     `slopes` are its coefficients from the first order on, `covariance` is theirs.
     """

@@ -1,4 +1,4 @@
-"""Both sense modes of one ring-down, and what they make of a V_Vc."""
+"""Both sense modes of one ring-down, and their response to a V_Vc."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Modes(Struct, frozen=True):
         return first, second
 
     def answer(self, share: float, offset_hz: float) -> complex:
-        """Return what both make of V_Vc, `share` being that of the in-phase mode at the drive's own frequency."""
+        """Return the response of both to V_Vc, `share` being that of the in-phase mode at the drive's own frequency."""
         stiff = [(1.0 / each).real for each in self.answers(0.0)]
         anti_phase, in_phase = self.answers(offset_hz)
         return -((1.0 - share) * stiff[0] * anti_phase + share * stiff[1] * in_phase)

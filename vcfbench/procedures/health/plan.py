@@ -1,4 +1,4 @@
-"""What K_Vc depends on, measured without a table by the oscilloscope: modes, phases, feed-through, amplitudes.
+"""Characteristics that K_Vc depends on, by the oscilloscope without a table: modes, phases, feed-through, amplitudes.
 
 The certificate's calibration and the self-calibration both do it, with the same steps, so that what an instrument is
 off cancels in what has changed. V_Vc is switched off for ring-downs of the sense modes, rests at both signs for the
@@ -50,15 +50,15 @@ if TYPE_CHECKING:
 
 _LEVEL_V = 0.7
 _LARGEST_V = 10.0
-"""What no node of the PCB exceeds: its rails."""
+"""Voltage that no node of the PCB exceeds: its rails."""
 _RING_DOWNS = 6
 _RING_DOWN_RECORD = (0.02, 5_000)
 """Time base (s/div) and points: a fifth of a second, twice the time constant of a good mode."""
 _MEANS, _PERIODS = 12, 3.0
 """Means of drive and carrier, and periods in their records: short ones come the faster."""
 _HIGHEST = 0.8
-"""Of the drive's amplitude: from so far below zero to so far above means begin, each elsewhere. The converter's steps,
-which no noise of a mean hides, then are others in each; from one place on they would be an error of all, 20 ppm."""
+"""Span of the starts of means, of the drive's amplitude, each side of zero. Each mean begins elsewhere, so that the
+converter's steps, which no noise of a mean hides, differ in each; from one place they would all err by 20 ppm."""
 _STATES = (1.0, -1.0, -1.0, 1.0)
 _RECORDS = 4
 _SPACING_S = 0.5
@@ -69,7 +69,7 @@ _OF_DRIVE = 0.43
 """The same over the drive frequency where no mode answers; no harmonic of the drive is there."""
 _TURNS = 4.0
 _SPLITS_HZ, _Q, _SHARE = (25.0, 150.0), 1200.0, 0.15
-"""Of what a dry run answers with: both modes of the paper's class, and the part of the one in phase."""
+"""Values for a dry run: splits and Q of both modes of the paper's class, and the share of the in-phase one."""
 _NEAR_RECORDS, _FAR_RECORDS = 2, 3
 _A_PERIOD = 2.3
 """Points in a period of the drive, at least: two would be too few. Oscilloscopes give 1, 2 or 5 times 10^n of them."""
@@ -77,7 +77,7 @@ _FAR_POINTS, _FAR_S_PER_DIV = 10_000, 5e-3
 
 
 class CaptureFar(CaptureRotations, frozen=True):
-    """Records under a sine so far from the modes that feed-through shows beside what they answer; the filter is shut.
+    """Records under a sine so far from the modes that feed-through shows beside their response; the filter is shut.
 
     The last of `channels` is not looked at.
     """
@@ -96,7 +96,7 @@ class CaptureFar(CaptureRotations, frozen=True):
         return RotationRecord(found.drive_hz, found.difference_hz, 0.0, found.turning, 0.0)
 
     def predict(self, gyro: LinearGyro) -> Rotations:
-        """Predict what the modes of a dry run answer there, and nothing beside."""
+        """Predict the modes' response of a dry run there, without feed-through."""
         del gyro
         modes = _expected(self.drive_hz)
         turning_v = abs(modes.answer(_SHARE, self.difference_hz) / modes.answer(_SHARE, 0.0))
@@ -113,7 +113,7 @@ def level_v(settings: KnownVvcSettings) -> float:
 def examined(
     settings: KnownVvcSettings, then: Characteristics | None, *, looked_for: bool, source: str = ""
 ) -> Routine[None]:
-    """Measure what K_Vc depends on, if that is `looked_for` and the bench can; V_Vc is off before and afterwards.
+    """Measure the characteristics, if that is `looked_for` and the bench can; V_Vc is off before and afterwards.
 
     `then` is what `source` has of it; a certificate's own calibration has none (None), and needs none.
     """

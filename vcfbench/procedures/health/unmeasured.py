@@ -1,4 +1,4 @@
-"""What may have become of K_Vc where nobody looked: how wide its U95 is then, and what it is incomplete without."""
+"""Possible changes of K_Vc that nobody measured: their part of its U95, and its missing contributions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MAY_HAVE: Final[tuple[tuple[str, Mapping[str, float], str], ...]] = (
     (DEMODULATOR_PHASE, {"demodulator_phase_deg": 1.0}, "by 1 deg"),
     ("V_Vc that comes through", {"v_vc_feedthrough": 5e-4}, "by 500 ppm"),
 )
-"""What may have changed where nobody looks; of Q a share.
+"""Largest possible changes where nobody looks; of Q a share.
 
 The limits are this program's own, there is no source for them. Q halves where gas that damps a mode comes to twice its
 pressure. Half a hertz of split is 3e-4 of a mode's spring, 5 Hz of the in-phase mode 3e-3. A degree is 0.8 us at 3.5
@@ -37,11 +37,11 @@ kHz: a capacitor at the corner of a filter, off by 3 %. 5e-4 of what the modes a
 `benchmarks/ageing.py` goes. `k_vc_not_measured_ppm` replaces them all.
 """
 _COUNTED = frozenset({phases.CARRIER_PHASE, phases.DEMODULATOR_PHASE})
-"""What is measured by health, or counts as not measured: not missing, though no bench file says it."""
+"""Phases measured by health, or counted as not measured: not missing, though no bench file says it."""
 
 
 def missing_of(settings: KnownDeviceSettings, *, amplitudes: bool = False) -> tuple[str, ...]:
-    """Return what a scale factor is incomplete without: `amplitudes`, too, unless their ratio was measured.
+    """Return the missing contributions of a scale factor: `amplitudes`, too, unless their ratio was measured.
 
     No figure stands for how far that may have changed.
     """
@@ -51,7 +51,7 @@ def missing_of(settings: KnownDeviceSettings, *, amplitudes: bool = False) -> tu
 
 
 def gaps_of(settings: KnownDeviceSettings, missing: Collection[str]) -> Iterator[str]:
-    """Yield in words what nothing is known of, of what is `missing` too."""
+    """Yield in words the unknown quantities, of those `missing` too."""
     yield from (f"MISSING {gap.words}" for gap in settings.own_gaps() if gap.name not in _COUNTED)
     if AMPLITUDES in missing:
         yield (
@@ -62,7 +62,7 @@ def gaps_of(settings: KnownDeviceSettings, missing: Collection[str]) -> Iterator
 
 
 def unmeasured(settings: KnownDeviceSettings, measured: Collection[str] = ()) -> list[UncertaintyPart]:
-    """Return what may have become of K_Vc unmeasured, relative; limits of phases in the bench file count elsewhere."""
+    """Return the possible unmeasured changes of K_Vc, relative; limits of phases in the bench file count elsewhere."""
     stated = settings.station.sources
     if CARRIER_PHASE in measured:
         return []
@@ -76,7 +76,7 @@ def unmeasured(settings: KnownDeviceSettings, measured: Collection[str] = ()) ->
 
 
 def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> list[UncertaintyPart]:
-    """Return what may have become of K_Vc where nothing was measured now, relative parts by cause, as far as `but`.
+    """Return the possible changes of K_Vc without a measurement now, relative parts by cause, except `but`.
 
     Each is the limit of what may have changed times what the device makes of it; what the certificate does not know of
     the device counts as wide as its class.
@@ -94,7 +94,7 @@ def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> 
 
 
 def _moved(known: Mapping[str, Kept], moved: Mapping[str, float], sign: float) -> Characteristics:
-    """Return what has moved, as surely known as before; a leak has one direction."""
+    """Return the moved characteristics, with their earlier uncertainties; a leak has one direction."""
     values = {
         name: known[name].value * (1.0 + by) if name.startswith("q_") else known[name].value + sign * by
         for name, by in moved.items()

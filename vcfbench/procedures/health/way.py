@@ -1,4 +1,4 @@
-"""With what a bench can measure what K_Vc depends on."""
+"""Choice of the instrument that measures the characteristics of K_Vc: oscilloscope or multimeter."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
 AC_WANTED: Final = "whether a person moves the multimeter to drive and carrier, for the ratio of their AC volts"
 NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
-"""What the oscilloscope must see."""
+"""Nodes that the oscilloscope must see."""
 
 
 def way_of(settings: KnownVvcSettings) -> tuple[Literal["oscilloscope", "multimeter"] | None, str]:
-    """Return with what the bench measures it; and why not all of it, or nothing (None)."""
+    """Return the measuring instrument, and the reason if it measures only a part, or nothing (None)."""
     if lacking(_driver_class(settings, "rate_source"), SetsSine):
         return None, "the generator makes no sines"
     wiring = settings.station.oscilloscope

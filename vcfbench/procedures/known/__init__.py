@@ -1,1 +1,1 @@
-"""What is known beforehand: V_Vc, how well, and the device with its K_Vc."""
+"""Prior knowledge: V_Vc, its uncertainty, and the device with its K_Vc."""

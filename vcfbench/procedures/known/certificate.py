@@ -1,4 +1,4 @@
-"""What earlier entries of a device tell: what its curve is made of, and how far a scale factor has drifted.
+"""Earlier entries of a device: the contributions to its curve, and the drift of a scale factor since.
 
 The certificate is what a drift is counted from. A step is seen against it and against the last entry, a creep that each
 run hides in its noise by the cumulative sum over all entries.
@@ -33,21 +33,21 @@ Floats: TypeAlias = "NDArray[np.float64]"
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """How far the scale factor is from that of one earlier entry."""
+    """Change of the scale factor since one earlier entry."""
 
     since: str
     """Which entry, and when."""
     change_ppm: Measurand
-    """Of the earlier one; what both share has cancelled."""
+    """Change relative to the earlier one; common errors have cancelled."""
     cancelled: tuple[str, ...]
-    """What both share."""
+    """Errors common to both."""
     e_n: float
     """Change over its expanded uncertainty: above 1 it is seen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drift(Change):
-    """How far the scale factor is from that of the certificate, and what the entries since then tell."""
+    """Change of the scale factor since the certificate, and its drift over the entries since then."""
 
     last: Change | None
     """Since the entry before; None where that is the certificate."""
@@ -57,10 +57,10 @@ class Drift(Change):
     """Entries by this certificate whose drift failed: the device stays failed until it has a new certificate."""
     verdict: Literal["pass", "marginal", "fail"]
     limits: tuple[Verdict, ...]
-    """What it was judged by."""
+    """Limits of its verdict."""
 
     def acceptance_values(self) -> dict[str, float | None]:
-        """Return what drift is judged by, by the keys of :func:`drift_limits`."""
+        """Return the judged values of the drift, by the keys of :func:`drift_limits`."""
         return _values(self, self.last, self.cusum, self.failed_before)
 
 
@@ -78,7 +78,7 @@ def _values(
 
 
 def shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floats]]:
-    """Return what the covariance of a curve is made of: source, whose it is, degrees of freedom, its covariance."""
+    """Return the contributions to the covariance of a curve: source, its owner, degrees of freedom, its covariance."""
     if not curve.shares:
         return [("its covariance", None, None, np.array(curve.covariance))]
     return [(share.source, share.of, share.dof, np.array(share.covariance)) for share in curve.shares]
@@ -165,7 +165,7 @@ def _owner(reference: Reference, share: Share) -> str | None:
 def _difference(
     now: Sequence[UncertaintyPart], then: Sequence[UncertaintyPart]
 ) -> tuple[list[UncertaintyPart], tuple[str, ...]]:
-    """Return the parts of the difference, and what of them has cancelled."""
+    """Return the parts of the difference, and the cancelled ones."""
     owners: dict[str, list[UncertaintyPart]] = {}
     for part in then:
         if part.of is not None:
@@ -184,12 +184,12 @@ def _difference(
 
 
 def _key(part: UncertaintyPart) -> str:
-    """Return what two parts must share to be one: the owner, and gain or offset of it."""
+    """Return the identity of a part: the owner, and its gain or offset."""
     return f"{part.of}: {part.source.rsplit(': ', maxsplit=1)[-1]}"
 
 
 def drift_parts(drift: Drift | None) -> list[Any]:
-    """Return what is reported of the drift since the certificate, and of the entries since then."""
+    """Return the report of the drift since the certificate, and of the entries since then."""
     if drift is None:
         return [Text("drift: nothing earlier is known of the device")]
     words = [

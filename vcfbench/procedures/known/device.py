@@ -1,4 +1,4 @@
-"""What is known of a device before it is measured: its K_Vc from a certificate, a file or a number, and its history."""
+"""Prior knowledge of a device: its K_Vc from a certificate, a file or a number, and its history."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ UNSEEN = (
     "the modulator: its gain, its reference, its curvature",
     "masses and their shares in the modes",
 )
-"""What a self-calibration by K_Vc cannot see: all that K_Vc itself is made of (equation 16 of the paper)."""
+"""Causes that a self-calibration by K_Vc cannot see: all quantities within K_Vc itself (equation 16 of the paper)."""
 
 _AS_STATED = (
     "the modulator's curve and how long K_Vc is valid, which a certificate has and a number has not",
@@ -51,35 +51,35 @@ _AS_STATED = (
 
 
 class Reference(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What the scale factor is compared with: an earlier entry of the device."""
+    """Reference of the scale factor: an earlier entry of the device."""
 
     name: str
-    """Of the entry: ``0003``."""
+    """Name of the entry: ``0003``."""
     kind: str
     done: str
-    """When, as ISO 8601 has it."""
+    """Date, as ISO 8601 has it."""
     scale_factor_v_per_deg_s: Measured
 
 
 class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is known of the device before it is measured."""
+    """Prior knowledge of the device."""
 
     k_vc: KvcCurve
     source: str
-    """Where the curve comes from: ``certificate 0001``, a file, a number."""
+    """Source of the curve: ``certificate 0001``, a file, a number."""
     certificate: str | None
     """Name of the device's own certificate; None where the curve comes from elsewhere."""
     issued: str | None = None
-    """When the certificate was measured, as ISO 8601 has it; None where there is none."""
+    """Date of the certificate's measurement, as ISO 8601 has it; None where there is none."""
     days_since: float | None = None
-    """How long ago that was as the run began, whole days."""
+    """Age of the certificate as the run began, whole days."""
     characteristics: Characteristics | None = None
-    """What the device was like then, as far as the certificate has it."""
+    """Characteristics of the device then, as far as the certificate has them."""
     unseen: tuple[str, ...] = UNSEEN
     holds_not: tuple[str, ...] = ()
-    """What is in no uncertainty because K_Vc comes from there."""
+    """Sources that are in no uncertainty because K_Vc comes from there."""
     reference: Reference | None = None
-    """Of the certificate; of its first self-calibration where it has no scale factor itself."""
+    """Reference from the certificate; from its first self-calibration where it has no scale factor itself."""
     history: tuple[Reference, ...] = ()
     """The self-calibrations by that certificate, oldest first."""
     failed_before: tuple[str, ...] = ()
@@ -87,13 +87,13 @@ class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class DeviceStation(Station, frozen=True, kw_only=True):
-    """What the place gives, and what is known of the device: the record holds all that the results are made of."""
+    """Station with the known device: the record holds all inputs of the results."""
 
     known: KnownDevice | None = None
 
 
 class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
-    """What procedures are told that go by the K_Vc of a device: of its certificate, of a file, or a number."""
+    """Settings of procedures that use the K_Vc of a device: of its certificate, of a file, or a number."""
 
     k_vc: Annotated[
         Annotated[str, Meta(min_length=1, max_length=4096)] | None,
@@ -111,7 +111,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
     ] = None
 
     rates_key: ClassVar[str] = "virtual_rates_deg_s"
-    """Where the virtual rates stand that are asked for."""
+    """Name of the key with the requested virtual rates."""
 
     @property
     def acceptance(self) -> tuple[Limit, ...]:
@@ -129,18 +129,18 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         raise NotImplementedError
 
     def own_gaps(self) -> Iterator[Gap]:
-        """Yield what nothing is known of that is no matter of a table."""
+        """Yield the unknown quantities that do not concern a table."""
         yield from (gap for gap in self.station.sources.gaps() if gap.name not in {"table rate", "misalignment"})
 
     @property
     def missing_without_table(self) -> tuple[str, ...]:
-        """What a scale factor by V_Vc is incomplete without: what the K_Vc of the device is, and here."""
+        """Missing contributions of a scale factor by V_Vc: those of the device's K_Vc, and those here."""
         here = (gap.name for gap in self.own_gaps() if {"scale_factor", "k_vc"} & {*gap.kinds})
         return tuple(dict.fromkeys([*self.known.k_vc.missing, *here]))
 
     @property
     def known(self) -> KnownDevice:
-        """What is known of the device.
+        """Known device.
 
         Raises:
             ConfigError: it was not looked up.
@@ -150,7 +150,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         return self.station.known
 
     def recalled(self) -> Self:
-        """Return these settings with what is known of the device.
+        """Return these settings with the known device.
 
         Raises:
             ConfigError: no K_Vc is known, its certificate is out of date, or the V_Vc of a rate is beyond the curve,
@@ -180,7 +180,7 @@ def _require_level(settings: KnownDeviceSettings, level_v: float, rate_deg_s: fl
 
 
 def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
-    """Look up what is known of the device, `now`."""
+    """Look up the known device, `now`."""
     entries = () if settings.dut is None else settings.store.entries(settings.dut)
     if settings.k_vc is not None:
         return _given(settings, settings.k_vc, entries, now)
@@ -197,7 +197,7 @@ def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
 
 
 def _of_certificate(record: Certificate, name: str, entries: tuple[Entry, ...], now: datetime) -> KnownDevice:
-    """Return what is known by a certificate of the device's own."""
+    """Return the known device by a certificate of its own."""
     known = KnownDevice(
         k_vc=record.k_vc, source=f"certificate {name}", certificate=name, **_beside_the_curve(record, now)
     )
@@ -205,7 +205,7 @@ def _of_certificate(record: Certificate, name: str, entries: tuple[Entry, ...], 
 
 
 def _beside_the_curve(record: Certificate, now: datetime) -> dict[str, Any]:
-    """Return what a certificate says beside the curve."""
+    """Return the facts of a certificate beside the curve."""
     at_c, seen = record.conditions.temperature_c, record.characteristics or Characteristics()
     if seen.temperature_c is None and at_c is not None:
         seen = structs.replace(seen, temperature_c=Measured(value=at_c, u=0.0))
@@ -247,7 +247,7 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[Entry, ...]
 
 
 def _with_history(known: KnownDevice, entries: tuple[Entry, ...]) -> KnownDevice:
-    """Return `known` with what the scale factor is compared with: the last certificate, and what came after it."""
+    """Return `known` with the references of the scale factor: the last certificate, and the later entries."""
     certificate = last_certificate(entries)
     compared = [*([] if certificate is None else [certificate]), *since_certificate(entries)]
     references = [found for each in compared if (found := _reference(each.name, each.record)) is not None]
@@ -270,7 +270,7 @@ def _require_valid(record: Certificate, where: str, settings: KnownDeviceSetting
 
 
 def _reference(name: str, record: DeviceRecord) -> Reference | None:
-    """Return what an entry tells of the scale factor."""
+    """Return the scale factor of an entry."""
     match record:
         case SelfCalibration(scale_factor_v_per_deg_s=found):
             return Reference(

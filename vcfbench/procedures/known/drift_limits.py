@@ -1,4 +1,4 @@
-"""What a drift since the certificate is judged by."""
+"""Limits of a drift since the certificate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What K_Vc of a device depends on and by how much, and what has become of it since its certificate.
+"""Sensitivities of a device's K_Vc to its characteristics, and its change since its certificate.
 
 The closed form is that of :mod:`vcfbench.analysis.k_vc_model`. What a certificate does not know of the device is
 assumed as wide as the class of silicon tuning forks has it, and named; what is not known makes no uncertainty smaller.
@@ -54,20 +54,20 @@ ASSUMED: Mapping[str, Measured] = {
     "drive_amplitude_v": _within(1.0, 0.0),
     "carrier_amplitude_v": _within(1.0, 0.0),
 }
-"""What counts where nobody measured it. Frequencies and Q are those of the paper's class; both amplitudes count as a
-ratio alone, so that their size is free; combs of one mask differ by 1 % at most; the limits are assumed."""
+"""Assumed values where nobody measured them. Frequencies and Q are those of the paper's class; both amplitudes count
+as a ratio alone, so that their size is free; combs of one mask differ by 1 % at most; the limits are assumed."""
 
 ASSUMED_DRIVE_PPM_K = _within(-30.0, 15.0)
-"""Of the drive frequency: silicon's stiffness falls by some 60 ppm/K; K_Vc is as 1/frequency."""
+"""Coefficient of the drive frequency: silicon's stiffness falls by some 60 ppm/K; K_Vc is as 1/frequency."""
 ASSUMED_SPLIT_HZ_K = _within(0.0, 0.02)
-"""Of the split: modes of one piece of silicon whose coefficients differ by a fifth (assumed)."""
+"""Coefficient of the split: modes of one piece of silicon whose coefficients differ by a fifth (assumed)."""
 FURTHEST_K = 20.0
 """From the certificate's temperature, where nobody has measured K_Vc at others: so far an assumed coefficient holds."""
 ASSUMED_Q_PER_K = _within(-2e-3, 2e-3)
 """Relative change of the quality factors with temperature: gas shut in at few pascals damps as the square root of its
 temperature, -0.17 %/K; supports lose less of it, thermoelastic losses more (assumed)."""
 ASSUMED_PPM_V = Measured(value=0.0, u=200.0 / math.sqrt(3.0))
-"""Of K_Vc by the rails, where nobody measured it: as much as a drive may follow them whose carrier does not."""
+"""Coefficient of K_Vc by the rails, where nobody measured it: the drive may follow them and the carrier not."""
 
 UNITS: Mapping[str, str] = {
     "drive_hz": "Hz",
@@ -85,12 +85,12 @@ UNITS: Mapping[str, str] = {
     "temperature_c": "K",
     "rails_v": "V",
 }
-"""Of what K_Vc depends on, and of the changes of temperature and rails."""
+"""Units of the quantities that K_Vc depends on, and of the changes of temperature and rails."""
 
 
 @dataclass(frozen=True, slots=True)
 class KvcPart:
-    """What the change of one quantity did to K_Vc, the others as they were."""
+    """Effect of the change of one quantity on K_Vc, the others as they were."""
 
     quantity: str
     unit: str
@@ -118,7 +118,7 @@ _Inputs = dict[str, Measured]
 
 
 def _inputs(known: Characteristics) -> _Inputs:
-    """Return what the closed form needs; amplitudes that were not both measured count as equal."""
+    """Return the inputs of the closed form; amplitudes that were not both measured count as equal."""
     found: _Inputs = {name: getattr(known, name) or ASSUMED[name] for name in QUANTITIES}
     return found
 
@@ -164,7 +164,7 @@ def _moved(values: Mapping[str, float], name: str, by: float) -> dict[str, float
 
 
 def temperature_coefficient(known: Characteristics, seen: Collection[str] = ()) -> tuple[Measured, bool]:
-    """Return by how much K_Vc changes with temperature, ppm/K, and whether it rests on what was measured.
+    """Return the temperature coefficient of K_Vc, ppm/K, and whether it rests on measurements.
 
     As measured on a table, or else by the closed form from the coefficients of drive frequency, split and Q. What split
     and Q do is left out where they are among those `seen`, which have it.
@@ -198,11 +198,11 @@ def temperature_coefficient(known: Characteristics, seen: Collection[str] = ()) 
 
 
 _LEFT_PPM_K = 0.05
-"""What the in-phase mode's own coefficients leave."""
+"""Residual effect of the in-phase mode's own coefficients."""
 
 
 def at_temperature(known: Characteristics, at_c: Measured | None) -> Characteristics:
-    """Return what is known of a device as it is at another temperature, where that and the coefficients are known.
+    """Return the characteristics of a device at another temperature, where that and the coefficients are known.
 
     Where it is not, neither is the frequency, which was found at a temperature of its own.
     """
@@ -265,7 +265,7 @@ def require_characterised(seen: Characteristics | None, now_c: float | None) -> 
 
 
 def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
-    """Return what became of K_Vc from what was measured both times, however large the changes are.
+    """Return the change of K_Vc by the quantities measured both times, however large the changes are.
 
     Temperature counts where the drive frequency was not measured both times, which shows it; the rails where the
     amplitudes of drive and carrier were not. What both measurements share (`Share.of`) cancels.
@@ -305,7 +305,7 @@ def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
 
 
 def _coefficients(then: Characteristics, now: Characteristics, seen: _Inputs) -> Iterator[KvcPart]:
-    """Yield what temperature and rails did, where what they act by was not measured."""
+    """Yield the effects of temperature and rails, where the quantities that they act by were not measured."""
     if "drive_hz" not in seen and then.temperature_c and now.temperature_c:
         per_k, _ = temperature_coefficient(then, seen)
         yield _step("temperature_c", per_k, then.temperature_c, now.temperature_c)
@@ -325,7 +325,7 @@ def _u_of(
     second: _Inputs,
     before: Mapping[str, float],
 ) -> float:
-    """Return what the uncertainties leave of a change, by half the difference at both ends of each.
+    """Return the uncertainty of a change by those of its inputs, from half the difference at both ends of each.
 
     `first` and `second` are the inputs that are moved; the others stay as in `before`.
     """
@@ -351,7 +351,7 @@ def _u_of(
 
 
 def _common(then: Measured, now: Measured) -> dict[tuple[str, str], tuple[float, float]]:
-    """Return what both share, by whose and what it is."""
+    """Return the common errors of both, by owner and source."""
     earlier = {(share.of, share.source): share.u for share in then.shares if share.of}
     keys = [(share.of, share.source, share.u) for share in now.shares if share.of]
     return {(of, source): (earlier[of, source], u) for of, source, u in keys if (of, source) in earlier}

@@ -1,4 +1,4 @@
-"""What K_Vc may have become since its certificate where nobody has looked: by time, and by temperatures that were told.
+"""Possible change of K_Vc since its certificate where nobody has looked: by time, and by the stated temperatures.
 
 What cannot be seen without a table (combs, their gap and charges, masses) may have drifted in one direction all the
 time, so its limit grows in proportion to the time since the certificate, and any drift within is as likely.
@@ -31,18 +31,18 @@ _CHARGED_SPLIT_HZ = 0.05
 
 @dataclass(frozen=True, slots=True)
 class KvcSince:
-    """What time and temperature have made of K_Vc since its certificate."""
+    """Change of K_Vc by time and temperature since its certificate."""
 
     factor: float
     """K_Vc now over that of the certificate."""
     parts: tuple[UncertaintyPart, ...]
-    """What is not known of that, relative."""
+    """Uncertainty of that, relative."""
     said: tuple[str, ...]
-    """What was taken, in words."""
+    """Corrections and assumptions, in words."""
 
 
 def k_vc_since(settings: KnownDeviceSettings, seen: KvcChange | None = None) -> KvcSince:
-    """Return what became of K_Vc as far as time and temperature tell; `seen`: what its causes came to, once measured.
+    """Return the change of K_Vc as far as time and temperature tell; `seen`: that by its causes, once measured.
 
     Then temperature is one of them.
     """
@@ -75,13 +75,13 @@ def drift_words(known: Sources) -> str:
 
 
 def _measured(seen: KvcChange) -> tuple[float, list[UncertaintyPart], list[str]]:
-    """Return by how much K_Vc has changed, ppm, what is not known of that, and both in words."""
+    """Return the change of K_Vc, ppm, its uncertainty, and both in words."""
     said = f"K_Vc corrected by {seen.ppm:+.1f} ppm, u {seen.u_ppm:.2g}, for what was measured of its causes (health)"
     return seen.ppm, [UncertaintyPart(K_VC_HEALTH, 1e-6 * seen.u_ppm)], [said]
 
 
 def _warmed(settings: KnownDeviceSettings, known: KnownDevice) -> tuple[float, list[UncertaintyPart], list[str]]:
-    """Return what temperature did to K_Vc, ppm, what is not known of that, and both in words."""
+    """Return the change of K_Vc by temperature, ppm, its uncertainty, and both in words."""
     seen, now_c = known.characteristics or Characteristics(), settings.temperature_c
     per_k, measured = temperature_coefficient(seen)
     within_k = settings.station.sources.temperature_k
@@ -98,7 +98,7 @@ def _warmed(settings: KnownDeviceSettings, known: KnownDevice) -> tuple[float, l
 
 
 def days_until(wanted_u95_ppm: float, today: Sequence[UncertaintyPart], drift_ppm_per_year: float) -> float | None:
-    """Return after how many days U95 of K_Vc comes to what is wanted of it; None where it is beyond that today.
+    """Return the days until U95 of K_Vc reaches the wanted value; None where it is beyond that today.
 
     Args:
         wanted_u95_ppm: ppm of K_Vc.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
 
 K_VC_UNIT = "(deg/s)/V"
-"""Of the rate that a volt of V_Vc stands for."""
+"""Unit of the rate that a volt of V_Vc stands for."""
 
 
 def has_v_vc_meter(settings: ProcedureSettings) -> bool:
@@ -59,7 +59,7 @@ def generator_sheet(settings: ProcedureSettings) -> LevelSpecification:
 
 
 def v_vc_tolerance_v(settings: ProcedureSettings, v_vc_v: float) -> float:
-    """Return how far V_Vc may be from its setting: what the generator promises and a quarter more, V."""
+    """Return the tolerance of V_Vc about its setting: the generator's accuracy and a quarter more, V."""
     return 1.25 * generator_sheet(settings).limit_v(v_vc_v)
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class ScaleFactorBy(Enum):
-    """What the scale factor is taken with."""
+    """Method for taking the scale factor."""
 
     V_VC = "v-vc"
     TABLE = "table"
@@ -43,7 +43,7 @@ def contradictions_of_level(
 
 
 class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
-    """What turns the output at rest into a rate."""
+    """Settings that turn the output at rest into a rate."""
 
     scale_factor_v_per_deg_s: Annotated[
         Annotated[float, Meta(ge=-1e3, le=1e3)] | None,
@@ -59,7 +59,7 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
     ] = "none"
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
+        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.scale_factor_v_per_deg_s == 0.0:
             expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not told"
@@ -68,7 +68,7 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class ScaleFactor:
-    """What turns volts into rates, V/(deg/s); `u` None where nobody tells it; `source` is whence it is."""
+    """Scale factor of volts to rates, V/(deg/s); `u` None where nobody tells it; `source` names its source."""
 
     value: float
     u: float | None
@@ -76,7 +76,7 @@ class ScaleFactor:
 
 
 class ScaleFactorRead(StepResult, Struct, frozen=True):
-    """A scale factor, V/(deg/s), with its standard uncertainty (None where it was not told), and whence it is."""
+    """A scale factor, V/(deg/s), with its standard uncertainty (None where it was not told), and its source."""
 
     value: float
     u: float | None
@@ -132,7 +132,7 @@ def read_scale_factor(settings: AtRestSettings) -> Routine[None]:
 
 
 def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFactor:
-    """Return the scale factor that turns volts into rates, and whence it is."""
+    """Return the scale factor that turns volts into rates, with its source."""
     if settings.scale_factor_v_per_deg_s is not None:
         return ScaleFactor(settings.scale_factor_v_per_deg_s, settings.scale_factor_u_v_per_deg_s, "settings")
     for _, read in measured.found(ScaleFactorRead):

@@ -1,4 +1,4 @@
-"""How V_Vc is known: measured by a meter of its own, by the one meter with its leads moved, or believed as it is set.
+"""Measurement of V_Vc: by a meter of its own, by the one meter with its leads moved, or believed as it is set.
 
 What a generator was set to it reads back to the last digit, however far it is off; so V_Vc is measured unless somebody
 says that the setting is believed, and then the generator's accuracy is the uncertainty.
@@ -41,7 +41,7 @@ V_VC_GAIN, V_VC_OFFSET, V_VC_NOISE = (
     "offset of what V_Vc is known by",
     "V_Vc's scatter",
 )
-"""Sources of uncertainty that several procedures name, by which what they share cancels in differences."""
+"""Sources of uncertainty that several procedures name, so that common errors cancel in differences."""
 
 
 _OVER_RANGE = 1.2
@@ -49,14 +49,14 @@ _OVER_RANGE = 1.2
 
 
 class VvcKnown(Enum):
-    """How V_Vc is known."""
+    """Source of V_Vc: measured, or set."""
 
     MEASURED = "measured"
     SET = "set"
 
 
 class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
-    """What procedures are told that go by V_Vc."""
+    """Settings of procedures that use V_Vc."""
 
     v_vc: Annotated[
         VvcKnown,
@@ -75,11 +75,11 @@ class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
 
     @property
     def store(self) -> DeviceStore:
-        """What is known of the devices."""
+        """Store of the devices."""
         return DeviceStore(Path(self.devices))
 
     def recalled(self) -> Self:
-        """Return these settings with the flicker of the device, where one is named; what is found can be kept of it."""
+        """Return these settings with the flicker of the device, where one is named; the store has room for findings."""
         if self.dut is not None:
             self.store.entries(self.dut)
             self.store.require_room(self.dut)
@@ -113,7 +113,7 @@ class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class InstrumentAccuracy:
-    """How far an instrument may be off, as standard uncertainties, and which instrument it is.
+    """Accuracy of an instrument, as standard uncertainties, and its identity.
 
     `owner` is what two results must share for the error to be the same in both.
     """
@@ -125,7 +125,7 @@ class InstrumentAccuracy:
 
 
 def conditions(settings: KnownVvcSettings, made: Provenance) -> Conditions:
-    """Return under what was measured, for what is kept of a device."""
+    """Return the conditions of the measurement, for the device store."""
     return Conditions(
         bench=made.bench,
         run=made.run,
@@ -154,7 +154,7 @@ def _accuracy(
 
 
 def known_words(settings: KnownVvcSettings, *keys: str) -> list[str]:
-    """Say how long ago the meters that count were calibrated, where that is from, and what of `keys` was assumed."""
+    """Return the ages of the meters' calibrations, with their source, and the assumed values of `keys`."""
     known = settings.station.sources
     ages = [("multimeter", known.meter_age_days, known.meter_age_from)]
     if settings.v_vc_role == "v_vc_meter":
@@ -167,7 +167,7 @@ _OF_WARM_UP = ("warm_up_k", "warm_up_time_s", "scale_factor_ppm_k")
 
 
 def alignment_error(settings: KnownVvcSettings) -> float:
-    """Return what the angle between the gyroscope's axis and the table's leaves, a relative standard uncertainty."""
+    """Return the error by the angle between the gyroscope's axis and the table's, a relative standard uncertainty."""
     return (1.0 - math.cos(math.radians(settings.station.sources.misalignment_deg or 0.0))) / math.sqrt(3.0)
 
 
@@ -177,7 +177,7 @@ def table_rate_error(settings: KnownVvcSettings) -> float:
 
 
 def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, float]:
-    """Return by source what temperature and warm-up leave of a scale factor, relative standard uncertainties.
+    """Return the errors of a scale factor by temperature and warm-up, relative standard uncertainties by source.
 
     Of the warm-up it is the mean over a run of so many windows; nothing where the bench file does not know it.
     """

@@ -90,19 +90,19 @@ class MatchedPair:
     residual_deg_s: float
     """Rate less curve."""
     left_v: float
-    """What was left between the two outputs, V; it is interpolated."""
+    """Difference left between the two outputs, V; it is interpolated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KVcResult:
-    """What the calibration of K_Vc came to."""
+    """Result of the calibration of K_Vc."""
 
     k_vc: Measurand
     """Rate that one volt of V_Vc stands for, of small signals: k1 of the curve, (deg/s)/V."""
     curve: KVcCurve
     """The rate against V_Vc; k0 holds the offsets of generator and meter at a setting of 0 V."""
     curve_parts: Mapping[str, tuple[tuple[float, ...], ...]]
-    """What each source puts into the covariance of the curve."""
+    """Contributions of each source to the covariance of the curve."""
     curvature: Curvature
     """The modulator's curve."""
     pairs: tuple[MatchedPair, ...]
@@ -114,18 +114,18 @@ class KVcResult:
     """The same as a rate."""
     noise: BlockNoise
     characteristics: Characteristics
-    """What is known of what K_Vc depends on."""
+    """Known characteristics that K_Vc depends on."""
     sensitivities: tuple[Sensitivity, ...]
     """By how much."""
     days_to_wanted_u95: float | None
-    """After how many days U95 of K_Vc comes to what is wanted; None where it is beyond that already, or never is."""
+    """Days until U95 of K_Vc reaches the wanted value; None where it is beyond that already, or never will be."""
     v_vc_by: str
-    """What V_Vc is known by."""
+    """Source of the V_Vc values."""
     holds_not: tuple[str, ...]
-    """What is in no uncertainty, and why."""
+    """Sources that are in no uncertainty, with the reasons."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits, by its keys."""
+        """Return the values that ``[acceptance]`` limits, by its keys."""
         scale_factor, bias_v = self.scale_factor.value, self.bias.value
         return {
             "scale_factor_v_per_deg_s": scale_factor,
@@ -160,7 +160,7 @@ RESOLUTION = "steps of the generator"
 
 @dataclass(frozen=True, slots=True)
 class _Levels:
-    """What the blocks came to at each signed rate; arrays in the order +r1, -r1, +r2, ..."""
+    """Levels of the blocks at each signed rate; arrays in the order +r1, -r1, +r2, ..."""
 
     rate: Floats
     table_v: Floats
@@ -246,7 +246,7 @@ def _as_set(
 
 
 def _characteristics(settings: KVcSettings, curved: Curvature, health: Health | None) -> Characteristics:
-    """Return what earlier runs found of the device, with what this one did."""
+    """Return the characteristics of the device by earlier runs, with those of this one."""
     near = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
     at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near)
     u_rail_v = settings.rail_tolerance_v / math.sqrt(3.0)
@@ -267,12 +267,12 @@ def _days_to_wanted(settings: KVcSettings, k_vc: float, parts: Sequence[Uncertai
 
 
 def _u_earth(settings: KVcSettings) -> float:
-    """Return what the Earth's horizontal rate leaves of a zero that is taken at one heading, deg/s, at most."""
+    """Return the largest residual of the Earth's horizontal rate in a zero that is taken at one heading, deg/s."""
     return _EARTH_DEG_S * math.sin(math.radians(settings.axis_tilt_deg)) / math.sqrt(2.0)
 
 
 def _part(name: str, covariance: Floats, levels: _Levels, known_by: str) -> UncertaintyPart:
-    """Return what a source puts into the uncertainty of k1."""
+    """Return the contribution of a source to the uncertainty of k1."""
     u = math.sqrt(max(0.0, float(covariance[1, 1])))
     of_range = name.startswith((f"{V_VC_GAIN}, ", f"{V_VC_OFFSET}, "))
     return UncertaintyPart(name, u, _dof(name, levels.noise), whose(name, known_by), rectangular=of_range)
@@ -382,7 +382,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
 
 
 def _u95_until(results: KVcResult, made: Provenance) -> datetime | None:
-    """Return when U95 of K_Vc comes to what is wanted; None where that is not, or in more than a thousand years."""
+    """Return the date at which U95 of K_Vc reaches the wanted value; None without, or in over a thousand years."""
     days = results.days_to_wanted_u95
     return None if days is None or days > _FAR_DAYS else made.finished + timedelta(days=days)
 
@@ -391,7 +391,7 @@ _FAR_DAYS = 365_000.0
 
 
 def interval_words(settings: KVcSettings, results: KVcResult) -> str:
-    """Say when U95 of K_Vc will be what is wanted, for reports."""
+    """Name the time until U95 of K_Vc reaches the wanted value, for reports."""
     known, wanted = settings.station.sources, f"U95 of {settings.wanted_u95_ppm:g} ppm"
     drift, days = drift_words(known), results.days_to_wanted_u95
     if days is not None:
@@ -402,7 +402,7 @@ def interval_words(settings: KVcSettings, results: KVcResult) -> str:
 
 
 def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:
-    """Report the pairs, the curve, the budget of K_Vc, and what is in no uncertainty."""
+    """Report the pairs, the curve, the budget of K_Vc, and the sources that are in no uncertainty."""
     columns = (
         *(Column("rate", "deg/s", "g"), Column("V_Vc", "V", ".6f"), Column("u", "V", ".1e")),
         *(Column("rate - curve", "deg/s", ".1e"), Column("left", "V", ".1e")),

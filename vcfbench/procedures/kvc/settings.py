@@ -1,4 +1,4 @@
-"""What can be set of the calibration of K_Vc."""
+"""Settings of the calibration of K_Vc."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
     axis_tilt_deg: Annotated[float, Meta(ge=0.0, le=90.0, description="of the table's axis, limit")] = 0.5
 
     def recalled(self) -> Self:
-        """Return these settings with what procedures have found of what K_Vc of the device depends on."""
+        """Return these settings with the device's characteristics, as earlier procedures found them."""
         settings = super().recalled()
         seen = None if self.dut is None else self.store.characteristics(self.dut)
         plain = {} if seen is None else to_builtins(seen)
@@ -49,11 +49,11 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
 
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:
-        """The rates without sign, each once, rising: the search goes on from what the rate before found."""
+        """The rates without sign, each once, rising: the search goes on from the result at the rate before."""
         return tuple(sorted({abs(rate) for rate in self.match_rates_deg_s}))
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say; every rate must have a V_Vc within the limits."""
+        """Yield the contradictions beyond the ranges; every rate must have a V_Vc within the limits."""
         yield from super().contradictions()
         yield from invalid_match_rates(self, self.match_rates_deg_s, self.curve_order)
         largest_v = self.fastest_deg_s / max(abs(self.k_vc_guess_deg_s_per_v), 1e-9)

@@ -34,7 +34,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 
 
 def nulled_levels(v_vc_v: Floats, zero_v_vc_v: float, driven_v: Floats, left_v: Floats) -> tuple[Floats, Floats]:
-    """Return the V_Vc at which nothing would be left, V, and what the output does per volt there, V/V.
+    """Return the V_Vc of the null, V, and the slope of the output there, V/V.
 
     Along a smooth curve through all outputs, with its slope halfway: what was left is a thousandth, or some per cent
     where a generator changes its range, and the slope is good to some parts in a thousand.

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
 
 _CLOSE = 1e-3
-"""What the search may leave of the output's span; the rest is interpolated, with a slope good to some parts in 1000."""
+"""Largest residual of the search, relative to the output's span; it is interpolated, with a slope good to 1e-3."""
 _USABLE = 0.1
-"""What is left in a block beyond that is no null: more than the ends of two ranges of a generator are apart."""
+"""Largest residual of a usable null: more than the distance of the ends of two ranges of a generator."""
 
 
 class TakesLevel(Protocol):
@@ -43,7 +43,7 @@ class TakesLevel(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NullTerms:
-    """How V_Vc is matched: at which rates without sign, rising; how often; with how many settings of a search at most.
+    """Terms of the match of V_Vc: rates without sign, rising; cycles; settings of a search at most.
 
     `table`, `search` and `driven` are the numbers that its points carry: the table's blocks, the search for V_Vc, the
     blocks of V_Vc, whose windows `take` takes.
@@ -60,7 +60,7 @@ class NullTerms:
 
 @dataclass(frozen=True, slots=True)
 class Nulled:
-    """What came of it: the points of all blocks in their order, and the setting of V_Vc for each rate, either sign."""
+    """Result of the match: the points of all blocks in order, and the setting of V_Vc for each rate and sign."""
 
     table: tuple[Point, ...]
     driven: tuple[Point, ...]
@@ -99,7 +99,7 @@ def block(points: Sequence[Point]) -> Block:
 def invalid_match_rates(
     settings: ProcedureSettings, rates_deg_s: Sequence[float], order: int
 ) -> Iterator[InvalidValue]:
-    """Yield what is wrong with rates at which V_Vc is matched for a curve of `order`, the key `match_rates_deg_s`."""
+    """Yield the faults of rates at which V_Vc is matched for a curve of `order`, the key `match_rates_deg_s`."""
     magnitudes = sorted({abs(rate) for rate in rates_deg_s})
     limits, guess = settings.station.limits, abs(settings.k_vc_guess_deg_s_per_v)
     if 2 * len(magnitudes) < order + 2:
@@ -137,7 +137,7 @@ def _table_block(settings: ProcedureSettings, terms: NullTerms, rate_deg_s: floa
 def _driven_block(
     settings: ProcedureSettings, terms: NullTerms, rate_deg_s: float, levels_v: Mapping[float, float], table: Block
 ) -> Routine[list[Point]]:
-    """Take a chopped block at rest with V_Vc on; what it gives must be what the table gave."""
+    """Take a chopped block at rest with V_Vc on; its outputs must be those on the table."""
     points: list[Point] = []
     previous_v = 0.0
     for sign in CHOPPED:
@@ -165,7 +165,7 @@ def _require_null(driven_v: tuple[float, float], table_v: tuple[float, float], r
 def _search(
     settings: ProcedureSettings, terms: NullTerms, rate_deg_s: float, table: Block, per_deg_s: tuple[float, float]
 ) -> Routine[tuple[float, float]]:
-    """Return the settings of V_Vc that give what the table gave, one for each sign, nearest of those that were tried.
+    """Return the settings of V_Vc for the outputs on the table, one for each sign, nearest of those that were tried.
 
     Each try goes along the chord through zero, which is within some per cent of the tangent, so two or three are
     enough. Not so where a generator changes its range: levels between the ends of two ranges cannot be set.
@@ -195,7 +195,7 @@ def _search(
 
 
 def _chord(set_v: float, got_v: float, wanted_v: float, step: int) -> float:
-    """Return the V_Vc for `wanted_v` on the line through zero and what `set_v` gave.
+    """Return the V_Vc for `wanted_v` on the line through zero and the output at `set_v`.
 
     Raises:
         MeasurementError: the output does not answer to V_Vc.

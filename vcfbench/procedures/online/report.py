@@ -1,4 +1,4 @@
-"""What a calibration by a modulation reports: scale factor of every window and of the run, its budget, figures."""
+"""Report of a calibration by a modulation: scale factor of every window and of the run, its budget, figures."""
 
 from __future__ import annotations
 

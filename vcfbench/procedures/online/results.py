@@ -1,4 +1,4 @@
-"""The scale factor of every window of a modulation, that of the whole run, and what the true rate felt of it.
+"""The scale factor of every window of a modulation, that of the whole run, and the disturbance of the true rate.
 
 All comes from the phasors of the output over those of V_Vc. A curved chain (modulator, output stage) makes three times
 as much of the fundamental as of the third harmonic, and moves the mean by as much as the second: both are read off
@@ -50,7 +50,7 @@ _SCATTER = 3.0
 _SWING = 0.05
 """Part by which its sine may be another than theirs: the scale factor of a gyroscope that is warm moves by far less."""
 _SURE = math.cos(math.radians(60.0))
-"""Of a phase between output and V_Vc that tells the sign of the scale factor."""
+"""Least cosine of the phase between output and V_Vc that tells the sign of the scale factor."""
 
 _HOLDS_NOT = (
     "what K_Vc itself is made of: see what this method cannot see",
@@ -88,10 +88,10 @@ class AllanOfScaleFactor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnlineResult:
-    """What a calibration while measuring came to."""
+    """Result of a calibration while measuring."""
 
     scale_factor: Measurand
-    """Of small signals about the true rate, mean over the modulation, V/(deg/s)."""
+    """Scale factor of small signals about the true rate, mean over the modulation, V/(deg/s)."""
     disturbance: Measurand
     """True rate as read under the modulation, which is taken out, less that read with V_Vc at rest, deg/s."""
     disturbed_by_less_than_deg_s: float
@@ -99,7 +99,7 @@ class OnlineResult:
     windows: tuple[WindowFactor, ...]
     allan: tuple[AllanOfScaleFactor, ...]
     chi_square: float
-    """Of the windows about their mean, by `u_readings`."""
+    """Chi-square of the windows about their mean, by `u_readings`."""
     dof: int
     rate_t_s: tuple[float, ...]
     """Middles of the bursts, as the windows' times."""
@@ -112,24 +112,24 @@ class OnlineResult:
     """Amplitude of the virtual rate."""
     v_vc_amplitude_v: float
     rectified_deg_s: float
-    """What curvature makes of the sine at rate zero; it is taken out."""
+    """Mean that curvature makes of the sine at rate zero; it is taken out."""
     compression_ppm: float
-    """What curvature takes from the fundamental; it is given back."""
+    """Loss of the fundamental by curvature; it is given back."""
     response_ppm: float
     """By how much the response at the frequency exceeds that at rest; it is divided out."""
     lost_share: float
-    """Of the time between first and last reading, in which nothing was read."""
+    """Share of the time between first and last reading in which nothing was read."""
     k_vc_from: str
     v_vc_by: str
     since: tuple[str, ...]
-    """What was taken to have become of K_Vc since its certificate."""
+    """Assumed changes of K_Vc since its certificate."""
     unseen: tuple[str, ...]
     holds_not: tuple[str, ...]
     drift: Drift | None
     """Since the certificate of the device; None where nothing earlier is known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits, by its keys."""
+        """Return the values that ``[acceptance]`` limits, by its keys."""
         drift = {} if self.drift is None else self.drift.acceptance_values()
         return {"scale_factor_v_per_deg_s": self.scale_factor.value, **drift}
 
@@ -257,16 +257,16 @@ def _sign(
 
 @dataclass(frozen=True, slots=True)
 class _Gain:
-    """The gain of small signals without its sign: output per V_Vc, the response taken out, and what it rests on."""
+    """The gain of small signals without its sign: output per V_Vc, the response taken out, and its uncertainties."""
 
     windows: Floats
     """V/V."""
     u_readings: float
-    """Of one window."""
+    """Standard uncertainty of one window."""
     value: float
     u_mean_readings: float
     u_third: float
-    """What the noise of the third harmonic leaves."""
+    """Contribution of the noise of the third harmonic."""
     u_v_vc: float
     response: float
     amplitude_v: float
@@ -383,7 +383,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
 
 
 def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[UncertaintyPart], list[UncertaintyPart]]:
-    """Return what the readings put into the uncertainty of the scale factor, and what is common to all windows."""
+    """Return the contributions of the readings to the scale factor's uncertainty, and those common to all windows."""
     size = abs(gain.value / k_vc)
     meter, error = meter_error(settings, "multimeter"), v_vc_error(settings)
     own = [
@@ -425,7 +425,7 @@ def _u_response(settings: OnlineSettings, gain: _Gain) -> float:
 def _disturbance(
     settings: OnlineSettings, run: _Run, gain: _Gain, scale_factor: float
 ) -> tuple[Measurand, float, Floats]:
-    """Return the disturbance, what was taken out as rectified (deg/s), and the change of the rate in each burst."""
+    """Return the disturbance, the part taken out as rectified (deg/s), and the change of the rate in each burst."""
     signed = gain.value * run.sign
     rectified_v = float(np.mean(_second_v(settings, run, gain.value)))
     shift_v = signed * (gain.offset_v - run.rest_v_vc_v)
@@ -453,7 +453,7 @@ def _disturbance(
 def _flicker(
     settings: OnlineSettings, run: _Run, means_v: Floats, variance_mean: float, size: float
 ) -> tuple[float, float]:
-    """Return what flicker leaves in the difference to rest, deg/s, and its degrees of freedom.
+    """Return the contribution of flicker to the difference to rest, deg/s, and its degrees of freedom.
 
     It is found from the differences of successive bursts, and is not less than ``[uncertainty]`` says of the gyroscope.
     """

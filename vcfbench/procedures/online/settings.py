@@ -1,4 +1,4 @@
-"""What can be set of a calibration while the gyroscope measures."""
+"""Settings of a calibration while the gyroscope measures."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _LEAST_READINGS = 8
 _LEAST_PERIODS = 3.0
 """A window."""
 _LEAST_BURST = 8.0
-"""Periods of what is taken at once, so that the noise shows between its harmonics."""
+"""Least periods in a burst, so that the noise shows between its harmonics."""
 _LEAST_BURSTS = 3
 
 
 class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
-    """What the calibration is told beside what a self-calibration is; the gyroscope is warm, as in service."""
+    """Settings of the calibration beside those of a self-calibration; the gyroscope is warm, as in service."""
 
     rates_key: ClassVar[str] = "virtual_rate_deg_s"
 
@@ -60,7 +60,7 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
 
     @property
     def aperture_s(self) -> float:
-        """How long a reading integrates, s; the next begins when it ends."""
+        """Integration time of a reading, s; the next begins when it ends."""
         return self.nplc / self.station.mains_hz
 
     @property
@@ -80,7 +80,7 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
 
     @property
     def bursts(self) -> int:
-        """How often they are taken."""
+        """Number of bursts."""
         return max(_LEAST_BURSTS, round(self.duration_s / (self.burst_readings * self.aperture_s)))
 
     @property
@@ -89,7 +89,7 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         return abs(level_for(self.known.k_vc, self.virtual_rate_deg_s, self.rates_key))
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
+        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         most_hz = 1.0 / (_LEAST_READINGS * self.aperture_s)
         burst_s = self.burst_readings * self.aperture_s

@@ -43,14 +43,14 @@ if TYPE_CHECKING:
 
 _Amplitudes: TypeAlias = tuple[float, float, float]
 _LARGEST_V = 10.0
-"""What no node of the PCB exceeds: its rails."""
+"""Voltage that no node of the PCB exceeds: its rails."""
 _SPACING_S = 0.5
 """Between two records: four time constants of the sense modes, whose noise swings at the mode split."""
 _NEVER_REACHED = 1.5
 """A trigger level over the amplitude that is never reached, and still on a screen of eight divisions and a little."""
 _ROTATION_POINTS = 10_000
 _TURNS = 4.0
-"""Of the sense signal against the drive in a record, at least."""
+"""Least turns of the sense signal against the drive in a record."""
 
 
 def plan(settings: PhaseSettings) -> Plan:
@@ -105,7 +105,7 @@ def _amplitudes_driven(settings: PhaseSettings) -> Routine[_Amplitudes]:
 
 
 def _drive_hz(settings: PhaseSettings, drive_v: float) -> Routine[float]:
-    """Measure the drive frequency: twice that and a little is what V_Vc shall have."""
+    """Measure the drive frequency: V_Vc shall have twice that and a little."""
     drive, channel = settings.drive, settings.station.channel_of("drive")
     expected = SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
     found = answer((yield CaptureSines((channel,), (drive_v,), settings.records, expected)), SineRecords)
@@ -125,7 +125,7 @@ def _amplitudes_turning(settings: PhaseSettings, drive_hz: float) -> Routine[_Am
 
 
 def _larger(channels: tuple[int, int, int], before_v: _Amplitudes) -> Routine[_Amplitudes]:
-    """Look how large three channels are, and return the larger of that and of what was seen before."""
+    """Look how large three channels are, and return the larger of that and of the amplitudes before."""
     found = answer((yield FindAmplitudes(channels, _LARGEST_V, 1.0)), Amplitudes)
     first, second, third = map(max, before_v, found.amplitudes_v)
     return first, second, third
@@ -189,7 +189,7 @@ def _rotations(
 
 
 def phase_characteristics(_settings: PhaseSettings, found: Phases) -> Characteristics:
-    """Return what K_Vc depends on of it: phases against the drive's velocity."""
+    """Return the characteristics that K_Vc depends on: phases against the drive's velocity."""
     from msgspec import structs  # noqa: PLC0415  # few name a device
 
     from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # as above

@@ -25,7 +25,7 @@ NOT_HELD = (
 
 
 def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) -> Report:
-    """Report the phases, what they do to K_Vc, and what is not in the uncertainties."""
+    """Report the phases, their effect on K_Vc, and the omissions of the uncertainties."""
     against_drive = {
         "carrier": found.carrier_deg,
         "sense signal of a positive rate (Coriolis)": found.coriolis_deg,
@@ -65,7 +65,7 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
 
 
 def _knowledge(found: Phases) -> dict[str, float]:
-    """Return what budgets may know of it, by the keys of ``[uncertainty]``."""
+    """Return the sensitivities that budgets may use, by the keys of ``[uncertainty]``."""
     return {
         "k_vc_ppm_carrier_deg": found.k_vc_ppm_per_carrier_deg,
         "k_vc_ppm_demodulator_deg": found.k_vc_ppm_per_demodulator_deg,

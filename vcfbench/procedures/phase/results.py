@@ -1,4 +1,4 @@
-"""Phases: carrier, Coriolis, virtual Coriolis and demodulator against the drive, and what they do to K_Vc.
+"""Phases: carrier, Coriolis, virtual Coriolis and demodulator against the drive, and their effect on K_Vc.
 
 Drive, carrier and sense signal are sines of one frequency on the oscilloscope, fitted as IEEE 1057 has it. What a rate
 or V_Vc does to the sense signal is the difference of its phasors at both signs: quadrature and feed-through, which are
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.phase.settings import PhaseSettings
 
 _LARGEST_SCATTER_DEG = 5.0
-"""Of the demodulator's phase from record to record: that of mere noise scatters by 52 deg, of a gyroscope by 0.01."""
+"""Largest scatter of the demodulator's phase between records: mere noise scatters by 52 deg, a gyroscope by 0.01."""
 _SKEW_S = 1e-10
 """DSO7104B: delay of a channel, either way (unverified), rectangular."""
 
@@ -41,7 +41,7 @@ class CaptureSense(CaptureSines, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Phases:
-    """Phases against the drive signal, deg, of one frequency all; and what they do to K_Vc.
+    """Phases against the drive signal, deg, of one frequency all; and their effect on K_Vc.
 
     `coriolis_deg` and `virtual_deg` are those of the sense signal that a positive rate and a positive V_Vc make.
     Of `demodulator_deg` half turns are not seen. The `..._from_...` are folded into -90 to 90: `velocity` leads the
@@ -163,7 +163,7 @@ def _bias_per_deg(
 
 
 def _of_k_vc(coriolis: _Angle, virtual: _Angle, demodulator: _Angle) -> tuple[Measurand, float, float]:
-    """Return what the phases make of K_Vc, ppm, and ppm a degree of carrier and demodulator.
+    """Return the effect of the phases on K_Vc, ppm, and ppm a degree of carrier and demodulator.
 
     The demodulator sees both sense signals with the cosine of their angle to its reference.
     """

@@ -41,7 +41,7 @@ class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
         return self.rate_deg_s
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say; every node that is looked at needs a channel."""
+        """Yield the contradictions beyond the ranges; every node that is looked at needs a channel."""
         yield from super().contradictions()
         most_deg_s = self.station.limits.max_rate_deg_s
         if most_deg_s is not None and self.rate_deg_s > most_deg_s:

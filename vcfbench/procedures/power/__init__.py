@@ -1,1 +1,1 @@
-"""The supply of the gyroscope: currents, time to valid output, what the rails do to the output."""
+"""The supply of the gyroscope: currents, time to valid output, effect of the rails on the output."""

@@ -1,4 +1,4 @@
-"""The supply of the gyroscope: currents from the first instant, what it draws, and what its rails do to the output.
+"""The supply of the gyroscope: currents from the first instant, steady currents, effect of its rails on the output.
 
 Three parts: power-on with the currents of all rails and the output read as fast as supply and meter go; the steady
 currents when it is warm; and each rail moved up and down within the limits of the bench, chopped 0, +, -, -, +, 0
@@ -66,7 +66,7 @@ class SuppliedAndLogged(EnableSupply, frozen=True):
     seconds: float
 
     def describe(self) -> str:
-        """Say what is done."""
+        """Describe the action."""
         return f"supply outputs on; currents and output as fast as they come for {self.seconds:g} s"
 
     @property
@@ -92,7 +92,7 @@ class RailOnAndLog(ConfigureRail, frozen=True):
     seconds: float
 
     def describe(self) -> str:
-        """Say what is done."""
+        """Describe the action."""
         return f"{ConfigureRail.describe(self)}; currents and output as fast as they come for {self.seconds:g} s"
 
     @property
@@ -141,7 +141,7 @@ class MeasureRails(Step):
     interval_s: float
 
     def describe(self) -> str:
-        """Say what is read."""
+        """Name the quantities read."""
         return f"voltage and current of each rail, {self.samples} times, every {self.interval_s:g} s"
 
     @property
@@ -150,7 +150,7 @@ class MeasureRails(Step):
         return self.samples * self.interval_s
 
     def perform(self, context: Context) -> RailsDrawn:
-        """Read them; what the supply needs for it beyond the interval makes the window longer."""
+        """Read them; the supply's time for it beyond the interval makes the window longer."""
         clock, power = context.bench.clock, context.bench.power
         drawn = []
         for _ in range(self.samples):
@@ -244,7 +244,7 @@ def _at_rails(settings: PowerSettings) -> Routine[None]:
 
 
 def power_characteristics(settings: PowerSettings, found: PowerResult) -> Characteristics | None:
-    """Return what both rails do to the slope; what they do to K_Vc takes a run by the table and one by V_Vc."""
+    """Return the effect of both rails on the slope; their effect on K_Vc takes a run by the table and one by V_Vc."""
     from vcfbench.record.devices import Characteristics  # noqa: PLC0415  # few name a device
 
     for effect in found.effects:

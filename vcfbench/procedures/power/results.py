@@ -1,4 +1,4 @@
-"""What a test of the supply comes to: inrush, valid output, steady currents, sensitivity to each rail."""
+"""Results of a test of the supply: inrush, valid output, steady currents, sensitivity to each rail."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _STEP_V, _STEP_A = 1.5e-3, 1e-4
 """Resolution of the read-backs where the supply has no data sheet here: that of an E3631A (User's Guide p. 186)."""
 
 _MOST_OFF = 0.5
-"""Of the step: rails that are further apart than this are taken as so far, and the halves then hold a part of that."""
+"""Largest imbalance of the rails, relative to the step, that is taken as it is; the halves hold a part of it."""
 
 NOT_HELD = (
     "The largest current at power-on is the largest that was read: a supply reads some ten times a second, the first "
@@ -48,7 +48,7 @@ NOT_HELD = (
 
 @dataclass(frozen=True, slots=True)
 class RailDraw:
-    """What one rail drew: bench time (s), the supply's output, voltage (V, None where it was not read), current (A)."""
+    """Reading of one rail: bench time (s), the supply's output, voltage (V, None if it was not read), current (A)."""
 
     t_s: float
     output: str
@@ -65,7 +65,7 @@ class RailsLogged(StepResult):
     outputs: tuple[Reading, ...]
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return it with what the multimeter's certificate adds to the output."""
+        """Return the log with the correction of the multimeter's certificate to the output."""
         del step
         return replace(self, outputs=tuple(each.corrected(known) for each in self.outputs))
 
@@ -89,7 +89,7 @@ class RailsDrawn(StepResult):
 
 @dataclass(frozen=True, slots=True)
 class RailCurrent:
-    """What one rail takes: volts read back, steady current and the largest at power-on, each with its uncertainty."""
+    """Current of one rail: volts read back, steady current and the largest at power-on, each with its uncertainty."""
 
     rail: str
     output: str
@@ -116,7 +116,7 @@ class PowerOn:
 
 @dataclass(frozen=True, slots=True)
 class RailEffect:
-    """What moving rails does: `rails` by `step_v` either way (read back, positive is larger in size).
+    """Effect of moving rails: `rails` by `step_v` either way (read back, positive is larger in size).
 
     The slope is that from the lower to the higher level; `lowered` and `raised` are those of either half, which differ
     where the weaker rail alone decides. They hold for rails of one size: by `imbalance_v` the rail that is moved is the
@@ -136,7 +136,7 @@ class RailEffect:
 
 @dataclass(frozen=True, slots=True)
 class PowerResult:
-    """What the test of the supply found."""
+    """Result of the test of the supply."""
 
     power_on: tuple[PowerOn, ...]
     rails: tuple[RailCurrent, ...]
@@ -146,7 +146,7 @@ class PowerResult:
     scale_factor_v_per_deg_s: ScaleFactor
 
     def quantities(self) -> Iterator[tuple[str, Measurand]]:
-        """Yield what a data sheet says of it, by its names."""
+        """Yield the values for a data sheet, by its names."""
         for rail in self.rails:
             yield f"supply current, {rail.rail} rail", rail.current
             yield f"largest current at power-on, {rail.rail} rail", rail.inrush
@@ -160,7 +160,7 @@ class PowerResult:
 
 
 def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
-    """Return what the test came to."""
+    """Return the result of the test."""
     scale = scale_factor_used(settings, measured)
     logged = measured.found(RailsLogged)
     ((_, steady),) = measured.found(RailsDrawn)
@@ -218,7 +218,7 @@ def _sheet(settings: PowerSettings) -> SupplySpecification | None:
 
 
 def _ammeter(settings: PowerSettings, output: str, current_a: float) -> list[UncertaintyPart]:
-    """Return what the supply's ammeter may be off; nothing where no data sheet tells it."""
+    """Return the errors of the supply's ammeter; nothing where no data sheet tells them."""
     sheet = _sheet(settings)
     if sheet is None or output not in sheet.current:
         return []
@@ -281,7 +281,7 @@ def valid_output(times_s: Sequence[float], away_deg_s: Sequence[float], toleranc
 
 
 def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) -> Iterator[RailEffect]:
-    """Yield what each of the rails does; the windows came in the order of the plan."""
+    """Yield the effect of each of the rails; the windows came in the order of the plan."""
     windows = [(step, window) for step, window in measured.found(Window) if isinstance(step, Acquire)]
     a_block = _A_STATE * len(CHOPPED)
     if len(windows) != a_block * settings.cycles * len(settings.rails_varied):
@@ -331,7 +331,7 @@ def _slot_s(measured: Measured) -> float:
 
 
 def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tuple[float, list[UncertaintyPart]]:
-    """Return by how much the rails were moved either way, V, as read back, and what that may be off, relative."""
+    """Return the step of the rails either way, V, as read back, and its relative errors."""
     outputs = [output for rail, output in _outputs(settings) if rails in {rail, "both"}]
     half = [
         0.5 * (abs(block.rails[CHOPPED.index(1)][output]) - abs(block.rails[CHOPPED.index(-1)][output]))

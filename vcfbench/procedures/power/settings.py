@@ -1,4 +1,4 @@
-"""What can be set of the test of the supply."""
+"""Settings of the test of the supply."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
     cycles: Annotated[int, Meta(ge=1, le=100, description="times that each rail is moved up and down")] = 2
 
     def recalled(self) -> Self:
-        """See that what is found can be kept under the device's name, where one is given."""
+        """Refuse settings whose results cannot be kept under the device's name, where one is given."""
         require_room(self)
         return self
 
@@ -70,7 +70,7 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
         )
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
+        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         limits = self.station.limits
         low_v, high_v = limits.min_rail_v, limits.max_rail_v

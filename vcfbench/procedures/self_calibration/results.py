@@ -1,4 +1,4 @@
-"""A self-calibration from its points: scale factor, bias, non-linearity, what has changed since the certificate.
+"""A self-calibration from its points: scale factor, bias, non-linearity, changes since the certificate.
 
 Each result is a function of the curve's coefficients, of V_Vc and of the outputs; its uncertainty is that of those
 through the function's derivatives. Two results of one device share much: the certificate's curve, the meters. What both
@@ -92,7 +92,7 @@ AT_REST, DRIVEN = 1, 2
 """The steps, as in its points: generator off, and the blocks of V_Vc."""
 
 ORDER = 3
-"""Of the polynomial whose slope at rest is the scale factor of small signals."""
+"""Order of the polynomial whose slope at rest is the scale factor of small signals."""
 
 _HOLDS_NOT = (
     "what K_Vc itself is made of: see what this method cannot see",
@@ -112,10 +112,10 @@ class Level:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SelfCalibrationResult:
-    """What a self-calibration came to."""
+    """Result of a self-calibration."""
 
     scale_factor: Measurand
-    """Of small signals: the slope of a cubic at rate 0 of the certificate's curve, V/(deg/s)."""
+    """Scale factor of small signals: the slope of a cubic at rate 0 of the certificate's curve, V/(deg/s)."""
     line: Measurand
     """Slope of the least-squares line through all levels and their zero, V/(deg/s)."""
     bias: Measurand
@@ -131,21 +131,21 @@ class SelfCalibrationResult:
     k_vc_from: str
     v_vc_by: str
     health: HealthCheck | None
-    """What became of what K_Vc depends on; None where it was not measured, now or then."""
+    """Changes of the characteristics that K_Vc depends on; None where they were not measured, now or then."""
     characteristics: Characteristics | None
-    """What was measured of that."""
+    """Measured characteristics."""
     modulator: tuple[float, float] | None
     """Second (1/V) and third order (1/V^2) of the modulator, where its shape has changed; None: it is as it was."""
     since: tuple[str, ...]
-    """What was taken to have become of K_Vc since its certificate."""
+    """Assumed changes of K_Vc since its certificate."""
     unseen: tuple[str, ...]
-    """What the method cannot see."""
+    """Errors that the method cannot see."""
     holds_not: tuple[str, ...]
     drift: Drift | None
     """Since the certificate; None where nothing earlier is known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits, by its keys; no drift where nothing earlier is known."""
+        """Return the values that ``[acceptance]`` limits, by its keys; no drift where nothing earlier is known."""
         scale_factor = self.scale_factor.value
         values: dict[str, float | None] = {
             "scale_factor_v_per_deg_s": scale_factor,
@@ -169,7 +169,7 @@ class SelfCalibrationResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotStated:
-    """A self-calibration whose K_Vc cannot be stated: the bias, and what became of what K_Vc depends on."""
+    """A self-calibration whose K_Vc cannot be stated: the bias, and the changes of its characteristics."""
 
     bias: Measurand
     """Output at rest, generator off, V."""
@@ -181,7 +181,7 @@ class NotStated:
         return f"K_Vc of {self.k_vc_from} does not hold any more: {'; '.join(self.health.refused)}"
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits: all that rests on K_Vc could not be computed."""
+        """Return the values that ``[acceptance]`` limits: those by K_Vc could not be computed."""
         keys = ("scale_factor_v_per_deg_s", "bias_deg_s", "nonlinearity_ppm", "drift_ppm", "e_n")
         return {**dict.fromkeys(keys), "bias_v": self.bias.value}
 
@@ -197,7 +197,7 @@ class _Measured:
     noise: BlockNoise
     covariance_v2: Floats
     windows: int
-    """Of the whole run."""
+    """Number of windows of the whole run."""
     output_orders: Floats | None = None
     """Second and third order of the output against the rate, where the modulator's are found from them; else None."""
 
@@ -280,7 +280,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
 
 
 def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Characteristics | None, HealthCheck | None]:
-    """Return what was measured of what K_Vc depends on, and what has become of it since the certificate."""
+    """Return the measured characteristics that K_Vc depends on, and their changes since the certificate."""
     then = settings.known.characteristics
     health = health_of(settings, points, then)
     if isinstance(points, Foreseen) and health is not None and then is not None:
@@ -290,7 +290,7 @@ def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Charac
 
 
 def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcSince:
-    """Return what became of K_Vc; where nothing tells the temperature, what it may have done as well."""
+    """Return the change of K_Vc; where nothing tells the temperature, its possible effect as well."""
     without = k_vc_since(settings)
     if check is None:
         return without
@@ -302,7 +302,7 @@ def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcS
 
 
 def _by_phases(settings: SelfCalibrationSettings, check: HealthCheck | None) -> list[UncertaintyPart]:
-    """Return what the phases of the bench file leave; once they are measured K_Vc is that of the phases of now."""
+    """Return the contributions of the bench file's phases; once they are measured K_Vc is that of the phases of now."""
     errors = phases.PhaseErrors.of(settings.station.sources)
     measured = check is not None and CARRIER_PHASE in check.measured
     of_phases = errors.u_scale_factor if measured else errors.u_self_calibrated
@@ -310,7 +310,7 @@ def _by_phases(settings: SelfCalibrationSettings, check: HealthCheck | None) -> 
 
 
 def _stated_by_hand(settings: SelfCalibrationSettings) -> Characteristics:
-    """Return what was stated of the device as it is now."""
+    """Return the stated characteristics of the device of now."""
     near_k = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
     at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near_k)
     return Characteristics(temperature_c=at_c)
@@ -490,7 +490,7 @@ def _shape_words(modulator: tuple[float, float] | None) -> list[str]:
 def self_calibration_report(
     settings: SelfCalibrationSettings, _points: Sequence[Point], results: SelfCalibrationResult | NotStated
 ) -> Report:
-    """Report the levels, the results with their budget, the drift, and what the method cannot see."""
+    """Report the levels, the results with their budget, the drift, and the errors that the method cannot see."""
     if isinstance(results, NotStated):
         return Report([*health_parts(results.health), Text(said_of("bias, generator off", results.bias))])
     columns = (Column("rate", "deg/s", ".4f"), Column("V_Vc", "V", ".6f"), Column("output - zero", "V", ".5f"))

@@ -1,4 +1,4 @@
-"""What can be set of a self-calibration."""
+"""Settings of a self-calibration."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         return tuple(sorted({abs(rate) for rate in self.virtual_rates_deg_s}))
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
+        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.magnitudes_deg_s[0] == 0.0 or len(self.magnitudes_deg_s) < 2:
             expected = "at least two rates of different size, none of them 0"

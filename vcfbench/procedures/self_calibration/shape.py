@@ -1,4 +1,4 @@
-"""Whether the modulator's shape is still that of the certificate, and its curve as it is now.
+"""Change of the modulator's shape since the certificate, and its curve as it is now.
 
 Without a table the output's curve and the modulator's cannot be told apart by the data alone: both bend the output
 against V_Vc. On the table the output's was measured, and it is the smaller by far. So it is taken to be what it was,
@@ -23,8 +23,8 @@ Floats: TypeAlias = "NDArray[np.float64]"
 
 OUTPUT_CURVE = "the output's curve since the certificate"
 OUTPUT_LIMIT = 0.03
-"""Of the output's curve, by which it may have changed since the table: rectangular, and this program's own, no
-source's. It bends by its volts, whose gain `benchmarks/ageing.py` ages by as much; it puts 20 ppm into the line."""
+"""Possible relative change of the output's curve since the table: rectangular, this program's own, no source's. It
+bends by its volts, whose gain `benchmarks/ageing.py` ages by as much; it puts 20 ppm into the line."""
 _ROUNDS = 12
 _SETTLED = 1e-9
 

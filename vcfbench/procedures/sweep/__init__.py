@@ -1,1 +1,1 @@
-"""A sweep over rates: in which order, whether its points agree, what its windows show."""
+"""A sweep over rates: the order of its points, their agreement, and the noise of its windows."""

@@ -1,4 +1,4 @@
-"""Whether the points of a run have one slope, and what the bench file expects of this gyroscope.
+"""Agreement of the points of a run with one slope, and with the bench file's expectations of this gyroscope.
 
 Between neighbouring rates the output must move, and in one direction throughout. What leads that fall off or are
 swapped leave behind in the middle of a run is refused here; what is wrong from the first reading to the last cannot be
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from vcfbench.record.schema import Point
 
 _NOISES = 8.0
-"""What noise may add, in standard uncertainties: readings are not independent (flicker)."""
+"""Allowance for noise, in standard uncertainties: readings are not independent (flicker)."""
 
 _SLOPES = (0.5, 1.5)
-"""What the slope between two neighbouring rates may be of that of the whole."""
+"""Limits of the slope between two neighbouring rates, relative to that of the whole."""
 
 _ZEROS_APART = 2.0
-"""How far the generator may move the zero when it comes on at 0 V, in outputs of the matching rate."""
+"""Largest shift of the zero by the generator coming on at 0 V, in outputs of the matching rate."""
 
 _ROUGHLY = 10.0
 """Factor by which K_Vc may differ from the guess of the bench file, either way."""
@@ -107,7 +107,7 @@ def _slope(left: Point, right: Point) -> float:
 
 
 def require_expected_column(points: Sequence[Point], expected: Expected) -> None:
-    """See that scale factor and bias of the points on the table are what the bench file says of this gyroscope.
+    """Raise MeasurementError unless scale factor and bias on the table are those that the bench file expects.
 
     Raises:
         MeasurementError: they are not.
@@ -122,7 +122,7 @@ def require_expected_column(points: Sequence[Point], expected: Expected) -> None
 
 
 def require_expected_k_vc(k_vc: float, guess: float, expected: Expected) -> None:
-    """See that K_Vc, (deg/s)/V, has the sign of the guess and roughly its size, or is what the bench file says.
+    """Raise MeasurementError unless K_Vc, (deg/s)/V, has the guess's sign and rough size, or the expected value.
 
     Raises:
         MeasurementError: it is not.
@@ -145,7 +145,7 @@ _NAMES = MappingProxyType(
         "k_vc_deg_s_per_v": ("K_Vc", "(deg/s)/V"),
     }
 )
-"""What the keys of ``[expected]`` are called, and their units."""
+"""Names of the keys of ``[expected]``, and their units."""
 
 
 def _require(key: str, window: tuple[float, float] | None, value: float, step: int) -> None:

@@ -1,4 +1,4 @@
-"""What the way in which a sweep visits its rates tells: repeatability, hysteresis, drift of the zero."""
+"""Results of the order of rates in a sweep: repeatability, hysteresis, drift of the zero."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Floats: TypeAlias = "NDArray[np.float64]"
 
 @dataclass(frozen=True, slots=True)
 class Repeatability:
-    """How a value scatters from series to series, within one run: standard deviation `sd` with `dof`, and its `u`.
+    """Scatter of a value from series to series, within one run: standard deviation `sd` with `dof`, and its `u`.
 
     `noise` is the standard deviation that the readings and the flicker of the zero record alone explain.
     """
@@ -55,9 +55,9 @@ class Hysteresis:
     """Up less down at that rate, % of full scale: the scale factor times the largest rate, one-sided."""
     rate_deg_s: float
     by_noise_percent: float
-    """What the largest of so many differences stays below with 95 % where there is no hysteresis."""
+    """Limit of the largest of so many differences with 95 % where there is no hysteresis."""
     seen: bool
-    """Whether it is more than that."""
+    """True if it is more than that."""
     differences_percent: tuple[tuple[float, float], ...]
     """Rate and difference, each rate of the loop, falling."""
     holds_not: tuple[str, ...]
@@ -65,25 +65,25 @@ class Hysteresis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepFound:
-    """What the way in which the rates were visited tells; None is what it does not tell."""
+    """Results of the order in which the rates were visited; None where it does not tell them."""
 
     order: Order
     zeros: Zeros
     repeat: int
     windows: int
-    """Of rates, zeros apart."""
+    """Number of windows at rates, zeros apart."""
     zero_drift_v: float | None
     """Last zero less the first; with a linear drift in between it is in no value."""
     earth_rate_deg_s: float
-    """What was added to the rates."""
+    """Rate of the Earth added to the rates."""
     no_whole_turns: tuple[str, ...]
-    """Why windows are not of whole turns, where they were to be."""
+    """Reasons for windows that are not of whole turns, where they were to be."""
     repeatability: tuple[Repeatability, ...]
     hysteresis: Hysteresis | None
 
 
 def sweep_found(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) -> SweepFound:
-    """Return what the order, the zeros and the repeats of a sweep tell."""
+    """Return the results of the order, the zeros and the repeats of a sweep."""
     zeros = zero_places(points, sweep.step)
     on_table = sweep.step != 4
     short = sorted({abs(rate) for rate in settings.rates_deg_s}) if settings.whole_turns and on_table else []

@@ -42,7 +42,7 @@ class Order(Enum):
 
 
 class Zeros(Enum):
-    """Where zeros are taken besides: nowhere, before and after each series, before and after each rate."""
+    """Additional zeros: none, before and after each series, before and after each rate."""
 
     NONE = "none"
     ENDS = "ends"
@@ -50,7 +50,7 @@ class Zeros(Enum):
 
 
 class KvcBy(Enum):
-    """What K_Vc of the four steps is made of.
+    """Match that K_Vc of the four steps is made of.
 
     `ONE_POINT`: the match at one rate. `PLUS_MINUS`: half the difference of those at it and its opposite. `CURVE`: a
     curve through matches at several rates of both signs.
@@ -62,14 +62,14 @@ class KvcBy(Enum):
 
 
 class Earth(Enum):
-    """Where the Earth's rate goes: it stays in the bias, or is added to the rate of the table."""
+    """Treatment of the Earth's rate: it stays in the bias, or is added to the rate of the table."""
 
     BIAS = "bias"
     RATE = "rate"
 
 
 class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
-    """What procedures are told that visit rates: the defaults are the paper's."""
+    """Settings of procedures that visit rates: the defaults are the paper's."""
 
     order: Annotated[
         Order,
@@ -99,7 +99,7 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
 
     @property
     def as_in_the_paper(self) -> bool:
-        """Whether the rates are visited as the paper does it."""
+        """True if the rates are visited as the paper does it."""
         plain = (Order.PAPER, Zeros.NONE, 1, False, Earth.BIAS)
         return (self.order, self.zeros, self.repeat, self.whole_turns, self.earth) == plain
 
@@ -115,13 +115,13 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
 
     @property
     def earth_rate_deg_s(self) -> float:
-        """What is added to the rate of the table, deg/s: the Earth's rate about its axis, or nothing."""
+        """Addition to the rate of the table, deg/s: the Earth's rate about its axis, or nothing."""
         if self.earth is Earth.BIAS or self.station.latitude_deg is None:
             return 0.0
         return EARTH_DEG_S * math.sin(math.radians(self.station.latitude_deg))
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
+        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.order is Order.ABBA and sorted(self.rates_deg_s) != sorted(-rate for rate in self.rates_deg_s):
             expected = "each rate with both signs, equally often (order abba takes pairs)"
@@ -203,7 +203,7 @@ def window_grid(settings: ProcedureSettings, table_deg_s: float) -> Grid:
 
 
 def no_whole_turn(settings: SweepSettings, rate_deg_s: float) -> str:
-    """Say why the window at a rate is none of whole turns, and what it is instead."""
+    """Return the reason for a window without whole turns at a rate, with its length instead."""
     instead = f"the window lasts {settings.samples * settings.sample_interval_s:g} s, as without whole_turns"
     if rate_deg_s == 0.0:
         return f"0 deg/s: the table does not turn, so what its heading does to the output stays in it; {instead}"
@@ -233,7 +233,7 @@ def sweep_words(settings: SweepSettings) -> str:
 
 
 def earth_left_deg_s(settings: ProcedureSettings) -> float | None:
-    """Return the limit of what a tilted axis leaves of the Earth's rate, deg/s; None where that was not taken out."""
+    """Return the limit of the Earth's rate left by a tilted axis, deg/s; None where that rate was not taken out."""
     if not isinstance(settings, SweepSettings) or settings.earth is Earth.BIAS or settings.station.latitude_deg is None:
         return None
     level_deg_s = EARTH_DEG_S * math.cos(math.radians(settings.station.latitude_deg))

@@ -1,4 +1,4 @@
-"""How the outputs of all windows of a run vary together, and what that puts into weighted sums of them."""
+"""Joint variation of the outputs of all windows of a run, and its contribution to weighted sums of them."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 Floats: TypeAlias = "NDArray[np.float64]"
 
 ENOUGH_DOF = 10.0
-"""Of B by a run's own zeros, from which it goes before what is told: Student's factor is within 14 % of the normal one.
-Differences of some seconds are half white noise, so that 18 zeros have 5."""
+"""Degrees of freedom of B by a run's own zeros from which it replaces the stated one: Student's factor is within 14 %
+of the normal one. Differences of some seconds are half white noise, so that 18 zeros have 5."""
 
 
 class OutputSum(Struct, frozen=True):
@@ -44,7 +44,7 @@ class Flicker(Struct, frozen=True):
 
     deg_h: float
     dof: float
-    """Effective degrees of freedom of its square; infinite for what is told without an uncertainty."""
+    """Effective degrees of freedom of its square; infinite for one stated without an uncertainty."""
     said: str
 
 
@@ -54,7 +54,7 @@ class WindowNoise(Struct, frozen=True):
     readings: Floats
     """(n,): how many each window has."""
     variance_v2: float
-    """Of one reading."""
+    """Variance of one reading."""
     dof: float
     length_s: Floats
     """(n + 1,): of each window, and of the horizon that a bias is the mean of."""
@@ -126,7 +126,7 @@ class WindowNoise(Struct, frozen=True):
         return own if self.referred_v2 is None else np.asarray(own + weights @ self.referred_v2 @ weights.T)
 
     def by_flicker(self, weights: Floats, steady: Sequence[bool]) -> Floats:
-        """Return that by flicker; what is `steady` is compared with the mean over the horizon about the run."""
+        """Return the covariance by flicker; `steady` sums are compared with the mean over the horizon about the run."""
         if self.lagged is None:
             return np.zeros((len(weights), len(weights)))
         horizon = np.where(steady, -1.0, 0.0)[:, None]
@@ -135,7 +135,7 @@ class WindowNoise(Struct, frozen=True):
         return np.asarray(share @ self.lagged @ share.T)
 
     def sources(self, sums: Sequence[OutputSum]) -> tuple[list[Source], dict[tuple[str, str], float]]:
-        """Return what varies from window to window as sources of these sums, and how the sums share it."""
+        """Return the variation from window to window as sources of these sums, with its correlations between sums."""
         weights = np.array([each.weights for each in sums])
         sources, correlations = _jointly("readings", sums, self.by_readings(weights), self.dof)
         flicker = self.by_flicker(weights, [each.steady for each in sums])

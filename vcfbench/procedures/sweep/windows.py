@@ -41,7 +41,7 @@ class Sweep(Struct, frozen=True):
 
     @property
     def noise_gains(self) -> list[float]:
-        """How much noisier each output is than that of its window alone: the zeros' noise comes to it."""
+        """Noise of each output over that of its window alone: the zeros' noise comes to it."""
         return [math.sqrt(row) for row in np.square(self.mixing).sum(axis=1).tolist()]
 
     def u_v(self, u_output_v: float) -> float | list[float]:
@@ -51,7 +51,7 @@ class Sweep(Struct, frozen=True):
 
 
 def drift_weights(at_s: Floats, zeros_at_s: Floats) -> Floats:
-    """Return what the zeros, (m,), count in the drift at the times `at_s`, (n,): (n, m), each row adds up to 0.
+    """Return the weights of the zeros, (m,), in the drift at the times `at_s`, (n,): (n, m), each row adds up to 0.
 
     The zero is interpolated in time between those before and after, and its mean over all of them taken off, so that
     what is subtracted is the drift and not the bias.

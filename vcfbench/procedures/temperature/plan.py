@@ -191,7 +191,7 @@ def _level(settings: TemperatureSettings, sign: float, previous: float = 0.0) ->
 
 
 def _table_deg_s(settings: TemperatureSettings, sign: float) -> float | None:
-    """Return what the table must read back, None where there is none."""
+    """Return the due readback of the table, None where there is none."""
     if settings.station.limits.max_rate_deg_s is None:
         return None
     return sign * settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0
@@ -225,7 +225,7 @@ def _chopped(settings: TemperatureSettings) -> Routine[None]:
 
 
 def temperature_characteristics(settings: TemperatureSettings, found: TemperatureResult) -> Characteristics:
-    """Return what K_Vc depends on of it; that of K_Vc itself takes a run by the table and one by V_Vc."""
+    """Return the characteristics that K_Vc depends on; that of K_Vc itself takes a run by the table and one by V_Vc."""
     from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
 
     by_table, seen_c = settings.by is ScaleFactorBy.TABLE, [each.temperature_c for each in found.points]

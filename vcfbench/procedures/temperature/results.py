@@ -1,4 +1,4 @@
-"""What a run over temperature comes to: temperature coefficients of scale factor, bias and frequency, hysteresis."""
+"""Results over temperature: temperature coefficients of scale factor, bias and frequency, hysteresis."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ BY_V_VC = (
 
 
 class AtTemperature(Step, Struct, frozen=True):
-    """A heading: what follows is at this temperature, degC; `direction` is whence it was come to."""
+    """Heading of the steps at a temperature, degC; `direction` is the one that it was approached from."""
 
     temperature_c: float
     direction: str
@@ -78,7 +78,7 @@ class AtTemperature(Step, Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class _NotSeen:
-    """A hysteresis that is not more than its U95: what it stays below with 95 %, as a data sheet has it."""
+    """A hysteresis that is not more than its U95: its upper limit with 95 %, as a data sheet has it."""
 
     value: float
     unit: str
@@ -88,7 +88,7 @@ class _NotSeen:
 
 @dataclass(frozen=True, slots=True)
 class PointOfTemperature:
-    """One temperature: as it was read (degC; at the device, else of the air, else as a person set it), and whence.
+    """One temperature: as it was read (degC; at the device, else of the air, else as a person set it), and direction.
 
     `slope` is the scale factor, V/(deg/s) by the table or V/V by V_Vc; `bias_deg_s` that with the generator off.
     """
@@ -106,7 +106,7 @@ class PointOfTemperature:
 
 @dataclass(frozen=True, slots=True)
 class TemperatureResult:
-    """What the run over temperature found; coefficients are those at `reference_c`, of a parabola through all points.
+    """Results of the run over temperature; coefficients are those at `reference_c`, of a parabola through all points.
 
     What was not measured (frequency, split) is None. A hysteresis is that going down less that going up, the largest of
     the temperatures that were come to both ways; None where there is none. The largest of several differences is never
@@ -135,7 +135,7 @@ class TemperatureResult:
     scale_factor_v_per_deg_s: ScaleFactor
 
     def quantities(self) -> Iterator[tuple[str, Measurand | _NotSeen]]:
-        """Yield what a data sheet says of it, by its names."""
+        """Yield the values for a data sheet, by its names."""
         named = {
             f"scale factor at {self.reference_c:g} degC": self.scale_factor,
             "temperature coefficient of the scale factor": self.scale_factor_tc,
@@ -157,7 +157,7 @@ class TemperatureResult:
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """What was measured at one temperature: blocks of outputs (V), their level, and from when to when (bench time, s).
+    """Measured data at one temperature: blocks of outputs (V), their level, begin and end (bench time, s).
 
     `frequency_hz` and `split_hz` are values with their standard uncertainties.
     """
@@ -185,7 +185,7 @@ class _Seen:
 
 @dataclass(frozen=True, slots=True)
 class _Cause:
-    """What the values at all temperatures share of one source: its covariance, degrees of freedom.
+    """Common error of the values at all temperatures by one source: its covariance, degrees of freedom.
 
     `floor` is what it does to a mean, where the covariance is that of differences alone (flicker); else None.
     """
@@ -198,7 +198,7 @@ class _Cause:
 
 @dataclass(frozen=True, slots=True)
 class _Found:
-    """A parabola: value, slope and curvature at the reference, the largest hysteresis, and what is left."""
+    """A parabola: value, slope and curvature at the reference, the largest hysteresis, and the residuals."""
 
     value: Measurand
     tc: Measurand
@@ -208,7 +208,7 @@ class _Found:
 
 
 def temperature_results(settings: TemperatureSettings, measured: Measured) -> TemperatureResult:
-    """Return what the run came to."""
+    """Return the results of the run."""
     scale = scale_factor_used(settings, measured)
     seen = [_seen(settings, at, part) for at, part in measured.parted(AtTemperature)]
     noise = _noise(settings, seen, [point for point in measured if point.step == _MEASURED])
@@ -262,7 +262,7 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
 
 
 def _seen(settings: TemperatureSettings, at: AtTemperature, part: Measured) -> _Seen:
-    """Return what was measured at one temperature."""
+    """Return the measured data at one temperature."""
     points = [point for point in part if point.step == _MEASURED]
     if len(points) != len(CHOPPED) * settings.cycles:
         raise ConfigError(f"{len(points)} windows at {at.temperature_c:g} degC are not {settings.cycles} blocks")
@@ -295,7 +295,7 @@ def _frequency(part: Measured) -> tuple[float, float] | None:
 
 
 def _noise(settings: TemperatureSettings, seen: Sequence[_Seen], points: Sequence[Point]) -> BlockNoise:
-    """Return the noise of the windows, by what blocks leave beside levels and drift."""
+    """Return the noise of the windows, by the residuals of blocks beside levels and drift."""
     std_v = math.sqrt(fmean(point.std_v**2 for point in points))
     slot_s = fmean((each.end_s - each.begin_s) / (len(CHOPPED) * settings.cycles) for each in seen)
     window_s = settings.samples * settings.sample_interval_s
@@ -304,7 +304,7 @@ def _noise(settings: TemperatureSettings, seen: Sequence[_Seen], points: Sequenc
 
 
 def _of_instruments(settings: TemperatureSettings, slope: float) -> list[_Cause]:
-    """Return what the instruments do to a scale factor, the same at all temperatures: their offsets cancel.
+    """Return the instruments' errors of a scale factor, the same at all temperatures: their offsets cancel.
 
     By V_Vc as it is set both signs are of one range of the generator. By the table its rate and the angle count.
     """
@@ -404,7 +404,7 @@ def _found(
 
 
 def _part(cause: _Cause, weights: Floats, factor: float, *, mean: bool) -> UncertaintyPart:
-    """Return what a cause does to a combination of the values."""
+    """Return the contribution of a cause to a combination of the values."""
     variance = max(0.0, float(weights @ cause.covariance @ weights))
     u = cause.floor if mean and cause.floor is not None else math.sqrt(variance)
     return UncertaintyPart(
@@ -453,7 +453,7 @@ def _bound(difference: Measurand) -> float:
 
 
 def _seen_or_bound(difference: Measurand | None) -> Measurand | _NotSeen | None:
-    """Return a hysteresis that is seen, else what it stays below."""
+    """Return a hysteresis that is seen, else its upper limit."""
     if difference is None or _is_seen(difference):
         return difference
     return _NotSeen(difference.value, difference.unit, _bound(difference))

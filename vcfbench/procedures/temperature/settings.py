@@ -1,4 +1,4 @@
-"""What can be set of a run over temperature."""
+"""Settings of a run over temperature."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
 
     @property
     def sweep(self) -> BandwidthSettings:
-        """What the sweep at a temperature is told: as `bandwidth`, fewer frequencies."""
+        """Settings of the sweep at a temperature: as `bandwidth`, fewer frequencies."""
         shared = {each: getattr(self, each) for each in structs.asdict(BandwidthSettings()) if hasattr(self, each)}
         return BandwidthSettings(
             **{
@@ -91,7 +91,7 @@ class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
         )
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
+        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         limits = self.station.limits
         if len(set(self.temperatures_c)) < 3:

@@ -111,7 +111,7 @@ def four_step_values(k_vc: Any, of_table: Mapping[str, Any], slope: Any, bias: A
 
 
 def _match_weights(points: Sequence[Point], matching: Matching) -> Floats:
-    """Return the weights of the windows of steps 1 and 2 in what is left between the two outputs."""
+    """Return the weights of the windows of steps 1 and 2 in the difference left between the two outputs."""
     zeros = 0.0 if matching.match.value == "absolute" else 1.0
     groups = {
         (1, matching.rate_deg_s, 0.0): -1.0,
@@ -125,12 +125,12 @@ def _match_weights(points: Sequence[Point], matching: Matching) -> Floats:
 
 
 class _Levels(Struct, frozen=True):
-    """What the errors of V_Vc do to the match and to the virtual line: gain and offset of each range."""
+    """Effects of the errors of V_Vc on the match and the virtual line: gain and offset of each range."""
 
     sources: tuple[Source, ...]
     by: str
     effects: Mapping[str, Mapping[str, float]]
-    """Of each value: what each source adds to it, per unit of the source."""
+    """Effect of each source on each value, per unit of the source."""
 
     @classmethod
     def of(cls, line: Line, k_vc: float, matching: Matching, known: KnownLevels) -> _Levels:
@@ -163,15 +163,15 @@ class _Levels(Struct, frozen=True):
         return cls(tuple(sources), known.by, effects)
 
     def matched(self, q: Mapping[str, Any]) -> Any:
-        """Return the level at the match over what it is known as."""
+        """Return the level at the match over its known value."""
         return 1.0 + self._through("match", q)
 
     def slope(self, q: Mapping[str, Any]) -> Any:
-        """Return what the levels' errors add to the slope over known levels, V/(deg/s)."""
+        """Return the effect of the levels' errors on the slope over known levels, V/(deg/s)."""
         return self._through("virtual slope", q)
 
     def bias(self, q: Mapping[str, Any]) -> Any:
-        """Return what they add to the intercept, V."""
+        """Return their effect on the intercept, V."""
         return self._through("virtual bias", q)
 
     def _through(self, value: str, q: Mapping[str, Any]) -> Any:

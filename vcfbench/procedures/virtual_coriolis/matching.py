@@ -47,7 +47,7 @@ class Mean(Struct, frozen=True):
 
 
 class Matching(Struct, frozen=True):
-    """What is known so far about the equality of the two outputs.
+    """State of the match of the two outputs so far.
 
     `zero_table` and `turning` are the outputs on the table at rest and at `rate_deg_s`, generator off; `zero_virtual`
     is the output at rest with the generator on at 0 V; `tries` are those at other settings of V_Vc. Under
@@ -84,7 +84,7 @@ class Matching(Struct, frozen=True):
 
     @property
     def span_v(self) -> float:
-        """How far the target lies from the virtual side's zero, V."""
+        """Distance of the target from the virtual side's zero, V."""
         return self.target_v - self.zero_virtual.output_v
 
     @property
@@ -94,7 +94,7 @@ class Matching(Struct, frozen=True):
 
     @property
     def residual_v(self) -> float:
-        """What the best try is away from the target, V."""
+        """Distance of the best try from the target, V."""
         return self.best.output_v - self.target_v
 
     @property
@@ -145,7 +145,7 @@ class Matching(Struct, frozen=True):
 
     @property
     def level_v(self) -> float:
-        """What V_Vc rose by for that output, V: from that of the zero, or from none where outputs are absolute."""
+        """Rise of V_Vc for that output, V: from that of the zero, or from none where outputs are absolute."""
         return self.v_vc_equal_v - (0.0 if self.match is Match.ABSOLUTE else self.zero_virtual.v_vc_v)
 
     @property

@@ -47,7 +47,7 @@ _RANGES_ARE_LEFT = "the curve took the modulator out, what is left is the genera
 
 
 def null_statement(settings: ProcedureSettings, points: Sequence[Point], matching: NullMatching) -> Statement:
-    """Return the budget where K_Vc is from null comparisons: what they share with the virtual line goes through both.
+    """Return the budget of K_Vc by null comparisons: errors common with the virtual line go through both.
 
     A volt of noise in a match, or an error of the V_Vc of one of its ranges, changes the rates that all levels of the
     virtual line stand for; to first order that is one more sum of outputs, and of errors of ranges, for each value.
@@ -92,13 +92,13 @@ def null_statement(settings: ProcedureSettings, points: Sequence[Point], matchin
 
 @dataclass(frozen=True, slots=True)
 class _NullLevels:
-    """What the noise of null comparisons, and the errors of V_Vc in them and in the virtual line, do to each value."""
+    """Effects on each value of the null comparisons' noise, and of errors of V_Vc in them and in the virtual line."""
 
     sums: tuple[OutputSum, ...]
     sources: tuple[Source, ...]
     by: str
     effects: Mapping[str, Mapping[str, float]]
-    """Of each value: what each source adds to it, per unit of the source."""
+    """Effect of each source on each value, per unit of the source."""
 
     @classmethod
     def of(
@@ -131,7 +131,7 @@ class _NullLevels:
         return cls(sums, tuple(sources), levels.by, effects)
 
     def through(self, value: str, q: Mapping[str, Any]) -> Any:
-        """Return what the errors of V_Vc add to a value."""
+        """Return the effect of the errors of V_Vc on a value."""
         return sum(size * q[name] for name, size in self.effects[value].items())
 
 

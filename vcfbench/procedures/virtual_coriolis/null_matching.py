@@ -38,7 +38,7 @@ _ORDER = 3
 
 @dataclass(frozen=True, slots=True)
 class NullMatching:
-    """What the null comparisons come to; arrays go over the pairs, +r1, -r1, +r2, ..., or over all windows."""
+    """Result of the null comparisons; arrays go over the pairs, +r1, -r1, +r2, ..., or over all windows."""
 
     match_rate_deg_s: float
     rate_deg_s: Floats
@@ -47,7 +47,7 @@ class NullMatching:
     taken_v: Floats
     """V_Vc at which the windows were taken: near an end of a generator's range it may be some per cent away."""
     left_v: Floats
-    """What was left between the two outputs."""
+    """Difference left between the two outputs."""
     per_deg_s: Floats
     """Output per rate there, V/(deg/s)."""
     left_weights: Floats
@@ -55,9 +55,9 @@ class NullMatching:
     coefficients: Floats
     """c_1, c_2, ...: (deg/s)/V^p."""
     weights: Floats
-    """(coefficients, pairs): what the rate of each pair puts into each coefficient."""
+    """(coefficients, pairs): weight of each pair's rate in each coefficient."""
     readings: Floats
-    """Of each window."""
+    """Number of readings of each window."""
     curve: KVcCurve | None
 
     @property
@@ -72,7 +72,7 @@ class NullMatching:
 
     @property
     def residual_v(self) -> float:
-        """The largest of what was left between two outputs, V; it is interpolated."""
+        """The largest difference left between two outputs, V; it is interpolated."""
         return float(self.left_v[np.abs(self.left_v).argmax()])
 
     @property
@@ -82,7 +82,7 @@ class NullMatching:
 
     @property
     def residuals_deg_s(self) -> Floats:
-        """Rate less what stands for it, of each pair."""
+        """Rate less that of its V_Vc, of each pair."""
         return np.asarray(self.rate_deg_s - np.array([self.rate_of(volts) for volts in self.v_vc_v]))
 
     def rate_of(self, v_vc_v: float) -> float:
@@ -110,7 +110,7 @@ class NullMatching:
 
     @property
     def noise_weights(self) -> Floats:
-        """(coefficients, windows): what a volt at the output of each window puts into the coefficients."""
+        """(coefficients, windows): change of the coefficients by a volt at the output of each window."""
         return np.asarray((self.weights / self.per_deg_s) @ self.left_weights)
 
     def u_k_vc(self, std_v: float, common_v: float) -> float:
@@ -160,7 +160,7 @@ def null_matching(settings: VirtualCoriolisSettings, points: Sequence[Point]) ->
 
 
 def _differences(points: Sequence[Point], step: int, magnitudes: int, cycles: int) -> Floats:
-    """Return what makes the mean differences of `step` from its zeros of all outputs, (pairs, windows).
+    """Return the weights of all outputs in the mean differences of `step` from its zeros, (pairs, windows).
 
     Raises:
         ConfigError: there are not as many blocks as were to be.

@@ -72,7 +72,7 @@ def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
 
 
 def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point], list[Point], NullMatching]]:
-    """Do steps 1 and 2 at rates of both signs, in turn; return the points of both, and what they come to."""
+    """Do steps 1 and 2 at rates of both signs, in turn; return the points of both, and their match."""
     from vcfbench.procedures.null_comparison.plan import NullTerms, nulled  # noqa: PLC0415  # numpy comes with it
     from vcfbench.procedures.virtual_coriolis.null_matching import null_matching  # noqa: PLC0415  # as above
 

@@ -1,4 +1,4 @@
-"""What a four-step calibration reports: the paper's Table 1 and its figures, both lines, and how they compare."""
+"""Report of a four-step calibration: the paper's Table 1 and its figures, both lines, and their comparison."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
-    """What a four-step calibration came to: K_Vc, the columns of table and virtual Coriolis force, and how they differ.
+    """Result of a four-step calibration: K_Vc, the columns of table and virtual Coriolis force, and their difference.
 
     V_Vc is that which a second meter measured, where the bench has one, else what the generator was set to.
     `scale_factor_error_u_percent` is combined, None where only the points are known. `scale_factor_error_u_fit_percent`
@@ -59,7 +59,7 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     virtual: CalibrationColumn
     """Step 4: outputs against the rates that V_Vc stood for."""
     scale_factor_error_percent: float
-    """How far the virtual scale factor is from that of the table."""
+    """Difference of the virtual scale factor from that of the table."""
     scale_factor_error_u_percent: float | None
     scale_factor_error_u_fit_percent: float
     scale_factor_error_u_readings_percent: float
@@ -67,7 +67,7 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     match: Match
     match_rate_deg_s: float
     match_residual_v: float
-    """What was left between the two outputs at the best setting of V_Vc."""
+    """Difference left between the two outputs at the best setting of V_Vc."""
     u_output_v: float
     """Standard uncertainty of one window's mean."""
     meter_resolution_v: float
@@ -75,7 +75,7 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     """Combined uncertainties; None where only the points of the run are known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
+        """Return the values that ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
         return {
             **acceptance_values(self.turntable),
             "k_vc_deg_s_per_v": self.k_vc.value,
@@ -101,9 +101,9 @@ class NullPair(Struct, frozen=True):
     rate_deg_s: float
     v_vc_v: float
     residual_deg_s: float
-    """Rate less what that V_Vc stands for."""
+    """Rate less that of its V_Vc."""
     left_v: float
-    """What was left between the two outputs, V; it is interpolated."""
+    """Difference left between the two outputs, V; it is interpolated."""
 
 
 class NullVirtualCoriolisResult(SweptVirtualCoriolisResult, frozen=True, kw_only=True):
@@ -114,9 +114,9 @@ class NullVirtualCoriolisResult(SweptVirtualCoriolisResult, frozen=True, kw_only
     """The rate that V_Vc stands for is the sum of these times V_Vc, its square, its cube, (deg/s)/V^p."""
     pairs: tuple[NullPair, ...]
     lack_of_fit_p: float | None
-    """Of a curve: probability of residuals as large if it is right."""
+    """Probability of residuals as large if the curve is right."""
     lack_of_fit_deg_s: float | None
-    """What its residuals hold beyond their noise, root mean square; in no uncertainty."""
+    """Root mean square of its residuals beyond their noise; in no uncertainty."""
 
     def rate_of(self, v_vc_v: float) -> float:
         """Return the rate that a V_Vc stands for, deg/s."""
@@ -228,7 +228,7 @@ def _u_generator(generator: LevelSpecification, v_vc_v: float) -> float:
 
 
 def _u_level(generator: LevelSpecification) -> float:
-    """Return what the step of its level adds, over the level, on a bipolar range that ends at most 10 dB above it."""
+    """Return the relative uncertainty by a level's step, on a bipolar range that ends at most 10 dB above the level."""
     return math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)
 
 

@@ -1,4 +1,4 @@
-"""What can be set of the virtual Coriolis calibration."""
+"""Settings of the virtual Coriolis calibration."""
 
 import math
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
 
     @property
     def as_in_the_paper(self) -> bool:
-        """Whether rates are visited, and K_Vc is found, as the paper does it."""
+        """True if rates are visited, and K_Vc is found, as the paper does it."""
         return super().as_in_the_paper and self.k_vc_by is KvcBy.ONE_POINT
 
     @property
@@ -47,7 +47,7 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
 
     @property
     def null_cycles(self) -> int:
-        """How often the null comparisons are made: each has two windows of a level."""
+        """Number of null comparisons: each has two windows of a level."""
         return max(1, self.match_windows // 2)
 
     @property
@@ -56,7 +56,7 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
         return max(super().fastest_deg_s, abs(self.match_rate_deg_s), *self.magnitudes_deg_s)
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say; every rate must have a V_Vc within the limits, |rate| / |K_Vc|."""
+        """Yield the contradictions beyond the ranges; every V_Vc, |rate| / |K_Vc|, must be within limits."""
         yield from super().contradictions()
         limits, guess, match_deg_s = self.station.limits, self.k_vc_guess_deg_s_per_v, abs(self.match_rate_deg_s)
         most_deg_s = math.inf if limits.max_rate_deg_s is None else limits.max_rate_deg_s

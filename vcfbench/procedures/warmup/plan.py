@@ -73,16 +73,16 @@ class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
 
     @property
     def readings_a_window(self) -> int:
-        """How many readings make one mean."""
+        """Number of readings of one mean."""
         return max(4, round(self.window_s / self.sample_interval_s))
 
     @property
     def warm_again_s(self) -> float:
-        """Where it is a part of a run: as long as it takes at least."""
+        """Waiting time as a part of a run: the shortest."""
         return self.shortest_s
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
+        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.longest_s < self.shortest_s:
             yield InvalidValue("longest_s", f"at least shortest_s, {self.shortest_s:g} s", self.longest_s)
@@ -98,7 +98,7 @@ class SwitchedOn(StepResult):
     log: tuple[Reading, ...]
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return it with what the multimeter's certificate adds to the output."""
+        """Return the log with the correction of the multimeter's certificate to the output."""
         del step
         return replace(self, log=tuple(each.corrected(known) for each in self.log))
 
@@ -116,7 +116,7 @@ class SwitchOnAndLog(EnableSupply, frozen=True):
     interval_s: float
 
     def describe(self) -> str:
-        """Say what is done."""
+        """Describe the action."""
         return f"supply outputs on; the output every {self.interval_s:g} s for {self.seconds:g} s"
 
     @property

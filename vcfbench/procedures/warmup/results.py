@@ -1,4 +1,4 @@
-"""What a warm-up comes to: when the output is on, how it creeps to its end, and when it is there."""
+"""Results of a warm-up: time to output, creep of the output, and time to its end."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ class WarmupResult:
     """From then on the output stays within the tolerance; None: it had not come to that when the log ended."""
     turn_on_resolution_s: float
     steady: bool
-    """Whether the last three means agreed."""
+    """True if the last three means agreed."""
     lasted_s: float
     bias_end: Measurand
     """b_inf of b_inf + a exp(-t / tau), as the mean over the horizon about the record, deg/s."""
     amplitude: Measurand | None
     time_constant: Measurand | None
     warm_up: Measurand | None
-    """When the exponential has fallen below the bias instability."""
+    """Time until the exponential has fallen below the bias instability."""
     bias_instability_deg_s: float
     chi_square: float
     dof: int
@@ -61,7 +61,7 @@ class WarmupResult:
     means_u_deg_s: tuple[float, ...]
 
     def acceptance_values(self) -> dict[str, float | None]:
-        """Return what ``[acceptance]`` limits."""
+        """Return the values that ``[acceptance]`` limits."""
         return {"bias_deg_s": self.bias_end.value}
 
     def curve_deg_s(self, t_s: float) -> float:
@@ -98,7 +98,7 @@ def warmup_results(
     resolution_deg_s: float = 0.0,
     creeps: bool = True,
 ) -> WarmupResult:
-    """Return what a warm-up comes to.
+    """Return the results of a warm-up.
 
     Args:
         log: time from power-on (s) and rate (deg/s) of each quick reading.
@@ -272,7 +272,7 @@ def _positive(fit: ModelFit) -> ModelFit:
 def _constant(
     begin_s: Floats, end_s: Floats, means: Floats, u_white: Floats, instability_deg_s: float
 ) -> tuple[float, float, float, int]:
-    """Return mean, its standard uncertainty, chi-square and degrees of freedom of what shows no exponential."""
+    """Return mean, its standard uncertainty, chi-square and degrees of freedom of means without an exponential."""
     import numpy as np  # noqa: PLC0415
 
     root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
@@ -293,7 +293,7 @@ def _warm_up(fit: Any, instability_deg_s: float) -> Measurand:
 
 
 def warmup_report(results: WarmupResult) -> Report:
-    """Report a warm-up: the figures, what they hold, and the curve."""
+    """Report a warm-up: the figures, their omissions, and the curve."""
     scale = results.scale_factor_v_per_deg_s
     columns = [Column("", align="left"), Column("value", format=".5g"), Column("u", format=".2g")]
     columns += [Column("U95", format=".2g"), Column("unit")]

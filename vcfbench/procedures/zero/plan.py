@@ -1,4 +1,4 @@
-"""The static record: the output at rest for an hour or more, and what it tells of the noise and of the bias.
+"""The static record: the output at rest for an hour or more, its noise and its bias.
 
 The multimeter decides what the record shows. One reading a second that averages 0.2 s of it sees white noise as
 strongly as 0.2 s do: sqrt(5) times too much at 1 s, and 2.6 times behind a sense mode whose split lets more through.
@@ -56,11 +56,11 @@ _LEAST_READINGS = 200
 """Fewer have no averaging times for four coefficients."""
 _EXACTLY = 1e-6
 _Q_LIMIT = 0.3
-"""How far the Q of a gyroscope is assumed to be from that of its kind: ours, no data sheet of one says it."""
+"""Assumed limit of a gyroscope's Q about that of its kind, relative: ours, no data sheet of one says it."""
 
 
 class Mode(Enum):
-    """What is done about the time between readings."""
+    """Treatment of the time between readings."""
 
     DEAD_TIME = "dead-time"
     CORRECTED = "corrected"
@@ -118,7 +118,7 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
 
     @property
     def aperture_s(self) -> float:
-        """How long the meter integrates, s."""
+        """Integration time of the meter, s."""
         return self.nplc / self.station.mains_hz
 
     @property
@@ -128,7 +128,7 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
 
     @property
     def u_passed_hz(self) -> float:
-        """Standard uncertainty of that, Hz; where it is not stated, that of `_Q_LIMIT` of what the split lets through.
+        """Standard uncertainty of that, Hz; where it is not stated, `_Q_LIMIT` of the part that the split lets through.
 
         What is above the bandwidth of a mere mean is proportional to the sense mode's Q.
         """
@@ -139,17 +139,17 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
 
     @property
     def readings_a_mean(self) -> int:
-        """How many readings without gaps make one mean over the interval."""
+        """Number of readings without gaps that make one mean over the interval."""
         return max(1, round(self.sample_interval_s / self.aperture_s))
 
     @property
     def readings(self) -> int:
-        """How many readings the meter takes."""
+        """Number of readings that the meter takes."""
         means = round(self.duration_s / self.sample_interval_s)
         return means * self.readings_a_mean if self.mode is Mode.GAPLESS else means
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield what the ranges cannot say."""
+        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.duration_s < _LEAST_READINGS * self.sample_interval_s * (1.0 - _EXACTLY):
             least_s = _LEAST_READINGS * self.sample_interval_s
@@ -243,7 +243,7 @@ def _results(settings: ZeroSettings, measured: Measured) -> Any:
 
 
 def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> NewEntry | None:
-    """Return what is kept of the device that was named; None where the record shows no flicker.
+    """Return the entry of the device that was named; None where the record shows no flicker.
 
     The degrees of freedom of B squared are those that its u stands for: 2 / dof is the relative variance of the square.
     """

@@ -1,4 +1,4 @@
-"""What a static record comes to: Allan curve, noise coefficients, bias stability, mean and trend, and their report."""
+"""Results of a static record: Allan curve, noise coefficients, bias stability, mean and trend, and their report."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Stability:
 
 @dataclass(frozen=True, slots=True)
 class ZeroResult:
-    """A static record. `mode` says what was done about its dead time; rates are outputs over the scale factor."""
+    """A static record. `mode` is the treatment of its dead time; rates are outputs over the scale factor."""
 
     mode: str
     samples: int
@@ -125,7 +125,7 @@ class ZeroResult:
     noise: tuple[NoiseCoefficient, ...]
     """The fitted coefficients; none where the record scatters by less than the meter resolves."""
     angle_random_walk_as_read: float
-    """N of the record as it stands, deg/sqrt(h): what its dead time folds in is in it."""
+    """N of the record as it stands, deg/sqrt(h): noise folded in by dead time is in it."""
     stability_deg_h: Stability
     output_v: Measurand | None
     bias: Measurand | None
@@ -135,13 +135,13 @@ class ZeroResult:
     bias_v: float
     bias_deg_s: float
     noise_bandwidth_hz: Measurand | None = None
-    """Of one reading, where it was measured: without gaps. What a record with dead time can be corrected by."""
+    """Noise bandwidth of one reading, where it was measured: without gaps. It can correct a record with dead time."""
     fitted_from_s: float = 0.0
-    """The shortest averaging time in the fit: where readings follow each other fast, what passes at the mode split
+    """The shortest averaging time in the fit: where readings follow each other fast, noise passed at the mode split
     swings from one to the next, and shorter ones follow no power of the time."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return what ``[acceptance]`` limits."""
+        """Return the values that ``[acceptance]`` limits."""
         return {"bias_v": self.bias_v, "bias_deg_s": self.bias_deg_s}
 
     @property
@@ -159,7 +159,7 @@ class ZeroResult:
 
 @dataclass(frozen=True, slots=True)
 class ForeseenZero:
-    """What a static record will state, before there is one: nothing of one without noise."""
+    """Expected statement of a static record, before there is one: nothing of one without noise."""
 
     output_v: Measurand | None = None
     bias: Measurand | None = None
@@ -175,7 +175,7 @@ def foreseen_zero(
     scale: ScaleFactor,
     settings: ProcedureSettings,
 ) -> ForeseenZero:
-    """Return what a record of `lasting_s` at `output_v` will state, its white noise and B known."""
+    """Return the expected statement of a record of `lasting_s` at `output_v`, its white noise and B known."""
     walk, known = white_v_sqrt_s / abs(scale.value), (settings.station.sources.bias_instability_deg_h or 0.0) / _DEG_H
     law = Coefficients(angle_random_walk=walk, bias_instability=known)
     terms = {
@@ -198,7 +198,7 @@ def zero_results(
     raw: tuple[NDArray[np.float64], int] | None = None,
     u_bandwidth_hz: float = 0.0,
 ) -> ZeroResult:
-    """Return what the record of `volts` comes to, one mean every ``sampling.interval_s``.
+    """Return the results of the record of `volts`, one mean every ``sampling.interval_s``.
 
     Args:
         volts: the output, V, shape (n,).
@@ -249,7 +249,7 @@ def _is_passed(sampling: Sampling, mode: str) -> bool:
 
 
 def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: float) -> NoiseFit:
-    """Return the fit, N as uncertain as what a reading lets through of white noise, and what dead time folds in.
+    """Return the fit, with N's uncertainty by the noise bandwidth of a reading, and by noise that dead time folds in.
 
     Of flicker between readings it is known neither how far up it goes nor how it goes on there. The fit has taken all
     that a 1/f without end would fold in out of N; anything from that to nothing is as likely, so half of it is given
@@ -283,7 +283,7 @@ def _noise_bandwidth(readings: NDArray[np.float64], a_mean: int, fit: NoiseFit) 
 
 
 def _fit(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> NoiseFit | None:
-    """Fit N and B, without gaps Q as well, since what passes at the split falls as 1/tau; K and R where they are shown.
+    """Fit N and B, without gaps Q as well, as noise passed at the split falls as 1/tau; K and R where they are shown.
 
     None without noise.
     """
@@ -294,7 +294,7 @@ def _fit(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gaple
 
 
 def _follows(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> Sequence[AllanPoint]:
-    """Return the curve from the averaging time on from which it is what the terms can make.
+    """Return the curve from the shortest averaging time on that the terms can describe.
 
     Short averages of many readings are known so well that one that no term describes would bend all others.
     """
@@ -352,7 +352,7 @@ def _row(point: AllanPoint, sampling: Sampling, fit: NoiseFit | None, *, correct
 
 
 def _coefficients(fit: NoiseFit, *, passed: bool) -> tuple[NoiseCoefficient, ...]:
-    """Return them in the units of data sheets; where it is not known what a reading lets pass, N has a bound only."""
+    """Return them in the units of data sheets; where the noise bandwidth of a reading is unknown, N is a bound."""
     found = []
     for term, each in fit.terms.items():
         factor, unit = _UNITS[term]
@@ -423,7 +423,7 @@ def _trend(rates: NDArray[np.float64], sampling: Sampling, settings: ProcedureSe
 
 
 def _flicker(fit: NoiseFit, settings: ProcedureSettings) -> Flicker:
-    """Return the flicker of the record, or what is stated of it where the record is too short to know it."""
+    """Return the flicker of the record, or the stated one where the record is too short to know it."""
     found = fit.terms[Term.BIAS_INSTABILITY]
     u = math.sqrt(float(fit.covariance_of_squares[_FLICKER, _FLICKER]))
     return flicker_found(settings.station.sources, _DEG_H**2 * found.value**2, _DEG_H**2 * u)
@@ -432,7 +432,7 @@ def _flicker(fit: NoiseFit, settings: ProcedureSettings) -> Flicker:
 def _noise_parts(
     fit: NoiseFit, sampling: Sampling, windows: tuple[NDArray[np.float64], ...], factor: float
 ) -> Iterator[UncertaintyPart]:
-    """Yield what each noise but flicker puts into a sum of means, `windows` (begins, ends, weights).
+    """Yield the contribution of each noise but flicker to a sum of means, `windows` (begins, ends, weights).
 
     A ramp is what a trend shows, and is no noise.
     """
@@ -447,7 +447,7 @@ def _noise_parts(
 
 
 def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
-    """Report a static record: how it was taken, what it comes to, the Allan table and its figure."""
+    """Report a static record: its sampling, its results, the Allan table and its figure."""
     return Report(
         [
             Text(_taken(results, bandwidth_stated=bandwidth_stated)),
@@ -463,7 +463,7 @@ def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
 
 
 def _for_budgets(results: ZeroResult) -> list[str]:
-    """Say what budgets may know of the flicker, as the key of the bench file; nothing where none was found."""
+    """Return the flicker for budgets, as the key of the bench file; nothing where none was found."""
     found = results.flicker
     return [] if found is None else [f"for [uncertainty] of the bench file: bias_instability_deg_h = {found[0]:.3g}"]
 
