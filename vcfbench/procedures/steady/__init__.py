@@ -1,1 +1,1 @@
-"""Whether the output stood still while a run went from setting to setting, and whether it answered to them."""
+"""Steadiness of the output while a run went from setting to setting, and its response to them."""

@@ -33,10 +33,10 @@ Floats: TypeAlias = "NDArray[np.float64]"
 _ORDERS = 3
 """The curve's orders that are as large as they like."""
 _NEXT = 0.03
-"""What a term may be of that two orders below, at the largest rate: an output stage that is off by 1 % there leaves
-0.4 % of its cubic term to the next one (the series of tanh)."""
+"""Largest ratio of a term to that two orders below, at the largest rate: an output stage that is off by 1 % there
+leaves 0.4 % of its cubic term to the next one (the series of tanh)."""
 _MOST_BENT = 0.01
-"""Of the span: a curve that bends more does so by a fault."""
+"""Largest curvature, relative to the span: a curve that bends more does so by a fault."""
 _HIGHEST = 9
 _UNSEEN = 1e-4
 """A pattern of which the free terms leave less than this share (of its square) is not asked for."""
@@ -46,11 +46,11 @@ _ANSWERS = 8.0
 """Standard uncertainties that the slope must be away from zero."""
 _NO_SWEEP = frozenset({ZERO_TABLE, ZERO_DRIVEN, SEARCH})
 _CURVED = 0.2
-"""Of the span: what a line may leave over before the output answers to something else than the rate."""
+"""Largest residual of a line, relative to the span: beyond, the output answers to something else than the rate."""
 
 
 class Jump(Struct, frozen=True):
-    """A pattern in time: from window `first` to `last`, both included; `size_v` its offset, or what it walked by.
+    """A pattern in time: from window `first` to `last`, both included; `size_v` its offset, or the size of its walk.
 
     `sigmas` is its size over its standard uncertainty.
     """
@@ -116,7 +116,7 @@ def _patterns(count: int, at_s: Floats) -> list[Floats]:
 
 
 def _abscissa(windows: Sequence[Seen]) -> Floats:
-    """Return what the output depends on, largest 1: V_Vc as it was measured or set, or the table's rate."""
+    """Return the output's abscissa, largest 1: V_Vc as it was measured or set, or the table's rate."""
     if windows[0].driven:
         levels: dict[float, list[float]] = {}
         for each in windows:
@@ -198,7 +198,7 @@ def _own_variances(walk: Walk, windows: Sequence[Seen], moved_v: Floats) -> Floa
 
 
 def _level_covariance(walk: Walk, windows: Sequence[Seen], slope_v: float) -> Floats:
-    """Return what is not known of V_Vc, the same in all windows of one setting, V^2 of the output."""
+    """Return the covariance by the error of V_Vc, the same in all windows of one setting, V^2 of the output."""
     settings = walk.settings
     largest_v = max(1e-9, *(abs(each.point.v_vc_v) for each in windows))
     if has_v_vc_meter(settings) and any(each.point.v_vc_measured_v is not None for each in windows):
@@ -212,7 +212,7 @@ def _level_covariance(walk: Walk, windows: Sequence[Seen], slope_v: float) -> Fl
 
 
 def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
-    """See that the output moves with what is set, about along a line.
+    """Raise MeasurementError unless the output moves with the setting, about along a line.
 
     Raises:
         MeasurementError: its slope may be zero, or what a line leaves over is as large as the span.
@@ -246,7 +246,7 @@ def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
 
 
 def _require_straight(windows: Sequence[Seen], bound_ppm: float) -> None:
-    """See that what a line through the last sweep's means leaves over is within what the bench file expects.
+    """Raise MeasurementError unless the residuals of the last sweep's line are within the bench file's limits.
 
     Raises:
         MeasurementError: a residual is larger, in ppm of the span of the line (max_span).
@@ -286,7 +286,7 @@ def _no_answer(windows: Sequence[Seen], what: str) -> MeasurementError:
 
 
 def _said(found: Jump, windows: Sequence[Seen]) -> MeasurementError:
-    """Say when, how large, and what to look at."""
+    """Name the time and size of the jump, with a hint."""
     first, last = windows[found.first], windows[found.last]
     size = f"{found.size_v:+.3g} V ({abs(found.sigmas):.0f} standard uncertainties)"
     if found.walks:

@@ -1,4 +1,4 @@
-"""The windows of a run in their order. A setting that comes again must give what it gave before.
+"""The windows of a run in their order; those at one setting must agree.
 
 That is within the uncertainty of the difference: noise of the readings, flicker, warm-up, temperature.
 """
@@ -26,7 +26,7 @@ _SIGMAS = 6.0
 """Two means of one setting may differ by so many standard uncertainties: 1000 runs of 100 comparisons, one in 5000."""
 
 _FEW_DOF = 40.0
-"""What the sigmas grow by over the degrees of freedom of the noise: Student's t of the same chance."""
+"""Growth of the sigmas over the degrees of freedom of the noise: Student's t of the same chance."""
 
 _LOOP_DRIFT = 1e-2
 """A loop is there to show a hysteresis, which must not end it; one of more of the span is none to be calibrated."""
@@ -35,10 +35,10 @@ _FLICKER_DEG_H = 20.0
 """B where nobody knows it: twice that of the worst gyroscope that is called tactical (IEEE 1554: 0.1 to 10 deg/h)."""
 
 _WARM_UP_K, _BIAS_DEG_H_K, _SCALE_FACTOR_PPM_K = 1.0, 100.0, 300.0
-"""What a gyroscope warms up by, and what that does, where nobody knows it: a MEMS gyroscope without compensation."""
+"""Warm-up and its effects where nobody knows them: those of a MEMS gyroscope without compensation."""
 
 _WANDERS_K = 0.5
-"""What the temperature of a room wanders by within a run, where nobody knows it."""
+"""Wander of a room's temperature within a run, where nobody knows it."""
 
 
 def sigmas(dof: float) -> float:
@@ -47,21 +47,21 @@ def sigmas(dof: float) -> float:
 
 
 class Seen(Struct, frozen=True):
-    """A window as it was taken: its point, what was set, and when, bench time."""
+    """A window as it was taken: its point, its settings, and its bench time."""
 
     point: Point
     driven: bool
-    """Whether the generator was on."""
+    """True if the generator was on."""
     rails_v: tuple[float, ...]
     table_deg_s: float
     reference: bool
-    """Whether it is for comparison alone."""
+    """True if it is for comparison alone."""
     begin_s: float
     end_s: float
 
     @property
     def setting(self) -> tuple[bool, tuple[float, ...], float, float]:
-        """What the output depends on."""
+        """Settings that the output depends on."""
         return self.driven, self.rails_v, self.table_deg_s, self.point.v_vc_v if self.driven else 0.0
 
     @property
@@ -70,24 +70,24 @@ class Seen(Struct, frozen=True):
         return 0.5 * (self.begin_s + self.end_s)
 
     def describe(self) -> str:
-        """Name what was set."""
+        """Name the setting."""
         at = f"V_Vc of {self.point.v_vc_v:+.6g} V" if self.driven else f"{self.table_deg_s:+g} deg/s"
         return f"{at} (step {self.point.step}, {self.begin_s:.1f} to {self.end_s:.1f} s)"
 
 
 class Limits(Struct, frozen=True):
-    """What may move the output between two windows, V, beside the noise of their readings."""
+    """Limits of the output's shift between two windows, V, beside the noise of their readings."""
 
     flicker_v: float
     """B as a voltage."""
     warm_up_s: float
     """Time constant of the warm-up."""
     warm_up_v: float
-    """Of the zero, from the first window on."""
+    """Shift of the zero, from the first window on."""
     warm_up_share: float
-    """Of what a rate moves the output by."""
+    """Change of the output by a rate, relative."""
     wander_v: float
-    """What temperature, or what the bench file says, may move the zero by in the run."""
+    """Largest shift of the zero in the run, by temperature or as the bench file says."""
     wander_share: float
     resolution_v: float
     table_rate: float
@@ -95,7 +95,7 @@ class Limits(Struct, frozen=True):
 
     @classmethod
     def of(cls, settings: ProcedureSettings) -> Limits:
-        """Return them by what the bench file knows, the worst of the class where it does not."""
+        """Return the limits that the bench file knows, the worst of the class where it does not."""
         known, expected = settings.station.sources, settings.expected
         per_deg_h = abs(settings.expected_gyro().scale_factor) / 3600.0
         stated = None if "bias_instability_deg_h" in known.assumed else known.bias_instability_deg_h
@@ -131,7 +131,7 @@ class Walk(Struct):
 
     @property
     def variance_v2(self) -> float:
-        """Of one reading, pooled over all windows."""
+        """Variance of one reading, pooled over all windows."""
         return self._squares_v2 / max(1, self._dof)
 
     @property
@@ -140,7 +140,7 @@ class Walk(Struct):
         return self._dof
 
     def note(self, step: Step, result: StepResult) -> None:
-        """Take notice of what was done.
+        """Take notice of a performed step.
 
         Raises:
             MeasurementError: a setting did not give what it gave before.
@@ -203,7 +203,7 @@ class Walk(Struct):
         return max(sigmas(self._dof) * math.sqrt(variance) + drift_v, 2.0 * limits.resolution_v)
 
     def _table_v2(self, seen: Seen) -> float:
-        """Return what the table's own rate, and its ripple, add to the square of a difference, V^2."""
+        """Return the addition of the table's own rate, and its ripple, to the square of a difference, V^2."""
         if not seen.table_deg_s:
             return 0.0
         alike = [each.point.std_v**2 for each in self.windows if abs(each.table_deg_s) == abs(seen.table_deg_s)]
@@ -213,7 +213,7 @@ class Walk(Struct):
 
     @property
     def measured(self) -> bool:
-        """Whether somebody measured; a plan that is only looked at has no scatter at all."""
+        """True if somebody measured; a plan that is only looked at has no scatter at all."""
         return any(each.point.std_v for each in self.windows)
 
 
