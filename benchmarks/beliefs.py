@@ -30,6 +30,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from msgspec import structs
+from simrack.faults import Fault, FaultInjector
 
 import vcfbench
 from vcfbench.bench.simulated import SimulatedBench, physical_parameters
@@ -37,7 +38,6 @@ from vcfbench.errors import BenchError
 from vcfbench.plans.executor import StepFinished
 from vcfbench.plans.steps import Acquire, Window
 from vcfbench.procedures.measurand import Measurand
-from vcfbench.sim.faults import Fault, FaultInjector
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

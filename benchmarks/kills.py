@@ -33,9 +33,10 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
+from simrack.serve import Control, ControlError
+from simrack_tests.ports import free_port
+
 from tests.faults.benches import RATE_DEG_S, ROLES, SPEED, Physics, bench_text
-from tests.ports import free_port
-from vcfbench.sim.serve import Control, ControlError
 
 BAR_S = 5.0
 LANGUAGES = tuple(RATE_DEG_S)

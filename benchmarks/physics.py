@@ -5,10 +5,10 @@ from __future__ import annotations
 import warnings
 
 from measure import Figure, report, seconds_of
+from simrack.sources import Drive
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
 DEMANDS_DEG_S = (200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0)

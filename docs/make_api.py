@@ -71,7 +71,8 @@ def public_homes() -> dict[str, str]:
 @cache
 def source_of(module: str) -> tuple[str, ast.Module]:
     """Return text and tree of a module."""
-    path = PACKAGE.parent / Path(*module.split("."))
+    home = PACKAGE.parent / "simrack" if module.startswith("simrack.") else PACKAGE.parent
+    path = home / Path(*module.split("."))
     text = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8")
     return text, ast.parse(text)
 

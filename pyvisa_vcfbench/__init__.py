@@ -6,11 +6,18 @@
 
 from importlib import import_module
 
-from vcfbench.sim.visa_backend import SimulatedInstruments, SimVisaLibrary
+from simrack.wires.visa_backend import SimulatedInstruments, SimVisaLibrary
 
 __all__ = ["WRAPPER_CLASS"]
 
-WRAPPER_CLASS = SimVisaLibrary
+
+class VcfbenchLibrary(SimVisaLibrary):
+    """The library object of a simulated bench of vcfbench."""
+
+    maker = "vcfbench"
+
+
+WRAPPER_CLASS = VcfbenchLibrary
 
 
 def _resolve(path: str) -> SimulatedInstruments:
@@ -19,4 +26,4 @@ def _resolve(path: str) -> SimulatedInstruments:
     return SimulatedInstruments(instruments, clock)
 
 
-SimVisaLibrary.install_resolver(_resolve)
+VcfbenchLibrary.install_resolver(_resolve)

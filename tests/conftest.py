@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from serial.urlhandler import protocol_socket
-
-from tests.ports import PLENTY_S
+from simrack_tests.ports import PLENTY_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

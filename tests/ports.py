@@ -1,31 +1,5 @@
-"""What tests ask of the machine: TCP ports that are free, and time."""
+"""What `simrack_tests.ports` has, for the tests beside."""
 
-from __future__ import annotations
+from simrack_tests.ports import BUSY_S, PLENTY_S, eventually, free_port
 
-import socket
-from typing import TYPE_CHECKING
-
-from vcfbench.clock import WallClock, sleep
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-BUSY_S = 10.0
-"""What a busy machine may add to a wait of tenths of a second."""
-
-PLENTY_S = 30.0
-"""What is granted to that which comes; waiting for it is no failure of a machine that is busy."""
-
-
-def free_port() -> int:
-    """Return a port that is free now."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return int(probe.getsockname()[1])
-
-
-def eventually(condition: Callable[[], object]) -> None:
-    """Wait until `condition` holds, which another thread or process brings about."""
-    clock = WallClock()
-    while not condition():
-        assert clock.now() < PLENTY_S, "it did not happen"
-        sleep(clock, 0.002)
+__all__ = ["BUSY_S", "PLENTY_S", "eventually", "free_port"]

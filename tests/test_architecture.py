@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[1]
+PACKAGES = ("vcfbench", "pyvisa_vcfbench", "simrack/simrack")
 FLOORS = [
     {"cli", "testing", "__main__"},
     {"page", "studies"},
@@ -30,21 +31,24 @@ FLOORS = [
     {"interfaces", "models", "specifications", "files", "extras", "typed", "errors", "clock", "version"},
 ]
 SEALED = {"drivers", "record", "analysis", "sim"}
+FROM_THE_RACK = {"vcfbench.clock": "simrack.clock", "vcfbench.specifications": "simrack.specifications"}
 KNOW_THE_SIMULATION = (
     *("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.cli.serve", "vcfbench.sim", "vcfbench.testing"),
     "pyvisa_vcfbench",
+    "simrack",
 )
 HEAVY = {"numpy", "scipy", "pyvisa", "pyvisa_py", "serial", "rich", "numba", "starlette", "uvicorn"}
 
 
 @cache
 def modules() -> dict[str, ast.Module]:
-    paths = [path for package in ("vcfbench", "pyvisa_vcfbench") for path in (ROOT / package).rglob("*.py")]
+    paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
     return {module_name(path): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
 
 
 def module_name(path: Path) -> str:
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    home = ROOT / "simrack" if path.is_relative_to(ROOT / "simrack") else ROOT
+    return ".".join(path.relative_to(home).with_suffix("").parts).removesuffix(".__init__")
 
 
 def imports(tree: ast.Module) -> Iterator[str]:
@@ -88,10 +92,20 @@ def test_imports_point_downwards() -> None:
 def test_only_the_bench_knows_that_there_is_a_simulation() -> None:
     wrong = [
         f"{name} -> {target}"
-        for name, target in inner_imports()
-        if f"{target}.".startswith("vcfbench.sim.") and not name.startswith(KNOW_THE_SIMULATION)
+        for name, tree in modules().items()
+        for target in imports(tree)
+        if f"{target}.".startswith(("vcfbench.sim.", "simrack.")) and not name.startswith(KNOW_THE_SIMULATION)
+        if not target.startswith(FROM_THE_RACK.get(name, "-"))
     ]
     assert wrong == []
+
+
+def test_the_rack_knows_nobody() -> None:
+    ours = ("vcfbench", "pyvisa_vcfbench")
+    rack = {name: tree for name, tree in modules().items() if name.split(".")[0] == "simrack"}
+    assert rack
+    seen = [(name, target) for name, tree in rack.items() for target in imports(tree)]
+    assert [each for each in seen if each[1].startswith(ours)] == []
 
 
 def parts_and_what_they_import() -> dict[str, dict[str, set[str]]]:
@@ -150,14 +164,14 @@ def test_every_module_explains_itself() -> None:
 
 
 def class_names(part: str) -> set[str]:
-    found = {name: tree for name, tree in modules().items() if f"{name}.".startswith(f"vcfbench.{part}.")}
+    found = {name: tree for name, tree in modules().items() if f"{name}.".startswith(f"{part}.")}
     kinds = {each.name for tree in found.values() for each in ast.walk(tree) if isinstance(each, ast.ClassDef)}
     return {kind for kind in kinds if not kind.startswith("_")}
 
 
 def test_no_class_has_the_name_of_one_on_the_other_side_of_the_wire() -> None:
     """Who reads of an E3631A must know whether it is the driver or the instrument."""
-    assert (class_names("drivers") | class_names("interfaces")) & class_names("sim") == set()
+    assert (class_names("vcfbench.drivers") | class_names("vcfbench.interfaces")) & class_names("simrack") == set()
 
 
 def names(tree: ast.Module) -> Iterator[str]:

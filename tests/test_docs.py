@@ -25,11 +25,11 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import pytest
+from simrack_tests.cells import few
+from simrack_tests.ports import free_port
 
 from tests import warm
-from tests.cells import few
 from tests.conftest import HERE, SLOW
-from tests.ports import free_port
 from tests.test_examples import installed
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from simrack_tests.cells import few
 
-from tests.cells import few
 from tests.testing.test_plugin import run
 from vcfbench.bench.file import load_bench
 from vcfbench.sim.fault_scripts import read_faults

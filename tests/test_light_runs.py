@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from msgspec import Struct
+from simrack_tests.cells import few
 
-from tests.cells import few
 from vcfbench.bench import description, parts, settings
 from vcfbench.procedures.sweep import schedule
 from vcfbench.procedures.virtual_coriolis import settings as own_settings

@@ -67,7 +67,7 @@ def packages(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     module.MODEL = Model("M1", ("multimeter",), driver=Meter, twin=Twin, makers=("ACME",))  # type: ignore[attr-defined]
     module.LANGUAGE = TableLanguage(  # type: ignore[attr-defined]
         "acme",
-        twin="vcfbench.sim.rate_tables.atl:AtlTable",
+        twin="simrack.rate_tables.atl:AtlTable",
         dialect="vcfbench.drivers.rate_table.atl:AtlDialect",
     )
     module.TWIN = Twin  # type: ignore[attr-defined]

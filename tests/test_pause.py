@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import pytest
+from simrack_tests.cells import few
+from simrack_tests.ports import eventually
 
 import vcfbench
-from tests.cells import few
-from tests.ports import eventually
 from tests.test_resume import cut
 from vcfbench.clock import WallClock, sleep
 from vcfbench.drivers.hp34401a import Hp34401A

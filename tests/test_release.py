@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[1]
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "build", "dist", "__pycache__", ".*_cache")
 PACKAGES = {"vcfbench", "pyvisa_vcfbench"}
+RACK = {"simrack"}
+FROM_HERE, BY_VERSION = "simrack @ {root:uri}/simrack", "simrack==9.8.7"
+"""What the package requires of the rack: that of the repository, and in a release the one of the same version."""
 SCRIPTS = "Scripts" if sys.platform == "win32" else "bin"
 
 pytestmark = pytest.mark.exhaustive
@@ -45,10 +48,14 @@ def contents(wheel: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A clean copy with a tag, as a release is made from."""
+    """A clean copy with a tag, as a release is made from, which names the rack by its version."""
     pytest.importorskip("build", reason="pip install '.[dev]'")
     folder = tmp_path_factory.mktemp("release") / "vcfbench"
     shutil.copytree(ROOT, folder, ignore=LEFT_OUT)
+    project = folder / "pyproject.toml"
+    text = project.read_text(encoding="utf-8")
+    assert FROM_HERE in text
+    project.write_text(text.replace(FROM_HERE, BY_VERSION), encoding="utf-8")
     for command in ("init -q", "add .", "commit -qm release", "tag v9.8.7"):
         done("git", "-c", "user.name=x", "-c", "user.email=x@localhost", *command.split(), folder=folder)
     return folder
@@ -58,6 +65,19 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def release(source: Path) -> dict[str, Path]:
     """The sdist, and the wheel that is made from it."""
     return built(source, source.parent / "dist")
+
+
+@pytest.fixture(scope="module")
+def rack(source: Path) -> dict[str, Path]:
+    """Sdist and wheel of the rack, of the same tag."""
+    return built(source / "simrack", source.parent / "rack")
+
+
+def test_the_rack_has_the_version_of_the_same_tag(rack: dict[str, Path], release: dict[str, Path]) -> None:
+    assert sorted(path.name for path in rack.values()) == ["simrack-9.8.7-py3-none-any.whl", "simrack-9.8.7.tar.gz"]
+    done(sys.executable, "-m", "twine", "check", "--strict", *rack.values(), folder=ROOT)
+    metadata = contents(release[".whl"])["vcfbench-9.8.7.dist-info/METADATA"].decode()
+    assert f"Requires-Dist: {BY_VERSION}\n" in metadata
 
 
 def test_the_version_is_that_of_the_tag(release: dict[str, Path]) -> None:
@@ -80,16 +100,19 @@ def test_a_source_without_git_builds(source: Path, tmp_path: Path) -> None:
     assert wheel.name == "vcfbench-0.1.0.dev0-py3-none-any.whl"
 
 
-def test_the_wheel_runs_and_leaves_nothing_else_behind(release: dict[str, Path], tmp_path: Path) -> None:
+def test_the_wheel_runs_and_leaves_nothing_else_behind(
+    release: dict[str, Path], rack: dict[str, Path], tmp_path: Path
+) -> None:
     """What it depends on is taken from here; README's first command installs that too."""
     home = tmp_path / "venv"
     done(sys.executable, "-m", "venv", "--without-pip", home, folder=tmp_path)
     python = home / SCRIPTS / "python"
     where = "import sysconfig; print(sysconfig.get_path('purelib'))"
     site = Path(done(python, "-c", where, folder=tmp_path).strip())
-    install = ("-m", "pip", "--python", python, "install", "--quiet", "--no-deps", release[".whl"])
+    install = ("-m", "pip", "--python", python, "install", "--quiet", "--no-deps", rack[".whl"], release[".whl"])
     done(sys.executable, *install, folder=tmp_path)
-    assert {path.name for path in site.iterdir()} == PACKAGES | {"vcfbench-9.8.7.dist-info"}
+    ours = PACKAGES | RACK | {"vcfbench-9.8.7.dist-info", "simrack-9.8.7.dist-info"}
+    assert {path.name for path in site.iterdir()} == ours
     others = os.pathsep.join(path for path in sys.path if path.endswith("site-packages"))
     found = done(python, "-c", "import vcfbench; print(vcfbench.__file__)", folder=tmp_path, also={"PYTHONPATH": ""})
     assert Path(found.strip()).is_relative_to(site)

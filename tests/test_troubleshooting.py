@@ -19,7 +19,7 @@ def quoted() -> list[str]:
 def messages() -> str:
     """Every text in the code but docstrings, what is filled in left out."""
     found: list[str] = []
-    for path in sorted((ROOT / "vcfbench").rglob("*.py")):
+    for path in sorted(path for part in ("vcfbench", "simrack/simrack") for path in (ROOT / part).rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         said = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
         texts = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in said)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 
-from tests.cells import few
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.writing import bench_text
@@ -90,7 +90,7 @@ def test_a_bench_that_is_open_when_python_ends_is_made_safe(lab: ServedLab, tmp_
 
 def test_what_cannot_be_proved_at_the_end_of_python_is_said_and_is_code_five(lab: ServedLab, tmp_path: Path) -> None:
     end = """
-from vcfbench.sim.serve import Control
+from simrack.serve import Control
 with Control(int(bench.description.served.control.rpartition(":")[2])) as control:
     control.request("fault", instrument="rate_source", kind="silent")
 raise ValueError("a typo")

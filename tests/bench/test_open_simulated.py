@@ -63,7 +63,7 @@ def break_in_full_swing(bench: Bench, world: World) -> None:
 def cut_the_line_in_full_swing(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the table hear nothing any more."""
     in_full_swing(bench)
-    monkeypatch.setattr("vcfbench.sim.serial_backend.SimulatedSerial.write", lambda _port, data: len(data))
+    monkeypatch.setattr("simrack.wires.serial_backend.SimulatedSerial.write", lambda _port, data: len(data))
 
 
 def still_energised(world: World) -> list[str]:

@@ -6,11 +6,11 @@ import signal
 import threading
 
 import pytest
+from simrack.attendance import AttendedClock
 
 from vcfbench.bench.signals import ControlClock, StopSignals
 from vcfbench.clock import VirtualClock, WallClock
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
-from vcfbench.sim.attendance import AttendedClock
 
 
 def test_it_wakes_who_waits_and_says_who_wanted_it() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack.serve.adjust import adjustments_of
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
@@ -15,7 +16,6 @@ from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.bench.writing import bench_text
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

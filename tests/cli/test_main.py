@@ -9,9 +9,9 @@ from typing import Any, NoReturn
 
 import pytest
 import typer
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
-from tests.cells import few
 from vcfbench import __version__
 from vcfbench.cli import main
 from vcfbench.errors import Aborted, BenchError, ConfigError, LimitError, NotSafe

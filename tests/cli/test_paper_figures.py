@@ -6,9 +6,9 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
-from tests.cells import few
 from vcfbench.cli.main import app
 
 if TYPE_CHECKING:

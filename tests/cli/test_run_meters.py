@@ -6,8 +6,8 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 
-from tests.cells import few
 from tests.cli.test_run_served import SHORT, answer, serving
 from vcfbench.bench.file import embedded_text, load_bench
 

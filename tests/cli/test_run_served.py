@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import serial
+from simrack.serve import Control
+from simrack_tests.cells import few
+from simrack_tests.ports import free_port
 from typer.testing import CliRunner
 
 from tests import warm
-from tests.cells import few
-from tests.ports import free_port
 from vcfbench.bench.file import embedded_text, load_bench
 from vcfbench.cli.main import app
 from vcfbench.drivers.rate_table.dialects import DIALECTS
-from vcfbench.sim.serve import Control
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

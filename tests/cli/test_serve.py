@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.serve.lamp import served_lamp
 from typer.testing import CliRunner
 
-from tests.sim.serve.lamp import served_lamp
 from vcfbench.cli.main import app
 from vcfbench.cli.serve import _offers
 from vcfbench.errors import ConfigError

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import pytest
+from simrack_tests.cells import few
 
-from tests.cells import few
 from tests.cli.streams import ENDINGS, QUICK
 from vcfbench.bench.file import embedded_text
 from vcfbench.cli import ending

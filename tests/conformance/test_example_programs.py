@@ -22,12 +22,12 @@ import pytest
 import pyvisa
 from msgspec import structs
 from pyvisa.constants import ControlFlow, EventMechanism, EventType, StopBits
+from simrack.serve.adjust import adjustments_of
+from simrack_tests.cells import few
+from simrack_tests.ports import BUSY_S
 
-from tests.cells import few
-from tests.ports import BUSY_S
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.testing.benches import serve_simulated, simulated
 
 if TYPE_CHECKING:

@@ -40,24 +40,25 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from simrack.attendance import AttendedClock
+from simrack.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
+from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
+from simrack.instruments.e3631a import E3631ATwin, SupplyErrors
+from simrack.instruments.e36312a import E36312ATwin
+from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
+from simrack.instruments.infiniivision import InfiniiVisionXTwin, XSeriesErrors
+from simrack.instruments.keithley import Keithley2000Twin, KeithleyDMM6500Twin
+from simrack.instruments.trueform import TrueformErrors, TrueformTwin
+from simrack.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
+
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
-from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
-from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
-from vcfbench.sim.instruments.e36312a import E36312ATwin
-from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from vcfbench.sim.instruments.infiniivision import InfiniiVisionXTwin, XSeriesErrors
-from vcfbench.sim.instruments.keithley import Keithley2000Twin, KeithleyDMM6500Twin
-from vcfbench.sim.instruments.trueform import TrueformErrors, TrueformTwin
-from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from vcfbench.sim.device import Device
+    from simrack.device import Device
 
 EXPECTATIONS = Path(__file__).parent / "expectations"
 MODELS = ("e3631a", "hp34401a", "agilent33220a", "dso7104b", "keysight34461a", "keysight34465a")

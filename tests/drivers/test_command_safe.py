@@ -11,10 +11,10 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack_tests.ports import BUSY_S, PLENTY_S, eventually
 
 from tests.drivers.openings import NO_ERROR, OFF_BLIND, opening
 from tests.drivers.servers import answering, lines, nothing_special, serving
-from tests.ports import BUSY_S, PLENTY_S, eventually
 from vcfbench.clock import Deadline, VirtualClock, WallClock
 from vcfbench.drivers.agilent33220a import Agilent33220A
 from vcfbench.drivers.e3631a import E3631A

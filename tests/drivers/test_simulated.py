@@ -6,25 +6,25 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pytest
+from simrack.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
+from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
+from simrack.instruments.e3631a import E3631ATwin, SupplyErrors
+from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
+from simrack.rate_tables.acl import AclTable, TableErrors
+from simrack.wires import serial_backend
+from simrack.wires.visa_backend import SimVisaLibrary
 
 from vcfbench.clock import Deadline, VirtualClock, sleep
 from vcfbench.drivers.registry import open_instrument
 from vcfbench.errors import DeadlineExceeded, InterlockError
 from vcfbench.interfaces import Regulation
-from vcfbench.sim import serial_backend
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
-from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
-from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
-from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from vcfbench.sim.rate_tables.acl import AclTable, TableErrors
-from vcfbench.sim.visa_backend import SimVisaLibrary
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.sim.device import Device
+    from simrack.device import Device
 
 HANDLE = "driver-tests"
 

@@ -9,9 +9,9 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.ports import BUSY_S, PLENTY_S
 
 from tests.drivers.servers import IDENTITY, answering, nothing_special, serving
-from tests.ports import BUSY_S, PLENTY_S
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers import visa_wire
 from vcfbench.drivers.hp34401a import Hp34401A

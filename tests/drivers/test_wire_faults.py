@@ -10,9 +10,9 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.ports import BUSY_S, PLENTY_S
 
 from tests.drivers.servers import IDENTITY, answering, nothing_special, serving
-from tests.ports import BUSY_S, PLENTY_S
 from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers.session import Session, open_session
 from vcfbench.drivers.visa_wire import SocketWire

@@ -9,9 +9,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from tests.ports import free_port
+from simrack.serve import Control
+from simrack_tests.ports import free_port
+
 from vcfbench.bench.file import embedded_text
-from vcfbench.sim.serve import Control
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -12,8 +12,8 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 
-from tests.cells import few
 from tests.faults.corruption import Behind, Came, Change, bench_of, changes_of, perform
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 
-from tests.cells import few
 from tests.faults.benches import SPEED, Served, bench_text, serving
 from vcfbench.clock import WallClock, sleep
 

@@ -9,8 +9,8 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 
-from tests.cells import few
 from tests.cli.test_run_served import everywhere, needs_ptys, require_wires, serving
 from tests.golden.cases import (
     HASHES,

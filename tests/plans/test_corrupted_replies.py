@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack_tests.cells import few
 
-from tests.cells import few
 from tests.procedures.fakes import MemoryJournal
 from vcfbench.plans.executor import Execution, Executor
 from vcfbench.procedures.layers import asked_in_python, settings_of

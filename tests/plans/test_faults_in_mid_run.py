@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 
-from tests.cells import few
 from tests.procedures.fakes import MemoryJournal
 from vcfbench.errors import MeasurementError
 from vcfbench.plans.executor import Execution, Executor, StepStarted

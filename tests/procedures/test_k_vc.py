@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 import vcfbench
-from tests.cells import few
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app

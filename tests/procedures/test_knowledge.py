@@ -11,10 +11,10 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 import vcfbench
-from tests.cells import few
 from vcfbench.bench.file import checked_bench, embedded_text
 from vcfbench.cli.main import app
 from vcfbench.plans.measured import Measured

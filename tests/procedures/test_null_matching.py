@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from simrack_tests.cells import few
 
 import vcfbench
-from tests.cells import few
 from tests.procedures.fakes import make_settings
 from tests.procedures.test_k_vc import read_v, still, warm
 from vcfbench.analysis.chopped import CHOPPED

@@ -7,8 +7,9 @@ import pickle
 
 import numpy as np
 import pytest
+from simrack.instruments.agilent33220a import GeneratorErrors
+from simrack_tests.cells import few
 
-from tests.cells import few
 from vcfbench.analysis.column import Nonlinearity
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.bench.settings import Match
@@ -18,7 +19,6 @@ from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point, pooled_std_v
-from vcfbench.sim.instruments.agilent33220a import GeneratorErrors
 from vcfbench.specifications import AGILENT_33220A
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from simrack_tests.cells import few
 
 import vcfbench
-from tests.cells import few
 from tests.procedures.test_k_vc import warm
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.bench.description import Limits

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 
 import vcfbench
-from tests.cells import few
 from tests.procedures.fakes import FakeBench, MemoryJournal
 from vcfbench.analysis.allan import Noise
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term

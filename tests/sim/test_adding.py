@@ -6,17 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from simrack.adding import added
+from simrack.sources import Drive, Piece, Sine
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.adding import added
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.sources import Drive, Piece, Sine
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from vcfbench.sim.sources import Bend
+    from simrack.sources import Bend
 
 TIMES_S = np.linspace(0.3, 2.3, 50)
 

@@ -4,19 +4,20 @@ from random import Random
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack.faults import Fault, FaultInjector, FaultScript, FaultyDevice
 
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
 from vcfbench.sim.fault_scripts import parse_script, read_faults, read_script
-from vcfbench.sim.faults import Fault, FaultInjector, FaultScript, FaultyDevice
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from simrack.device import Device
+
     from vcfbench.clock import Clock
-    from vcfbench.sim.device import Device
 
 SCRIPT = """
 seed = 7

@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from simrack.flutter import Flutter
+from simrack.motion import TableMotion
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.flutter import Flutter
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.sim.motion import TableMotion
 
 F0, Z = 25.0, 0.8
 REAL = replace(

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from simrack.leads import Lead, Leads
+from simrack.serve.adjust import adjustments_of
 
 from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.leads import Lead, Leads
-from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
-    from vcfbench.sim.adjustment import Adjustment
+    from simrack.adjustment import Adjustment
 
 IDEAL = ideal_bench()
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from simrack.leads import Leads
+from simrack.sources import Drive, Sine
 
 from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.leads import Leads
-from vcfbench.sim.sources import Drive, Sine
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:

@@ -11,13 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from scipy.integrate import solve_ivp
+from simrack.motion import RateRipple, Swing, TableMotion
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
-from vcfbench.sim.motion import RateRipple, Swing, TableMotion
 
 if TYPE_CHECKING:
-    from vcfbench.sim.motion import RateSegment
+    from simrack.motion import RateSegment
+
     from vcfbench.sim.parameters import TableMechanics
 
 PERFECT = ideal_bench().table

@@ -9,14 +9,14 @@ import pyvisa
 import serial
 from hypothesis import given
 from hypothesis import strategies as st
+from simrack.attendance import AttendedClock
+from simrack.scpi import RS232
+from simrack.wires import serial_backend
+from simrack.wires.serial_line import CharacterFrame, HandshakeLine, ReceivedCharacter, heard
+from simrack.wires.visa_backend import SimVisaLibrary
+from simrack_tests.scpi.lamp import Lamp
 
-from tests.sim.scpi.lamp import Lamp
 from vcfbench.clock import VirtualClock
-from vcfbench.sim import serial_backend
-from vcfbench.sim.attendance import AttendedClock
-from vcfbench.sim.scpi import RS232
-from vcfbench.sim.serial_line import CharacterFrame, HandshakeLine, ReceivedCharacter, heard
-from vcfbench.sim.visa_backend import SimVisaLibrary
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from simrack.leads import Leads
+from simrack.sources import Drive, Sine
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.leads import Leads
-from vcfbench.sim.sources import Drive, Sine
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
-    from vcfbench.sim.trace import Piece
+    from simrack.trace import Piece
 
 
 @pytest.fixture

@@ -10,11 +10,12 @@ import pytest
 import pyvisa
 from pyvisa import constants
 from pyvisa.constants import AccessModes, StatusCode
+from simrack.instruments.e3631a import E3631ATwin, SupplyErrors
+from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
+from simrack.wires.visa_backend import SimVisaLibrary
+from simrack_tests.instruments.fake_world import FakeWorld
 
-from tests.sim.instruments.fake_world import FakeWorld
-from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
-from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from vcfbench.sim.visa_backend import SimVisaLibrary
+from pyvisa_vcfbench import WRAPPER_CLASS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -289,7 +290,7 @@ def test_threads(station: Station) -> None:
 
 
 def test_a_bench_nobody_registered_is_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(SimVisaLibrary, "_resolvers", [])
+    monkeypatch.setattr(WRAPPER_CLASS, "_resolvers", [])
     with pytest.raises(OSError, match="no simulated bench 'nowhere' is registered"):
         pyvisa.ResourceManager("nowhere@vcfbench")
     gc.collect()
@@ -303,7 +304,7 @@ def test_a_resolver_makes_benches_on_demand(monkeypatch: pytest.MonkeyPatch) -> 
         asked.append(path)
         return {GPIB: Hp34401ATwin(world, errors=MeterErrors.none())}, world.clock  # type: ignore[arg-type]
 
-    monkeypatch.setattr(SimVisaLibrary, "_resolvers", [resolve])
+    monkeypatch.setattr(WRAPPER_CLASS, "_resolvers", [resolve])
     for handle, path in (("@vcfbench", ""), ("my bench.toml@vcfbench", "my bench.toml")):
         manager = pyvisa.ResourceManager(handle)
         assert manager.open_resource(GPIB).query("*OPC?") == "1\n"  # type: ignore[attr-defined]

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from simrack.serve.adjust import adjustments_of
+from simrack.sources import Drive, Ripple, Sine
 
 from tests.sim.gyro.bench import mean_v, powered
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
-from vcfbench.sim.serve.adjust import adjustments_of
-from vcfbench.sim.sources import Drive, Ripple, Sine
 from vcfbench.sim.world import NODES, World
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack_tests.cells import few
+from simrack_tests.ports import free_port
 
 import vcfbench
-from tests.cells import few
-from tests.ports import free_port
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.studies.asked import Study, read_study
 from vcfbench.studies.conduct import Quiet

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from simrack.instruments.agilent33220a.modulation import pseudo_random_bits
+from simrack.instruments.trueform import TrueformErrors
 
 from tests.conformance import walk
 from tests.successors import BENCH
@@ -17,8 +19,6 @@ from vcfbench.bench.guard.rules import BeyondLimit
 from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
-from vcfbench.sim.instruments.agilent33220a.modulation import pseudo_random_bits
-from vcfbench.sim.instruments.trueform import TrueformErrors
 from vcfbench.specifications import KEYSIGHT_33500B
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from simrack.instruments.keithley import Errors2000, Errors6500, KeithleyDMM6500Twin
 
 import vcfbench
 from tests.successors import BENCH
@@ -16,7 +17,6 @@ from vcfbench.bench.guard.rules import BeyondLimit
 from vcfbench.errors import WrongInstrument
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
-from vcfbench.sim.instruments.keithley import Errors2000, Errors6500, KeithleyDMM6500Twin
 from vcfbench.specifications import KEITHLEY_2000, KEITHLEY_DMM6500, VoltmeterSpecification
 
 if TYPE_CHECKING:

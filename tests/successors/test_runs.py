@@ -6,9 +6,9 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
-from tests.cells import few
 from tests.cli.test_run_served import SHORT, answer, serving
 from tests.successors import BENCH
 from vcfbench.cli.main import app

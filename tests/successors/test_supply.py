@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from simrack.instruments.e36312a import Errors36312A
 
 from tests.successors import BENCH
 from vcfbench.bench.discovery import recognise
@@ -13,7 +14,6 @@ from vcfbench.bench.file import parse_bench
 from vcfbench.bench.guard.channels import channel_rules
 from vcfbench.bench.guard.message import Unreadable
 from vcfbench.bench.guard.rules import BeyondLimit
-from vcfbench.sim.instruments.e36312a import Errors36312A
 from vcfbench.specifications import KEYSIGHT_E36312A
 
 if TYPE_CHECKING:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack.serve import ControlError
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import load_bench, template
@@ -21,7 +22,6 @@ from vcfbench.errors import (
     OutOfSync,
 )
 from vcfbench.interfaces import Regulation
-from vcfbench.sim.serve import ControlError
 from vcfbench.testing import open_simulated, serve_simulated, simulated
 
 if TYPE_CHECKING:

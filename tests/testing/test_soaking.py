@@ -6,12 +6,12 @@ from random import Random
 
 import pytest
 from msgspec.structs import replace
+from simrack.faults import Fault, FaultyDevice
+from simrack.wires.serial_backend import _Port
 from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.faults import Fault, FaultyDevice
-from vcfbench.sim.serial_backend import _Port
 from vcfbench.testing import drawn, shrunk, soak, tried
 from vcfbench.testing.soaking import trial
 from vcfbench.testing.soaking.draw import Happening

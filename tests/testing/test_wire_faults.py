@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import serial
+from simrack_tests.ports import PLENTY_S, eventually
 
-from tests.ports import PLENTY_S, eventually
 from vcfbench.clock import WallClock
 from vcfbench.testing import WIRE_FAULTS, WireFault, faulty_wire
 

@@ -21,9 +21,10 @@ from vcfbench.models import find_model
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
+    from simrack.serve import Control, RemoteClock, ServedBench, ServedClock
+
     from vcfbench.bench.description import BenchDescription
     from vcfbench.models import Wire
-    from vcfbench.sim.serve import Control, RemoteClock, ServedBench, ServedClock
 
 _CONTROL = "control port"
 
@@ -39,7 +40,7 @@ class LockstepClock:
 
     def now(self) -> float:
         """Return the bench time, s."""
-        from vcfbench.sim.serve import ControlError  # noqa: PLC0415
+        from simrack.serve import ControlError  # noqa: PLC0415
 
         try:
             return self._remote.now()
@@ -48,7 +49,7 @@ class LockstepClock:
 
     def sleep_until(self, instant_s: float) -> None:
         """Let bench time jump to `instant_s`."""
-        from vcfbench.sim.serve import ControlError  # noqa: PLC0415
+        from simrack.serve import ControlError  # noqa: PLC0415
 
         try:
             self._remote.sleep_until(instant_s)
@@ -75,7 +76,7 @@ def lockstep_bench(served: Served, rate_table: str | None) -> Iterator[Lockstep]
     Raises:
         ConnectFailed: no bench is served there, or another program leads its time: one run at a time.
     """
-    from vcfbench.sim.serve import Control, ControlError, RemoteClock  # noqa: PLC0415
+    from simrack.serve import Control, ControlError, RemoteClock  # noqa: PLC0415
 
     host, port = served.address()
     try:
@@ -96,7 +97,7 @@ def lockstep_bench(served: Served, rate_table: str | None) -> Iterator[Lockstep]
 
 
 def _adjust(control: Control, address: str, name: str, value: Any) -> None:
-    from vcfbench.sim.serve import ControlError  # noqa: PLC0415
+    from simrack.serve import ControlError  # noqa: PLC0415
 
     try:
         control.request("set", name=name, value=value)
@@ -107,8 +108,8 @@ def _adjust(control: Control, address: str, name: str, value: Any) -> None:
 @contextmanager
 def _led_port(control: Control, clock: LockstepClock, resource: str) -> Iterator[str]:
     """Yield the URL of a port at `resource` that tells the server when it is waited on."""
-    from vcfbench.sim import serial_backend  # noqa: PLC0415
-    from vcfbench.sim.serve.lockstep_port import LockstepPort  # noqa: PLC0415
+    from simrack.serve.lockstep_port import LockstepPort  # noqa: PLC0415
+    from simrack.wires import serial_backend  # noqa: PLC0415
 
     handle = resource.removeprefix("socket://")
     serial_backend.register_port(handle, LockstepPort(control, clock, "rate_table", resource))
@@ -120,8 +121,9 @@ def _led_port(control: Control, clock: LockstepClock, resource: str) -> Iterator
 
 def build_served(description: BenchDescription, seed: int | None, clock: ServedClock) -> ServedBench:
     """Build the served part of a simulated bench, from `seed` or the bench file's; its clock can build it anew."""
+    from simrack.serve import ServedBench  # noqa: PLC0415
+
     from vcfbench.bench.simulated import SimulatedBench, chosen_seed  # noqa: PLC0415  (there may be no simulation)
-    from vcfbench.sim.serve import ServedBench  # noqa: PLC0415
 
     used = chosen_seed(description, seed)
     built = SimulatedBench.build(description, used, clock)
@@ -154,7 +156,7 @@ def served_places(control: str) -> tuple[str, dict[str, str]]:
         ConfigError: it is no port.
         ConnectFailed: nobody serves there.
     """
-    from vcfbench.sim.serve import Control, ControlError  # noqa: PLC0415
+    from simrack.serve import Control, ControlError  # noqa: PLC0415
 
     port = control.rpartition(":")[2]
     if not (port.isdigit() and 0 < int(port) < 65536):

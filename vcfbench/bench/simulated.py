@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from numpy.random import Generator, SeedSequence
+    from simrack.attendance import AttendedClock
+    from simrack.device import Device
+    from simrack.scpi import ScpiTwin
 
     from vcfbench.bench.description import BenchDescription, Simulation
     from vcfbench.clock import Clock
-    from vcfbench.sim.attendance import AttendedClock
-    from vcfbench.sim.device import Device
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.scpi import ScpiTwin
     from vcfbench.sim.world import World
 
 _STREAMS = {
@@ -140,8 +140,9 @@ def true_output(
     V_Vc is the level of the open generator, or that `at_input`, where a second meter sees it. `rails_v` are the rails,
     positive and negative; None means the nominal ones of the gyroscope.
     """
+    from simrack.instruments.agilent33220a.settings import SOURCE_OHM  # noqa: PLC0415
+
     from vcfbench.sim.gyro.warm_output import warm_output  # noqa: PLC0415
-    from vcfbench.sim.instruments.agilent33220a.settings import SOURCE_OHM  # noqa: PLC0415
 
     return warm_output(physical_parameters(description), 0.0 if at_input else SOURCE_OHM, rails_v)
 
@@ -168,7 +169,8 @@ class SimulatedBench(Struct, frozen=True):
     @classmethod
     def build(cls, description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
         """Build the bench on `clock`; the same seed gives the same bench."""
-        from vcfbench.sim.attendance import AttendedClock  # noqa: PLC0415
+        from simrack.attendance import AttendedClock  # noqa: PLC0415
+
         from vcfbench.sim.world import World  # noqa: PLC0415
 
         attended = AttendedClock(clock)
@@ -191,8 +193,9 @@ class SimulatedBench(Struct, frozen=True):
         """Return `device`, behind an RS-232 line set on its front panel as the bench file has it."""
         if not _is_serial(part):
             return device
+        from simrack.wires.serial_line import CharacterFrame, HandshakeLine  # noqa: PLC0415
+
         from vcfbench.bench.description import SerialSettings  # noqa: PLC0415
-        from vcfbench.sim.serial_line import CharacterFrame, HandshakeLine  # noqa: PLC0415
 
         line = SerialSettings() if part.serial is None else part.serial
         frame = CharacterFrame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
@@ -203,7 +206,7 @@ class SimulatedBench(Struct, frozen=True):
         table = self.devices["rate_table"]
         if not _is_port(self.description.rate_table):
             return table
-        from vcfbench.sim.serial_line import CharacterFrame, ThreeWireLine  # noqa: PLC0415
+        from simrack.wires.serial_line import CharacterFrame, ThreeWireLine  # noqa: PLC0415
 
         line = ThreeWireLine(table, self.clock, getattr(table, "frame", CharacterFrame(stop_bits=1.0)))
         cast("AttendedClock", self.clock).attend(line)  # each character arrives at its own instant
@@ -215,7 +218,7 @@ class SimulatedBench(Struct, frozen=True):
 
         The library is ``{handle}@vcfbench``, the rate table's port ``sim://{handle}``.
         """
-        from vcfbench.sim import serial_backend  # noqa: PLC0415
+        from simrack.wires import serial_backend  # noqa: PLC0415
 
         with _own_handle(self.description.name) as handle:
             self._register(handle)
@@ -226,7 +229,7 @@ class SimulatedBench(Struct, frozen=True):
                 _visa_library().unregister(handle)
 
     def _register(self, handle: str) -> None:
-        from vcfbench.sim import serial_backend  # noqa: PLC0415
+        from simrack.wires import serial_backend  # noqa: PLC0415
 
         try:
             _visa_library().register(handle, self.visa_devices(), self.clock)
@@ -295,7 +298,7 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
 
 def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Any]:
     """Return the World as the instruments see it that have leads, or an input of their own."""
-    from vcfbench.sim.leads import Leads, LoadingLeads  # noqa: PLC0415
+    from simrack.leads import Leads, LoadingLeads  # noqa: PLC0415
 
     wiring, caught = description.wiring, world.mains
     channels = wiring.oscilloscope.channels()
@@ -353,7 +356,7 @@ def _integer(sequence: SeedSequence) -> int:
 
 
 def _visa_library() -> Any:
-    from vcfbench.sim.visa_backend import SimVisaLibrary  # noqa: PLC0415
+    from simrack.wires.visa_backend import SimVisaLibrary  # noqa: PLC0415
 
     return SimVisaLibrary
 

@@ -137,7 +137,7 @@ def _simulated(
 
 def _adjust(bench: SimulatedBench, name: str, value: Any) -> None:
     """Change the world of a bench that is simulated in this process."""
-    from vcfbench.sim.serve.adjust import adjustments_of  # noqa: PLC0415
+    from simrack.serve.adjust import adjustments_of  # noqa: PLC0415
 
     known = adjustments_of(bench.world, bench.devices)
     change = known[name].write if name in known else None

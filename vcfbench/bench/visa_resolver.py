@@ -15,8 +15,9 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from simrack.device import Device
+
     from vcfbench.clock import Clock
-    from vcfbench.sim.device import Device
 
 _OPTIONS = ("speed", "seed", "name")
 

@@ -16,8 +16,9 @@ from vcfbench.errors import BenchError, ConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from simrack.serve import BenchServer, Offer, Rs232, ServerSettings
+
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.sim.serve import BenchServer, Offer, Rs232, ServerSettings
 
 _CONTROL_PORT = 20220
 _CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
@@ -96,10 +97,10 @@ def serve(
 ) -> None:
     """Serve every simulated instrument on sockets, VXI-11, HiSLIP or a pseudo-terminal, until SIGTERM or Ctrl-C."""
     from msgspec import structs  # noqa: PLC0415
+    from simrack.serve import BenchServer, ServedClock  # noqa: PLC0415
 
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
     from vcfbench.bench.served import build_served  # noqa: PLC0415
-    from vcfbench.sim.serve import BenchServer, ServedClock  # noqa: PLC0415
 
     description = load_bench(bench)
     settings = structs.replace(
@@ -141,7 +142,7 @@ def ctl(
     """
     import json  # noqa: PLC0415
 
-    from vcfbench.sim.serve import Control, ControlError  # noqa: PLC0415
+    from simrack.serve import Control, ControlError  # noqa: PLC0415
 
     name, asked = command[0], _arguments(command[0], command[1:])
     try:
@@ -156,7 +157,7 @@ def ctl(
 
 def _armed(asked: dict[str, Any]) -> str:
     """Describe the armed fault and its duration; arguments that were not given have their defaults."""
-    from vcfbench.sim.faults import fault_from  # noqa: PLC0415
+    from simrack.faults import fault_from  # noqa: PLC0415
 
     return fault_from(asked).describe()
 
@@ -196,7 +197,7 @@ def _value(text: str) -> Any:
 
 
 def _speed(text: str) -> float:
-    from vcfbench.sim.serve import MAX_SPEED  # noqa: PLC0415
+    from simrack.serve import MAX_SPEED  # noqa: PLC0415
 
     with contextlib.suppress(ValueError):
         speed = MAX_SPEED if text == "max" else float(text)
@@ -206,9 +207,10 @@ def _speed(text: str) -> float:
 
 
 def _settings(host: str, ports: str, faults: Path | None) -> ServerSettings:
+    from simrack.faults import FaultScript  # noqa: PLC0415
+    from simrack.serve import ServerSettings  # noqa: PLC0415
+
     from vcfbench.sim.fault_scripts import read_script  # noqa: PLC0415
-    from vcfbench.sim.faults import FaultScript  # noqa: PLC0415
-    from vcfbench.sim.serve import ServerSettings  # noqa: PLC0415
 
     if ports != "auto" and not (re.fullmatch(r"[0-9]{1,5}", ports) and 0 < int(ports) < 65536):
         raise ConfigError(f"--ports {ports}: expected a port number, or 'auto'")
@@ -218,7 +220,7 @@ def _settings(host: str, ports: str, faults: Path | None) -> ServerSettings:
 
 
 def _rs232(kind: str) -> Rs232:
-    from vcfbench.sim.serve import Rs232  # noqa: PLC0415
+    from simrack.serve import Rs232  # noqa: PLC0415
 
     if kind not in get_args(Rs232):
         raise ConfigError(f"--rs232 {kind}: expected {', '.join(get_args(Rs232))}")

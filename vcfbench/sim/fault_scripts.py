@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from simrack.faults import script_of
+
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
-from vcfbench.sim.faults import script_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.sim.faults import Fault, FaultScript
+    from simrack.faults import Fault, FaultScript
 
 
 def parse_script(text: str, source: str) -> FaultScript:

@@ -7,16 +7,15 @@ import math
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
-
-from vcfbench.sim.sources import Drive, Piece, Sine
+from simrack.sources import Drive, Piece, Sine
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+    from simrack.components import Component
+    from simrack.sources import Bend, Played
 
-    from vcfbench.sim.components import Component
     from vcfbench.sim.parameters import PickUp
-    from vcfbench.sim.sources import Bend, Played
 
 _STREAM = 3
 """Number of this random stream among those of the World's seed; see :mod:`.gyro.gyro`."""
@@ -82,6 +81,6 @@ class _Overlaid(Struct, frozen=True):
 
     def components(self) -> tuple[Component, ...]:
         """Return what it is made of."""
-        from vcfbench.sim.components import Tone  # noqa: PLC0415  (kept out of the import of the package)
+        from simrack.components import Tone  # noqa: PLC0415  (kept out of the import of the package)
 
         return *self.source.components(), Tone(self.sine)

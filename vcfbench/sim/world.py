@@ -12,26 +12,27 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
+from simrack.adding import added
+from simrack.adjustment import Adjustment
+from simrack.flutter import Flutter
+from simrack.loads import NodeLoads
+from simrack.motion import TableMotion
+from simrack.observations import Observed
+from simrack.sources import Approach
 
-from vcfbench.sim.adding import added
-from vcfbench.sim.adjustment import Adjustment
-from vcfbench.sim.flutter import Flutter
 from vcfbench.sim.gyro.gyro import Gyro
-from vcfbench.sim.loads import NodeLoads
 from vcfbench.sim.mains import Mains
-from vcfbench.sim.motion import TableMotion
-from vcfbench.sim.observations import Observed
-from vcfbench.sim.sources import Approach
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator
     from typing import Any
 
+    from simrack.sources import Drive, Played, Ripple
+    from simrack.world import LeadsOfRole
+
     from vcfbench.clock import Clock
     from vcfbench.sim.gyro.stretch import Stretch
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.rack_world import LeadsOfRole
-    from vcfbench.sim.sources import Drive, Played, Ripple
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")

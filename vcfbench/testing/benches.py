@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from msgspec import structs
 from msgspec.structs import replace
+from simrack.faults import Fault, FaultInjector, FaultScript
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.consistency import invalid_values
@@ -26,15 +27,15 @@ from vcfbench.bench.simulated import SimulatedBench, chosen_seed
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml
 from vcfbench.sim.fault_scripts import parse_script, read_script
-from vcfbench.sim.faults import Fault, FaultInjector, FaultScript
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    from simrack.attendance import AttendedClock
+    from simrack.serve import Control, Wires
+
     from vcfbench.bench.bench import Bench
     from vcfbench.clock import Clock
-    from vcfbench.sim.attendance import AttendedClock
-    from vcfbench.sim.serve import Control, Wires
     from vcfbench.sim.world import World
 
 _GIVING_UP_S = 10.0
@@ -97,7 +98,7 @@ class SimulatedLab:
     faults: FaultInjector
 
     def fault(self, instrument: str, kind: Any, **when: Any) -> None:
-        """Let a fault happen now, or `at_s`; further fields as of :class:`~vcfbench.sim.faults.Fault`."""
+        """Let a fault happen now, or `at_s`; further fields as of :class:`~simrack.faults.Fault`."""
         self.faults.add(Fault(instrument, kind, **{"at_s": self.bench.clock.now(), **when}))
 
     def play(self, script: Path | str) -> None:
@@ -160,7 +161,7 @@ class ServedLab:
 
     def control(self) -> Control:
         """Return a connection to the control port, to be closed: ``with served_bench.control() as control``."""
-        from vcfbench.sim.serve import Control  # noqa: PLC0415  # loaded when it is needed
+        from simrack.serve import Control  # noqa: PLC0415  # loaded when it is needed
 
         return Control(self.control_port)
 
@@ -170,7 +171,7 @@ class ServedLab:
             return control.request(do, **arguments)
 
     def fault(self, instrument: str, kind: str, **when: Any) -> None:
-        """Let a fault happen now, or `at_s`; further fields as of :class:`~vcfbench.sim.faults.Fault`."""
+        """Let a fault happen now, or `at_s`; further fields as of :class:`~simrack.faults.Fault`."""
         self.ask("fault", instrument=instrument, kind=kind, **when)
 
     def reset(self, seed: int | None = None) -> None:
@@ -199,8 +200,9 @@ def serve_simulated(
     """
     import threading  # noqa: PLC0415  # only served benches need one
 
+    from simrack.serve import MAX_SPEED, BenchServer, ServedClock, ServerSettings  # noqa: PLC0415
+
     from vcfbench.bench.served import build_served  # noqa: PLC0415
-    from vcfbench.sim.serve import MAX_SPEED, BenchServer, ServedClock, ServerSettings  # noqa: PLC0415
 
     settings = ServerSettings(faults=FaultScript(()) if faults is None else _script(faults))
     description = bench if isinstance(bench, BenchDescription) else load_bench(bench)

@@ -55,7 +55,7 @@ class Faults:
     """Value of the fixture `fault`: called, it lets a fault happen on the simulated bench.
 
     ``fault("multimeter", "overload")`` happens now, ``fault("rate_table", "interlock", at_s=20.0)`` at a bench time,
-    ``duration_s=`` says for how long; `play` takes a script, `clear` ends all. The kinds are in `vcfbench.sim.faults`.
+    ``duration_s=`` says for how long; `play` takes a script, `clear` ends all. The kinds are in `simrack.faults`.
     """
 
     def __init__(self, lab: SimulatedLab) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from vcfbench.sim.scpi import (
+from simrack.scpi import (
     COMMON_COMMANDS,
     GPIB,
     Command,
@@ -20,7 +20,7 @@ from vcfbench.sim.scpi import (
 
 if TYPE_CHECKING:
     from numpy.random import Generator
-    from vcfbench.sim.leads import Leads
+    from simrack.leads import Leads
 
 __all__ = ["M1Errors", "SimulatedM1"]
 

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
+from simrack.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
+from simrack.instruments.e3631a import E3631ATwin, SupplyErrors
+from simrack_tests.instruments.conversation import Conversation
+from simrack_tests.instruments.fake_world import FakeWorld
 
-from tests.sim.instruments.conversation import Conversation
-from tests.sim.instruments.fake_world import FakeWorld
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.guard import guard_of
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import LimitError
-from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
-from vcfbench.sim.instruments.e3631a import E3631ATwin, SupplyErrors
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription

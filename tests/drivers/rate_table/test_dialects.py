@@ -7,30 +7,30 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack.attendance import AttendedClock
+from simrack.rate_tables.aaaa import AaaaTable
+from simrack.rate_tables.acl import AclTable
+from simrack.rate_tables.atl import AtlTable
+from simrack.rate_tables.axis import TableErrors
+from simrack.rate_tables.dd16 import Dd16Table
+from simrack.rate_tables.esp import EspTable
+from simrack.rate_tables.mn_as import MnAsTable
+from simrack.rate_tables.ruya import RuyaTable
+from simrack.rate_tables.zaber import StepperErrors, ZaberTable
+from simrack.wires import serial_backend
 
 from vcfbench.clock import Deadline, VirtualClock, sleep
 from vcfbench.drivers.rate_table.dialect import AxisSettings
 from vcfbench.drivers.rate_table.dialects import DIALECTS, SHIPPED, spoken
 from vcfbench.drivers.registry import open_instrument
 from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, TransportError
-from vcfbench.sim import serial_backend
-from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.rate_tables.aaaa import AaaaTable
-from vcfbench.sim.rate_tables.acl import AclTable
-from vcfbench.sim.rate_tables.atl import AtlTable
-from vcfbench.sim.rate_tables.axis import TableErrors
-from vcfbench.sim.rate_tables.dd16 import Dd16Table
-from vcfbench.sim.rate_tables.esp import EspTable
-from vcfbench.sim.rate_tables.mn_as import MnAsTable
-from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from vcfbench.sim.device import Device
+    from simrack.device import Device
 
 TWINS: dict[str, Callable[..., Any]] = {
     "acl": AclTable,

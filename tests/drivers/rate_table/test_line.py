@@ -10,9 +10,9 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.ports import BUSY_S, PLENTY_S
 
 from tests.drivers.servers import lines
-from tests.ports import BUSY_S, PLENTY_S
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers.rate_table.acl import AclDialect
 from vcfbench.drivers.rate_table.dialect import TableLimits

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from scipy.linalg import expm, solve_continuous_lyapunov
+from simrack.instruments.hp34401a.ac import AcResponse, detect
+from simrack.instruments.hp34401a.errors import MeterErrors
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import flutter_density, noise_matrices, rate_response
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.noise import FlickerNoise, NoiseState, NoisyChain
-from vcfbench.sim.instruments.hp34401a.ac import AcResponse, detect
-from vcfbench.sim.instruments.hp34401a.errors import MeterErrors
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from simrack.sources import Drive
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.chain import Chain
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
 IDEAL = ideal_bench()

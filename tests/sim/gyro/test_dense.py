@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from simrack.dense import coarser
 
 from tests.sim.gyro.bench import powered
-from vcfbench.sim.dense import coarser
 from vcfbench.sim.gyro.design import paper_bench
 
 

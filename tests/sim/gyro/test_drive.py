@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from simrack.sources import Approach
 
 from tests.sim.gyro.bench import powered
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.sim.gyro.drive import Supplied, ring_down, start_up
 from vcfbench.sim.gyro.modes import Resonance
-from vcfbench.sim.sources import Approach
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:

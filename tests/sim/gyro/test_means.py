@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from scipy.linalg import expm
+from simrack.sources import Drive
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.test_bridge import FILTERED, STILL, deviation_v, stationary, white_only
@@ -18,7 +19,6 @@ from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.gyro.means import output_integral
 from vcfbench.sim.gyro.noise import FlickerNoise, NoisyChain
 from vcfbench.sim.gyro.signals import ExponentialSum
-from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
 IDEAL = ideal_bench()

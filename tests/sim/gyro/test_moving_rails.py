@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from simrack.sources import Approach, Ripple
 
 from tests.sim.gyro.bench import powered
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.sources import Approach, Ripple
 from vcfbench.sim.world import World
 
 IDEAL = ideal_bench()

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from scipy.linalg import expm
+from simrack.flutter import Flutter
+from simrack.motion import RateSegment
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import flutter_density, noise_matrices, rate_response
-from vcfbench.sim.flutter import Flutter
 from vcfbench.sim.gyro.chain import ChainDesign, Forcing
 from vcfbench.sim.gyro.course import chain_at
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
@@ -20,7 +21,6 @@ from vcfbench.sim.gyro.noise_course import NOISE_STEP_K
 from vcfbench.sim.gyro.shaken import Shaking
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.thermal import resonance_at
-from vcfbench.sim.motion import RateSegment
 
 if TYPE_CHECKING:
     from vcfbench.clock import VirtualClock

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from scipy.integrate import solve_ivp
+from simrack.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
+from simrack_tests.cells import few
 
-from tests.cells import few
 from tests.sim.gyro.bench import mean_v, powered
 from tests.sim.gyro.plain import carrier_rhs, combs, output_v, steady_output_v
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from scipy.integrate import solve_ivp
+from simrack.sources import Drive
 
 from tests.sim.gyro.bench import powered
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.sources import Drive
 
 if TYPE_CHECKING:
     from vcfbench.sim.parameters import BenchParameters

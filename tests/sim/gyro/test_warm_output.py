@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from simrack.sources import Drive
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.carrier import CarrierModel
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.sim.gyro.warm_output import warm_output
-from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from functools import cache
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simrack_tests.instruments.conversation import Conversation
+from simrack_tests.instruments.messages import UNITS, Unit, answers, errors, messages, text, wrong_messages
 
-from tests.sim.instruments.conversation import Conversation
-from tests.sim.instruments.messages import UNITS, Unit, answers, errors, messages, text, wrong_messages
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
 from vcfbench.testing import simulated

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from simrack.attendance import AttendedClock
+from simrack.motion import TableMotion
+
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.sim.motion import TableMotion
 
 
 class RealWorld:

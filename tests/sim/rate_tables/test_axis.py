@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from simrack.rate_tables.axis import TableAxis, TableErrors
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.rate_tables.axis import TableAxis, TableErrors
 from vcfbench.sim.world import World
 
 QUIET = TableErrors.none()

@@ -12,12 +12,12 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack.serve.remote import Control
+from simrack_tests.cells import few
+from simrack_tests.rate_tables.turning import RATE, START
 
 from tests import warm
-from tests.cells import few
-from tests.sim.rate_tables.turning import RATE, START
 from vcfbench.bench.file import embedded_text
-from vcfbench.sim.serve.remote import Control
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -6,22 +6,22 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec.structs import replace
+from simrack.faults import Fault, FaultInjector
+from simrack.rate_tables.aaaa import AaaaTable
+from simrack.rate_tables.acl import AclTable
+from simrack.rate_tables.atl import AtlTable
+from simrack.rate_tables.axis import INTERLOCKS, ServoAxis, TableErrors
+from simrack.rate_tables.dd16 import Dd16Table
+from simrack.rate_tables.esp import EspTable
+from simrack.rate_tables.mn_as import MnAsTable
+from simrack.rate_tables.ruya import RuyaTable
+from simrack.rate_tables.zaber import StepperErrors, ZaberTable
+from simrack.serve.adjust import adjustments_of
+from simrack_tests.rate_tables.ideal import exchange
+from simrack_tests.rate_tables.turning import RATE, START, aaaa, dd16, mn
 
-from tests.sim.rate_tables.ideal import exchange
-from tests.sim.rate_tables.turning import RATE, START, aaaa, dd16, mn
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.faults import Fault, FaultInjector
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.rate_tables.aaaa import AaaaTable
-from vcfbench.sim.rate_tables.acl import AclTable
-from vcfbench.sim.rate_tables.atl import AtlTable
-from vcfbench.sim.rate_tables.axis import INTERLOCKS, ServoAxis, TableErrors
-from vcfbench.sim.rate_tables.dd16 import Dd16Table
-from vcfbench.sim.rate_tables.esp import EspTable
-from vcfbench.sim.rate_tables.mn_as import MnAsTable
-from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable
-from vcfbench.sim.serve.adjust import adjustments_of
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:

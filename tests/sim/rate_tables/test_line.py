@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack.rate_tables.acl import AclTable, TableErrors
+from simrack.rate_tables.axis import TableAxis
+from simrack.rate_tables.zaber import StepperErrors, ZaberTable
 
 from tests.sim.rate_tables.real import RealWorld
 from vcfbench.clock import sleep
-from vcfbench.sim.rate_tables.acl import AclTable, TableErrors
-from vcfbench.sim.rate_tables.axis import TableAxis
-from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,15 +6,15 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack.rate_tables.acl import TableErrors
+from simrack.rate_tables.atl import AtlTable
+from simrack.rate_tables.axis import TableAxis
+from simrack.rate_tables.esp import EspTable
+from simrack.rate_tables.ruya import RuyaTable
+from simrack.rate_tables.zaber import StepperErrors, ZaberTable
+from simrack_tests.rate_tables.ideal import exchange
 
-from tests.sim.rate_tables.ideal import exchange
 from tests.sim.rate_tables.real import RealWorld
-from vcfbench.sim.rate_tables.acl import TableErrors
-from vcfbench.sim.rate_tables.atl import AtlTable
-from vcfbench.sim.rate_tables.axis import TableAxis
-from vcfbench.sim.rate_tables.esp import EspTable
-from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.rate_tables.zaber import StepperErrors, ZaberTable
 
 if TYPE_CHECKING:
     from collections.abc import Callable

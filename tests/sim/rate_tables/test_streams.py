@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from simrack.attendance import AttendedClock
+from simrack.rate_tables.aaaa import AaaaTable
+from simrack.rate_tables.axis import TableErrors
+from simrack.rate_tables.ruya import RuyaTable
+from simrack.rate_tables.stream import StreamErrors
+from simrack_tests.rate_tables.ideal import IdealWorld
 
-from tests.sim.rate_tables.ideal import IdealWorld
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.errors import ConfigError
-from vcfbench.sim.attendance import AttendedClock
-from vcfbench.sim.rate_tables.aaaa import AaaaTable
-from vcfbench.sim.rate_tables.axis import TableErrors
-from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.rate_tables.stream import StreamErrors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

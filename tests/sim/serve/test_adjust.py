@@ -10,8 +10,8 @@ import struct
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.serve.test_raw import Wire
 
-from tests.sim.serve.test_raw import Wire
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack.rate_tables.ruya import RuyaTable, TableErrors
+from simrack.serve import MAX_SPEED, Control, ControlError, ServedClock, ServerSettings
+from simrack_tests.ports import eventually
+from simrack_tests.serve.lamp import ALL, IDENTITY, Lamp, Served, serving
 
-from tests.ports import eventually
-from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, serving
 from tests.sim.serve.test_tables import StillWorld
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.rate_tables.ruya import RuyaTable, TableErrors
-from vcfbench.sim.serve import MAX_SPEED, Control, ControlError, ServedClock, ServerSettings
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:

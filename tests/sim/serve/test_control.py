@@ -8,17 +8,8 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 import pytest
-
-from tests.ports import eventually
-from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, Served, served_lamp, serving
-from tests.sim.serve.test_raw import Wire, wires
-from tests.sim.serve.test_vxi11 import callers
-from vcfbench.clock import sleep
-from vcfbench.errors import ConfigError
-from vcfbench.sim.fault_scripts import read_script
-from vcfbench.sim.faults import Fault, FaultScript
-from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.serve import (
+from simrack.faults import Fault, FaultScript
+from simrack.serve import (
     MAX_SPEED,
     Adjustment,
     Control,
@@ -27,6 +18,15 @@ from vcfbench.sim.serve import (
     ServedClock,
     ServerSettings,
 )
+from simrack_tests.ports import eventually
+from simrack_tests.serve.lamp import ALL, IDENTITY, Lamp, Served, served_lamp, serving
+from simrack_tests.serve.test_raw import Wire, wires
+from simrack_tests.serve.test_vxi11 import callers
+
+from vcfbench.clock import sleep
+from vcfbench.errors import ConfigError
+from vcfbench.sim.fault_scripts import read_script
+from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
@@ -385,7 +385,7 @@ def test_a_port_that_is_no_control_port_is_told(served: Served) -> None:
 
 
 def test_another_user_is_told_that_the_port_is_not_his(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vcfbench.sim.serve.control.is_welcome", lambda _: False)
+    monkeypatch.setattr("simrack.serve.control.is_welcome", lambda _: False)
     with (
         Control(served.server.control.port, timeout_s=5.0) as control,
         pytest.raises(ControlError, match="served by another user"),

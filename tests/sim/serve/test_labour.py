@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import pyvisa
+from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
+from simrack.serve import Control, RemoteClock, ServedClock, ServerSettings
+from simrack_tests.serve.lamp import ALL, IDENTITY, MOST_SLICES, Lamp, served_lamp, serving
+from simrack_tests.serve.test_raw import Wire, wires
 
-from tests.sim.serve.lamp import ALL, IDENTITY, MOST_SLICES, Lamp, served_lamp, serving
-from tests.sim.serve.test_raw import Wire, wires
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
-from vcfbench.sim.serve import Control, RemoteClock, ServedClock, ServerSettings
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from tests.sim.serve.lamp import Served
+    from simrack_tests.serve.lamp import Served
 
 
 @pytest.fixture

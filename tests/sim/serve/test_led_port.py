@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import serial
+from simrack.rate_tables.aaaa import AaaaTable
+from simrack.rate_tables.dd16 import Dd16Table, TableErrors
+from simrack.rate_tables.ruya import RuyaTable
+from simrack.serve import MAX_SPEED, Control, ControlError, RemoteClock, Rs232, ServedClock, ServerSettings
+from simrack.serve.lockstep_port import LockstepPort
+from simrack.wires.serial_line import CharacterFrame
+from simrack_tests.serve.lamp import Served, serving
 
-from tests.sim.serve.lamp import Served, serving
 from tests.sim.serve.test_tables import CONNECT, POSITION, WIRES, StillWorld
-from vcfbench.sim.rate_tables.aaaa import AaaaTable
-from vcfbench.sim.rate_tables.dd16 import Dd16Table, TableErrors
-from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.serial_line import CharacterFrame
-from vcfbench.sim.serve import MAX_SPEED, Control, ControlError, RemoteClock, Rs232, ServedClock, ServerSettings
-from vcfbench.sim.serve.lockstep_port import LockstepPort
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

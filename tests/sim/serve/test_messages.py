@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simrack_tests.instruments.messages import UNITS, answers, errors, text, wrong_messages
 
-from tests.sim.instruments.messages import UNITS, answers, errors, text, wrong_messages
 from vcfbench.testing import ServedLab, serve_simulated, simulated
 
 if TYPE_CHECKING:

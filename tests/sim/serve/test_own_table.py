@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import serial
+from simrack.serve import MAX_SPEED, ServedClock, ServerSettings
+from simrack_tests.serve.lamp import serving
 
-from tests.sim.serve.lamp import serving
 from vcfbench import models
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import Deadline, sleep
 from vcfbench.models import TableLanguage
-from vcfbench.sim.serve import MAX_SPEED, ServedClock, ServerSettings
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

@@ -15,15 +15,7 @@ import pytest
 import pyvisa
 import serial
 import typer
-from typer.testing import CliRunner
-
-from tests.sim.serve.lamp import ALL, IDENTITY, Lamp, served_lamp, serving
-from tests.sim.serve.test_raw import Wire
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import SimulatedBench
-from vcfbench.cli.serve import register
-from vcfbench.clock import VirtualClock, sleep
-from vcfbench.sim.serve import (
+from simrack.serve import (
     MAX_SPEED,
     BenchServer,
     Control,
@@ -32,6 +24,14 @@ from vcfbench.sim.serve import (
     ServedClock,
     ServerSettings,
 )
+from simrack_tests.serve.lamp import ALL, IDENTITY, Lamp, served_lamp, serving
+from simrack_tests.serve.test_raw import Wire
+from typer.testing import CliRunner
+
+from vcfbench.bench.file import load_bench
+from vcfbench.bench.simulated import SimulatedBench
+from vcfbench.cli.serve import register
+from vcfbench.clock import VirtualClock, sleep
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -300,7 +300,7 @@ def test_an_instrument_on_a_serial_line_is_in_remote_until_it_is_sent_to_local()
 
 
 def test_a_client_of_the_control_port_loads_no_numerics() -> None:
-    code = "import sys, vcfbench.sim.serve; print(sorted({'numpy', 'scipy', 'pyvisa', 'serial'} & set(sys.modules)))"
+    code = "import sys, simrack.serve; print(sorted({'numpy', 'scipy', 'pyvisa', 'serial'} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
     assert done.stdout.strip() == "[]"
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import pyvisa
+from simrack.serve import MAX_SPEED, Control, ServedClock, ServerSettings
+from simrack.serve.raw import ByteStream
+from simrack_tests.ports import eventually
+from simrack_tests.serve.lamp import ALL, Served, serving
 
-from tests.ports import eventually
-from tests.sim.serve.lamp import ALL, Served, serving
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.served import build_served
-from vcfbench.sim.serve import MAX_SPEED, Control, ServedClock, ServerSettings
-from vcfbench.sim.serve.raw import ByteStream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import serial
+from simrack.rate_tables.dd16 import Dd16Table, TableErrors
+from simrack.rate_tables.ruya import RuyaTable
+from simrack.serve import MAX_SPEED, Control, ServedClock
+from simrack.serve.raw import Pty
+from simrack_tests.ports import eventually
+from simrack_tests.rate_tables.ideal import IdealMotion
+from simrack_tests.serve.lamp import Served, serving
 
-from tests.ports import eventually
-from tests.sim.rate_tables.ideal import IdealMotion
-from tests.sim.serve.lamp import Served, serving
 from vcfbench.bench.file import embedded_text, load_bench
 from vcfbench.clock import Deadline, ScaledClock, sleep
 from vcfbench.drivers.rate_table.dialects import DIALECTS
 from vcfbench.drivers.registry import open_instrument
-from vcfbench.sim.rate_tables.dd16 import Dd16Table, TableErrors
-from vcfbench.sim.rate_tables.ruya import RuyaTable
-from vcfbench.sim.serve import MAX_SPEED, Control, ServedClock
-from vcfbench.sim.serve.raw import Pty
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

@@ -21,12 +21,13 @@ from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.thermal import resonance_at
 
 if TYPE_CHECKING:
+    from simrack.motion import RateSegment
+
     from vcfbench.sim.gyro.chain import Chain, ChainDesign, Response
     from vcfbench.sim.gyro.drive import DriveSegment
     from vcfbench.sim.gyro.electronics import Passage
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.gyro.thermal import WarmUp
-    from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
 
 FORGOTTEN_DEG_S = 1e-18

@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
-
-from vcfbench.sim.sources import Drive
+from simrack.sources import Drive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+    from simrack.sources import Approach, Bend, Piece, Played, Ripple, Sine
 
     from vcfbench.sim.parameters import OutputStage, Supply, VirtualPath
-    from vcfbench.sim.sources import Approach, Bend, Piece, Played, Ripple, Sine
 
 _Volts = TypeVar("_Volts", float, "NDArray[np.float64]")
 

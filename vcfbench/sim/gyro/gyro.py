@@ -3,7 +3,7 @@
 Between events (a rail, V_Vc, a corner of the table's motion, a segment of the drive's start-up, a band of
 temperature) the sense chain is linear with fixed parameters and Gaussian noise, and one step of any length is exact.
 
-A rail that moves (:class:`vcfbench.sim.sources.Approach`) is exact at its pin, in the output's limits, in the control
+A rail that moves (:class:`simrack.sources.Approach`) is exact at its pin, in the output's limits, in the control
 steps of a start-up and in when it crosses the PCB's thresholds. The amplitude of the locked drive, which the whole
 chain depends on, follows it in steps.
 """
@@ -15,6 +15,7 @@ import math
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
+from simrack.sources import NOTHING_V, Approach
 
 from vcfbench.sim.gyro.chain import ChainDesign
 from vcfbench.sim.gyro.course import Acting, Answer, Course
@@ -25,16 +26,16 @@ from vcfbench.sim.gyro.electronics import Pin, output_limits, passage, rail_curr
 from vcfbench.sim.gyro.noise_course import NoiseCourse
 from vcfbench.sim.gyro.stretch import Situation, Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
-from vcfbench.sim.sources import NOTHING_V, Approach
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
+    from simrack.motion import RateSegment
+    from simrack.sources import Drive, Played, Ripple
+
     from vcfbench.sim.gyro.bridge import NoisePath
     from vcfbench.sim.gyro.modes import Resonance
-    from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.sources import Drive, Played, Ripple
 
 COLDEST_C, HOTTEST_C = -55.0, 125.0
 AMPLITUDE_STEP = 1e-4
@@ -42,7 +43,7 @@ AMPLITUDE_STEP = 1e-4
 FORCED_STEP_V = 10e-3
 """The same where the drive's force is at its limit, in volts of the rail: 0.15 % of the amplitude at most."""
 _LOOKS, _BEHIND, _IMAGINED = 2, 4, 5
-"""Random streams beside the gyro's own noise (1: :mod:`vcfbench.sim.flutter`, 3: :mod:`vcfbench.sim.mains`); no number
+"""Random streams beside the gyro's own noise (1: :mod:`simrack.flutter`, 3: :mod:`vcfbench.sim.mains`); no number
 is ever given again."""
 
 

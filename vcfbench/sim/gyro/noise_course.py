@@ -21,10 +21,11 @@ from vcfbench.sim.gyro.shaken import Shaking
 from vcfbench.sim.gyro.thermal import resonance_at
 
 if TYPE_CHECKING:
+    from simrack.motion import RateSegment
+
     from vcfbench.sim.gyro.chain import ChainDesign
     from vcfbench.sim.gyro.drive import DriveSegment
     from vcfbench.sim.gyro.shaken import Shaken
-    from vcfbench.sim.motion import RateSegment
     from vcfbench.sim.parameters import BenchParameters
 
 NOISE_STEP_K = 1.0

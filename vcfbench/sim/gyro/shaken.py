@@ -19,10 +19,10 @@ from vcfbench.sim.gyro.signals import ExponentialSum
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from simrack.flutter import Flutter
+    from simrack.motion import RateSegment
 
-    from vcfbench.sim.flutter import Flutter
     from vcfbench.sim.gyro.chain import Chain
-    from vcfbench.sim.motion import RateSegment
 
 
 class _Interval(Struct, frozen=True):

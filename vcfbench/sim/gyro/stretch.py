@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct, field
+from simrack.dense import COARSE_S, coarser
 
-from vcfbench.sim.dense import COARSE_S, coarser
 from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, PlayedVoltage, amplify
 from vcfbench.sim.gyro.means import output_integral
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
+    from simrack.sources import Played
 
     from vcfbench.sim.gyro.bridge import NoisePath
     from vcfbench.sim.gyro.chain import Response
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.electronics import Passage, Pin
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.sources import Played
 
 FINEST_RAD = 0.05
 PINS = ("rail_positive", "rail_negative")

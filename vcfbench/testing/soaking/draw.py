@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from msgspec import Struct
 from msgspec.structs import replace
+from simrack.faults import Fault, Kind
 
 from vcfbench.bench.file import load_bench
-from vcfbench.sim.faults import Fault, Kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, field
 from msgspec.structs import replace
+from simrack.faults import FaultInjector
 
 import vcfbench.clock
 import vcfbench.record.journal
@@ -25,7 +26,6 @@ from vcfbench.procedures.layers import asked_in_python
 from vcfbench.runs.asked import Asked, prepare
 from vcfbench.runs.conduct import conduct
 from vcfbench.runs.resumed import broken_off
-from vcfbench.sim.faults import FaultInjector
 from vcfbench.testing.disk import Disk, DiskState
 
 if TYPE_CHECKING:

@@ -7,11 +7,11 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
+from simrack_tests.instruments.dso7104b.bench import Bench, F, errors_with, waveform
 
-from tests.sim.instruments.dso7104b.bench import Bench, F, errors_with, waveform
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from vcfbench.sim.world import World
 
 # --- segments

@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
+from simrack.leads import Leads
+from simrack.sources import Drive, Sine
+from simrack_tests.instruments.dso7104b.bench import Bench, waveform
 
-from tests.sim.instruments.dso7104b.bench import Bench, waveform
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
-from vcfbench.sim.leads import Leads
-from vcfbench.sim.sources import Drive, Sine
 from vcfbench.sim.world import World
 
 CORNER_HZ = 3.5

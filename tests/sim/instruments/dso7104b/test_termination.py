@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import pytest
 from msgspec.structs import replace
+from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
+from simrack.leads import Leads
+from simrack.sources import Drive
+from simrack_tests.instruments.dso7104b.bench import Bench
 
-from tests.sim.instruments.dso7104b.bench import Bench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.dso7104b import Dso7104BTwin, ScopeErrors
-from vcfbench.sim.leads import Leads
-from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
 IDEAL = ideal_bench()

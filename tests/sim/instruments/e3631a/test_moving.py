@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simrack.attendance import AttendedClock
+from simrack.instruments.e3631a import E3631ATwin, OutputErrors, SupplyErrors
+from simrack_tests.instruments.conversation import Conversation
+from simrack_tests.instruments.e3631a.test_instrument import bench
 
-from tests.sim.instruments.conversation import Conversation
-from tests.sim.instruments.e3631a.test_instrument import bench
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.e3631a import E3631ATwin, OutputErrors, SupplyErrors
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
-    from tests.sim.instruments.fake_world import FakeWorld
+    from simrack_tests.instruments.fake_world import FakeWorld
 
 TO_1_PERCENT = math.log(100.0)
 FINE_S = 10e-6

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
+from simrack.instruments.hp34401a.ac import AcResponse, crest_limit, detect
+from simrack.instruments.hp34401a.errors import AcErrors
+from simrack.sources import Drive, Sine
+from simrack.trace import Piece
+from simrack_tests.instruments.conversation import Conversation
+from simrack_tests.instruments.hp34401a.bench import MeterBench, bench
 
-from tests.sim.instruments.conversation import Conversation
-from tests.sim.instruments.hp34401a.bench import MeterBench, bench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from vcfbench.sim.instruments.hp34401a.ac import AcResponse, crest_limit, detect
-from vcfbench.sim.instruments.hp34401a.errors import AcErrors
-from vcfbench.sim.sources import Drive, Sine
-from vcfbench.sim.trace import Piece
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:

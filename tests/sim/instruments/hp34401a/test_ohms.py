@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
+from simrack.instruments.hp34401a.errors import CurrentErrors, OhmsErrors
+from simrack.leads import Leads
+from simrack.sources import Drive
+from simrack_tests.instruments.conversation import Conversation
+from simrack_tests.instruments.hp34401a.bench import MeterBench, bench
 
-from tests.sim.instruments.conversation import Conversation
-from tests.sim.instruments.hp34401a.bench import MeterBench, bench
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from vcfbench.sim.instruments.hp34401a.errors import CurrentErrors, OhmsErrors
-from vcfbench.sim.leads import Leads
-from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
 ONE_YEAR = {  # p. 216, parts of reading and range

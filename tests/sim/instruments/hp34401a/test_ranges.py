@@ -6,17 +6,17 @@ import math
 
 import numpy as np
 import pytest
+from simrack.attendance import AttendedClock
+from simrack.instruments.agilent33220a.phases import Steady
+from simrack.instruments.agilent33220a.playing import Playing
+from simrack.instruments.agilent33220a.waveforms import PulseCycle
+from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
+from simrack.sources import Drive
+from simrack_tests.instruments.conversation import Conversation
+from simrack_tests.instruments.hp34401a.bench import MeterBench, bench
 
-from tests.sim.instruments.conversation import Conversation
-from tests.sim.instruments.hp34401a.bench import MeterBench, bench
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.agilent33220a.phases import Steady
-from vcfbench.sim.instruments.agilent33220a.playing import Playing
-from vcfbench.sim.instruments.agilent33220a.waveforms import PulseCycle
-from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from vcfbench.sim.sources import Drive
 from vcfbench.sim.world import World
 
 ONE_YEAR = {

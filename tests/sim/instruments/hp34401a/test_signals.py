@@ -15,29 +15,28 @@ import pytest
 from scipy.optimize import brentq
 from scipy.signal import bilinear, lfilter
 from scipy.special import jv
+from simrack.adding import added
+from simrack.attendance import AttendedClock
+from simrack.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors, phases, waveforms
+from simrack.instruments.agilent33220a.envelopes import Envelope, WidthSwing
+from simrack.instruments.agilent33220a.noise import NoiseSource
+from simrack.instruments.agilent33220a.playing import Playing
+from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
+from simrack.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
+from simrack.leads import Leads
+from simrack.sources import Drive, Sine
+from simrack_tests.instruments.conversation import Conversation
+from simrack_tests.instruments.hp34401a.bench import MeterBench, bench
 
-from tests.sim.instruments.conversation import Conversation
-from tests.sim.instruments.hp34401a.bench import MeterBench, bench
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.adding import added
-from vcfbench.sim.attendance import AttendedClock
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors, phases, waveforms
-from vcfbench.sim.instruments.agilent33220a.envelopes import Envelope, WidthSwing
-from vcfbench.sim.instruments.agilent33220a.noise import NoiseSource
-from vcfbench.sim.instruments.agilent33220a.playing import Playing
-from vcfbench.sim.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from vcfbench.sim.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
-from vcfbench.sim.leads import Leads
-from vcfbench.sim.sources import Drive, Sine
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
-
-    from vcfbench.sim.sources import Played
+    from simrack.sources import Played
 
 HIGH_HZ, LOW_HZ = 1e6, 1.22
 EDGE_S = 13e-9 / 0.8

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from tests.sim.rate_tables.ideal import IdealWorld, exchange
+from simrack.rate_tables.acl import AclTable, Header, TableErrors
+from simrack_tests.rate_tables.ideal import IdealWorld, exchange
+
 from tests.sim.rate_tables.real import RealWorld
 from vcfbench.clock import sleep
-from vcfbench.sim.rate_tables.acl import AclTable, Header, TableErrors
 
 
 class Host:

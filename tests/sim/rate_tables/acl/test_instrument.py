@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.sim.rate_tables.acl.hosts import Host
 
 if TYPE_CHECKING:
-    from vcfbench.sim.rate_tables.acl import Header
+    from simrack.rate_tables.acl import Header
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack.rate_tables.acl import TableErrors
 
 from tests.sim.rate_tables.acl import hosts as acl_hosts
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.sim.rate_tables.acl import TableErrors
 
 if TYPE_CHECKING:
     from tests.sim.rate_tables.acl.hosts import AttendedHost, Host

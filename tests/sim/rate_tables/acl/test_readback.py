@@ -3,9 +3,9 @@ from __future__ import annotations
 import math
 
 import pytest
+from simrack.rate_tables.acl import TableErrors
 
 from tests.sim.rate_tables.acl.hosts import Host
-from vcfbench.sim.rate_tables.acl import TableErrors
 
 
 def test_the_encoder_error_shows_in_position_and_rate() -> None:

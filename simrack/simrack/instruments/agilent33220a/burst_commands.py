@@ -1,0 +1,79 @@
+"""BURSt and TRIGger."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from simrack.instruments.agilent33220a.declarations import POLARITIES, SLOPES, angle, mode_switch, nr3, setting
+from simrack.instruments.agilent33220a.settings import conflict
+from simrack.scpi import Choice, Command, Limits, Number, ScpiError
+
+if TYPE_CHECKING:
+    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
+
+
+def _set_burst_mode(model: _Model, mode: str) -> None:
+    """Triggered bursts of noise are none: the burst is off then."""
+    model.state["burst_mode"] = mode
+    model.rules.select(model.state["func"])
+    model.restart()
+
+
+def _set_cycles(model: _Model, cycles: float) -> None:
+    model.state["cycles"] = cycles
+    if math.isinf(cycles) and model.state["trigger"] == "IMM":
+        model.state["trigger"] = "BUS"
+        model.engine.report(conflict("infinite burst changed trigger source to MANUAL"))
+        model.restart()
+    model.settle()
+
+
+def _set_trigger(model: _Model, source: str) -> None:
+    if source == "IMM" and math.isinf(model.state["cycles"]):
+        model.state["cycles"] = 50000.0
+        model.engine.report(conflict("turned off infinite burst to allow immediate trigger source"))
+    model.state["trigger"] = source
+    model.restart()
+
+
+def _bus_trigger(model: _Model) -> None:
+    if model.state["trigger"] != "BUS":
+        raise ScpiError(-211)
+    model.fire()
+
+
+COMMANDS = (
+    Command(
+        "[SOURce:]BURSt:MODE",
+        (Choice(("TRIGgered", "GATed")),),
+        do=_set_burst_mode,
+        query=lambda model: model.state["burst_mode"],
+    ),
+    Command(
+        "[SOURce:]BURSt:NCYCles",
+        (Number(limits=Limits(1, 50000), words={"INFinity": math.inf}, name="burst count"),),
+        do=_set_cycles,
+        query=lambda model: model.state["cycles"],
+        reply=nr3,
+    ),
+    setting(
+        "[SOURce:]BURSt:INTernal:PERiod",
+        "burst_period",
+        Number(unit="S", limits=Limits(1e-6, 500.0), name="burst period"),
+        nr3,
+    ),
+    angle("[SOURce:]BURSt:PHASe", "burst_phase", -360.0, 360.0),
+    mode_switch("[SOURce:]BURSt:STATe", "BURS"),
+    setting("[SOURce:]BURSt:GATE:POLarity", "gate", POLARITIES),
+    Command(
+        "TRIGger:SOURce",
+        (Choice(("IMMediate", "EXTernal", "BUS")),),
+        do=_set_trigger,
+        query=lambda model: model.state["trigger"],
+    ),
+    setting("TRIGger:SLOPe", "slope", SLOPES),
+    setting("TRIGger:DELay", "delay", Number(unit="S", limits=Limits(0.0, 85.0), name="trigger delay"), nr3),
+    Command("TRIGger", do=lambda model: model.fire()),
+    Command("*TRG", do=_bus_trigger, urgent=True),
+)

@@ -1,0 +1,92 @@
+"""How the commands of a 33220A are declared: settings, modes, angles, names, and what they share."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, Parameter, ScpiError, boolean, quoted, real
+from simrack.scpi.lexer import Token, TokenKind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
+
+nr3 = real(13)
+
+
+class NameParameter(Parameter, frozen=True, kw_only=True):
+    """A free name without quotes: a letter, then letters, digits or underscores, at most 12 (unverified)."""
+
+    def parse(self, token: Token) -> str:
+        """Return the name; -144 for one too long."""
+        if token.kind is not TokenKind.WORD:
+            raise self.refuse_kind(token)
+        if len(token.text) > 12:
+            raise ScpiError(-144)
+        return token.text
+
+
+def setting(
+    pattern: str, key: str, parameter: Parameter, reply: Callable[[Any], str] = str, takes_s: float = 0.0
+) -> Command:
+    """Declare a setting that depends on nothing else."""
+
+    def write(model: _Model, value: Any) -> None:
+        model.state[key] = value
+        model.settle()
+
+    return Command(pattern, (parameter,), do=write, query=lambda model: model.state[key], reply=reply, takes_s=takes_s)
+
+
+def mode_switch(pattern: str, mode: str) -> Command:
+    """Declare the switch of one of the modes, of which only one can be on."""
+    return Command(
+        pattern,
+        (Boolean(),),
+        do=lambda model, state: model.switch_mode(mode, on=state),
+        query=lambda model: model.state["mode"] == mode,
+        reply=boolean,
+    )
+
+
+def frequency_limits(model: _Model) -> Limits:
+    """Return what the function can, Hz."""
+    return Limits(*model.kind.frequency_hz[model.state["func"]], default=1000.0)
+
+
+def _angle_limits(reach_deg: float, low_deg: float) -> Callable[[_Model], Limits]:
+    def limits(model: _Model) -> Limits:
+        factor = math.pi / 180.0 if model.state["angle"] == "RAD" else 1.0
+        return Limits(low_deg * factor, reach_deg * factor)
+
+    return limits
+
+
+def angle(pattern: str, key: str, low_deg: float, high_deg: float) -> Command:
+    """Declare an angle: kept in degrees, said in UNIT:ANGLe."""
+
+    def write(model: _Model, value: float) -> None:
+        model.state[key] = math.degrees(value) if model.state["angle"] == "RAD" else value
+        model.update()
+
+    def read(model: _Model) -> float:
+        degrees: float = model.state[key]
+        return math.radians(degrees) if model.state["angle"] == "RAD" else degrees
+
+    return Command(pattern, (Number(limits=_angle_limits(high_deg, low_deg)),), do=write, query=read, reply=nr3)
+
+
+def names_reply(names: list[str]) -> str:
+    """Return names in quotes, with commas between them; of none an empty string."""
+    return ",".join(map(quoted, names)) or '""'
+
+
+SLOPES = Choice(("POSitive", "NEGative"))
+POLARITIES = Choice(("NORMal", "INVerted"))
+FIRST_HZ = 1e-6
+SWITCH_S = 0.1
+LEVEL_S = 0.03
+TUNE_S = 0.002
+"""Times of a change of function, level (attenuator relays) and frequency (unverified)."""

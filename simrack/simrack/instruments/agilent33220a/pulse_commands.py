@@ -1,0 +1,69 @@
+"""PULSe and FUNCtion:PULSe: period, width, duty cycle and edges."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from simrack.instruments.agilent33220a.declarations import TUNE_S, nr3, setting
+from simrack.instruments.agilent33220a.rules import longest_edge_s, width_limits_s
+from simrack.scpi import Choice, Command, Limits, Number
+
+if TYPE_CHECKING:
+    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
+
+
+def _set_period(model: _Model, seconds: float) -> None:
+    model.set_frequency(1.0 / seconds)
+
+
+def _width_limits(model: _Model) -> Limits:
+    """Return the widths that fit the period, s."""
+    return Limits(*width_limits_s(model.state, model.kind))
+
+
+def _set_width(model: _Model, seconds: float) -> None:
+    model.state["width"] = seconds
+    model.settle()
+
+
+def _duty_of_pulse_limits(model: _Model) -> Limits:
+    shortest, longest = width_limits_s(model.state, model.kind)
+    return Limits(100.0 * shortest * model.state["freq"], 100.0 * longest * model.state["freq"])
+
+
+def _set_pulse_duty(model: _Model, percent: float) -> None:
+    _set_width(model, percent / 100.0 / model.state["freq"])
+
+
+def _edge_limits(model: _Model) -> Limits:
+    return Limits(model.kind.edge_s[0], longest_edge_s(model.state, model.kind))
+
+
+COMMANDS = (
+    Command(
+        "[SOURce:]PULSe:PERiod",
+        (Number(unit="S", limits=Limits(200e-9, 2000.0)),),
+        do=_set_period,
+        query=lambda model: 1.0 / model.state["freq"],
+        reply=nr3,
+        takes_s=TUNE_S,
+    ),
+    Command(
+        "[SOURce:]FUNCtion:PULSe:WIDTh",
+        (Number(unit="S", limits=_width_limits, name="pulse width limited by period"),),
+        do=_set_width,
+        query=lambda model: model.state["width"],
+        reply=nr3,
+    ),
+    Command(
+        "[SOURce:]FUNCtion:PULSe:DCYCle",
+        (Number(unit="PCT", limits=_duty_of_pulse_limits, name="pulse duty cycle limited by period"),),
+        do=_set_pulse_duty,
+        query=lambda model: 100.0 * model.state["width"] * model.state["freq"],
+        reply=nr3,
+    ),
+    setting("[SOURce:]FUNCtion:PULSe:HOLD", "hold", Choice(("WIDTh", "DCYCle"))),
+    setting(
+        "[SOURce:]FUNCtion:PULSe:TRANsition", "edge", Number(unit="S", limits=_edge_limits, name="pulse edge time"), nr3
+    ),
+)

@@ -1,0 +1,57 @@
+"""SWEep, the frequencies it runs between, and MARKer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from simrack.instruments.agilent33220a.declarations import FIRST_HZ, frequency_limits, mode_switch, nr3, setting
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, boolean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
+
+
+def _sweep(pattern: str, read: Callable[[float, float], float], write: Callable[..., tuple[float, float]]) -> Command:
+    """Declare one of STARt, STOP, CENTer, SPAN, which share two numbers."""
+
+    def do(model: _Model, value: float) -> None:
+        low, high = FIRST_HZ, model.kind.frequency_hz[model.state["func"]][1]
+        wanted = write(model.state["start"], model.state["stop"], value)
+        model.state["start"], model.state["stop"] = (min(max(hz, low), high) for hz in wanted)
+        model.restart()
+
+    return Command(
+        pattern,
+        (Number(unit="HZ", limits=_sweep_limits),),
+        do=do,
+        query=lambda model: read(model.state["start"], model.state["stop"]),
+        reply=nr3,
+    )
+
+
+def _sweep_limits(model: _Model) -> Limits:
+    high = model.kind.frequency_hz[model.state["func"]][1]
+    return Limits(-high, high)
+
+
+COMMANDS = (
+    _sweep("[SOURce:]FREQuency:STARt", lambda start, _: start, lambda _, stop, value: (value, stop)),
+    _sweep("[SOURce:]FREQuency:STOP", lambda _, stop: stop, lambda start, _, value: (start, value)),
+    _sweep(
+        "[SOURce:]FREQuency:CENTer",
+        lambda start, stop: (start + stop) / 2.0,
+        lambda start, stop, value: (value - (stop - start) / 2.0, value + (stop - start) / 2.0),
+    ),
+    _sweep(
+        "[SOURce:]FREQuency:SPAN",
+        lambda start, stop: stop - start,
+        lambda start, stop, value: ((start + stop - value) / 2.0, (start + stop + value) / 2.0),
+    ),
+    setting("[SOURce:]SWEep:SPACing", "spacing", Choice(("LINear", "LOGarithmic"))),
+    setting("[SOURce:]SWEep:TIME", "sweep_s", Number(unit="S", limits=Limits(1e-3, 500.0)), nr3),
+    mode_switch("[SOURce:]SWEep:STATe", "SWE"),
+    setting("MARKer:FREQuency", "marker", Number(unit="HZ", limits=frequency_limits), nr3),
+    setting("MARKer[:STATe]", "marker_on", Boolean(), boolean),
+)

@@ -1,0 +1,57 @@
+"""What :AUToscale makes of the inputs: channels with a signal on the screen, three periods of the first of them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from simrack.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
+from simrack.instruments.dso7104b.settings import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from simrack.instruments.dso7104b.inputs import ChannelCapture
+
+LOOK_S = 0.1
+"""How long it looks at the inputs (unverified)."""
+_POINTS = 20_000
+_LEAST_V = 0.01
+
+
+def fit(state: dict[str, Any], nodes: Mapping[int, str], capture: ChannelCapture, start_s: float) -> None:
+    """Set channels and time base up for what was captured from `start_s` on."""
+    times = start_s + np.linspace(0.0, LOOK_S, _POINTS)
+    frequencies = []
+    for channel in CHANNELS:
+        node = nodes.get(channel)
+        volts = np.zeros(len(times)) if node is None else np.asarray(capture.samples(node, times))
+        frequencies += _fit_channel(state, channel, times, volts)
+    if frequencies:
+        state["TIM:RANG"] = 10.0 * _nice(3.0 / frequencies[0] / 10.0)
+        state["TIM:POS"] = 0.0
+
+
+def _fit_channel(
+    state: dict[str, Any], channel: int, times: NDArray[np.float64], volts: NDArray[np.float64]
+) -> list[float]:
+    """Show a channel that has a signal above 10 mVpp; return its frequency, if any."""
+    swing = float(np.ptp(volts)) * state[f"CHAN{channel}:PROB"]
+    state[f"CHAN{channel}:DISP"] = swing > _LEAST_V
+    if swing <= _LEAST_V:
+        return []
+    state[f"CHAN{channel}:RANG"] = 8.0 * _nice(swing / 5.0)
+    state[f"CHAN{channel}:OFFS"] = float(volts.max() + volts.min()) / 2.0 * state[f"CHAN{channel}:PROB"]
+    trace = MeasuredTrace(times, volts, clipped=False, thresholds=Thresholds())
+    counted = trace.mean_frequency()
+    return [] if counted is None else [counted]
+
+
+def _nice(value: float) -> float:
+    """Return the next 1-2-5 value at or above `value`."""
+    decade = 10.0 ** math.floor(math.log10(value))
+    return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value * (1 - 1e-9))

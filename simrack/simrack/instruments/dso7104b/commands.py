@@ -1,0 +1,27 @@
+"""Every command of the DSO7104B."""
+
+from __future__ import annotations
+
+from simrack.instruments.dso7104b.accessory_commands import ACCESSORY_COMMANDS
+from simrack.instruments.dso7104b.channel_commands import VERTICAL_COMMANDS
+from simrack.instruments.dso7104b.math_commands import FUNCTION_COMMANDS
+from simrack.instruments.dso7104b.measuring_commands import MEASURE_COMMANDS
+from simrack.instruments.dso7104b.system_commands import ROOT_COMMANDS, SYSTEM_COMMANDS
+from simrack.instruments.dso7104b.timing_commands import TIMING_COMMANDS
+from simrack.instruments.dso7104b.trigger_commands import TRIGGER_COMMANDS
+from simrack.instruments.dso7104b.waveform_commands import WAVEFORM_COMMANDS
+from simrack.scpi import COMMON_COMMANDS, CommandTable
+
+TABLE = CommandTable(
+    *COMMON_COMMANDS,
+    *ROOT_COMMANDS,
+    *VERTICAL_COMMANDS,
+    *TIMING_COMMANDS,
+    *TRIGGER_COMMANDS,
+    *MEASURE_COMMANDS,
+    *WAVEFORM_COMMANDS,
+    *FUNCTION_COMMANDS,
+    *SYSTEM_COMMANDS,
+    *ACCESSORY_COMMANDS,
+)
+"""Every command of the model."""

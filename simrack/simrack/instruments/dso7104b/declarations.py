@@ -1,0 +1,99 @@
+"""How the DSO7104B's commands are declared: settings kept by name, sources, numbers in its NR3."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from simrack.scpi import Choice, Command, Integer, Limits, Number, Parameter, ScpiError, signed_integer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+    from simrack.scpi import Register
+    from simrack.scpi.lexer import Token
+
+CHANNEL = Choice(("CHANnel<1-4>",))
+VOLTS = Number(unit="V")
+SECONDS = Number(unit="S")
+
+
+class SourceParameter(Choice, frozen=True):
+    """A channel or the math trace, which has two names and answers to FUNC (6000 series programmer's guide)."""
+
+    words: tuple[str, ...] = ("CHANnel<1-4>", "FUNCtion", "MATH")
+
+    def parse(self, token: Token) -> str:
+        """Return `CHAN1` or `FUNC`."""
+        word = Choice.parse(self, token)
+        return "FUNC" if word == "MATH" else word
+
+
+SOURCE = SourceParameter()
+OPTIONAL_SOURCE = SourceParameter(required=False)
+
+
+def setting(pattern: str, key: str, parameter: Parameter, reply: Callable[[Any], str] = str) -> Command:
+    """Declare a setting that depends on nothing else."""
+
+    def write(model: SimulatedDso7104B, value: Any) -> None:
+        model.state[key] = value
+
+    return Command(
+        pattern, (parameter,), do=write, query=lambda model: model.state[key], query_parameters=(), reply=reply
+    )
+
+
+def number(pattern: str, key: str, parameter: Parameter) -> Command:
+    """Declare a setting that is answered in NR3."""
+
+    def write(model: SimulatedDso7104B, value: float) -> None:
+        model.state[key] = value
+
+    return Command(
+        pattern, (parameter,), do=write, query=lambda model: model.nr3(model.state[key]), query_parameters=()
+    )
+
+
+def of_channel(key: str, name: str, parameter: Parameter, reply: Callable[[Any], str] = str) -> Command:
+    """Declare a setting of each channel that depends on nothing else."""
+
+    def write(model: SimulatedDso7104B, channel: int, value: Any) -> None:
+        model.state[f"CHAN{channel}:{key}"] = value
+
+    def read(model: SimulatedDso7104B, channel: int) -> Any:
+        return model.state[f"CHAN{channel}:{key}"]
+
+    return Command(f"CHANnel<1-4>:{name}", (parameter,), do=write, query=read, query_parameters=(), reply=reply)
+
+
+def registers(pattern: str, read_event: str, of: Callable[[SimulatedDso7104B], Register]) -> tuple[Command, Command]:
+    """Declare the enable mask and the event query of a register."""
+
+    def write(model: SimulatedDso7104B, mask: int) -> None:
+        of(model).enable = mask
+
+    return (
+        Command(
+            pattern,
+            (Integer(limits=Limits(0, 65535)),),
+            do=write,
+            query=lambda model: of(model).enable,
+            query_parameters=(),
+            reply=signed_integer,
+        ),
+        Command(read_event, query=lambda model: of(model).read_event(), reply=signed_integer),
+    )
+
+
+def clipped(model: SimulatedDso7104B, value: float, low: float, high: float) -> float:
+    """Clip to the limits, with -222."""
+    if low <= value <= high:
+        return value
+    model.engine.report(ScpiError(-222))
+    return min(max(value, low), high)
+
+
+def nothing(_: SimulatedDso7104B, *arguments: object) -> None:
+    """Do what cannot be seen from outside."""
+    del arguments

@@ -1,0 +1,218 @@
+"""What an oscilloscope's inputs see of the World, before its converter."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from msgspec import Struct
+
+from simrack.instruments.dso7104b.filters import Capacitor, closed_form, low_passed, time_constant_s
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from simrack.clock import Clock
+    from simrack.instruments.dso7104b.filters import Sines
+    from simrack.trace import History, Piece
+
+LINE, EXTERNAL = 0, 5
+"""Numbers of the trigger inputs that are no channels; nothing is plugged in at EXTernal."""
+MAINS_HZ = 50.0
+_TOUCHING_S = 1e-9
+
+
+class ChannelCapture(Protocol):
+    """A stretch of time of the World."""
+
+    def samples(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the node's volts at absolute times."""
+        ...
+
+    def finest_s(self, node: str) -> float:
+        """Return a time in which the node's voltage bends so little that a cubic tells it; 0 where that is unknown."""
+        ...
+
+    def whole(self, start_s: float, stop_s: float) -> bool:
+        """Tell whether nothing happened between two times that could make a node jump."""
+        ...
+
+    def pieces(self, node: str) -> list[Piece]:
+        """Return what is known of a node up to now, oldest first."""
+        ...
+
+
+class ChannelRecording(ChannelCapture, Protocol):
+    """A stretch of time without an end yet."""
+
+    def forget(self, before_s: float) -> None:
+        """Drop what was over before a time."""
+        ...
+
+    def close(self) -> None:
+        """Keep what there is and take nothing more."""
+        ...
+
+
+class ScopeWorld(Protocol):
+    """What the oscilloscope needs of the World."""
+
+    @property
+    def clock(self) -> Clock:
+        """Bench time."""
+        ...
+
+    def capture(self, start_s: float, stop_s: float) -> ChannelCapture:
+        """Register a stretch of time."""
+        ...
+
+    def record(self) -> ChannelRecording:
+        """Keep all that happens from now on."""
+        ...
+
+    def trace(self, span_s: float) -> History:
+        """Keep the last `span_s` from now on."""
+        ...
+
+    def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
+        """Hang a resistance on a node; inf takes it off."""
+        ...
+
+
+class Screen(Struct, frozen=True):
+    """The time window that is shown: from `left_s` for `range_s`, trigger at 0."""
+
+    left_s: float
+    range_s: float
+
+    @property
+    def right_s(self) -> float:
+        """The end of the window, s."""
+        return self.left_s + self.range_s
+
+    def times_s(self, points: int, start: int = 0, count: int | None = None) -> NDArray[np.float64]:
+        """Return the sample times of `points` from the left edge, or `count` of them from the `start`-th on."""
+        stop = points if count is None else start + count
+        return self.left_s + np.arange(start, stop, dtype=np.float64) * (self.range_s / points)
+
+
+class ChannelView(Struct, frozen=True):
+    """How a channel looks at its node."""
+
+    node: str | None
+    """Node of the PCB; None for an open input."""
+    range_v: float
+    """Full screen, displayed volts."""
+    offset_v: float
+    """Displayed volts at the centre of the screen."""
+    probe: float
+    """Displayed over real volts."""
+    inverted: bool
+    ac: bool
+    skew_s: float = 0.0
+    """How much later the channel is shown than it is."""
+    limit_hz: float = math.inf
+    """Corner of the bandwidth limit."""
+
+    @property
+    def shown_per_real(self) -> float:
+        """Displayed over real volts, with the sign."""
+        return -self.probe if self.inverted else self.probe
+
+    @property
+    def remembered_s(self) -> float:
+        """How much from before a time its filters need, s; nor is it shown when it is."""
+        return abs(self.skew_s) + (20.0 * time_constant_s(self.limit_hz) if math.isfinite(self.limit_hz) else 0.0)
+
+
+class Signals:
+    """What converters and trigger circuits see: the channels, the mains, the empty EXTernal input.
+
+    Args:
+        capture: the stretch of time.
+        views: how each channel looks at its node.
+        past: what is known of a channel's node before that, oldest first, where a blocking capacitor is to know it.
+    """
+
+    def __init__(
+        self,
+        capture: ChannelCapture,
+        views: Mapping[int, ChannelView],
+        past: Mapping[int, Sequence[Piece]] | None = None,
+    ) -> None:
+        self.capture = capture
+        self.views = views
+        self._past = past or {}
+        self._capacitors: dict[int, tuple[float, Capacitor]] = {}
+
+    def volts(self, channel: int, times_s: NDArray[np.float64], *, ac: bool = False) -> NDArray[np.float64]:
+        """Return displayed volts at evenly spaced bench times, before the channel's own errors; `ac` is the trigger's.
+
+        Coupling of channel and trigger together count once.
+        """
+        if channel == LINE:
+            return np.sin(2.0 * math.pi * MAINS_HZ * times_s)
+        view = self.views.get(channel)
+        if view is None or view.node is None:
+            return np.zeros(len(times_s))
+        real_s = times_s - view.skew_s if view.skew_s else times_s
+        volts = self._limited(view, view.node, real_s)
+        if view.ac or ac:
+            volts = volts - self._blocked(channel, view.node, real_s)
+        return volts * view.shown_per_real
+
+    def _limited(self, view: ChannelView, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        def read(at_s: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.asarray(self.capture.samples(node, at_s), dtype=np.float64)
+
+        if math.isinf(view.limit_hz):
+            return read(times_s)
+        tau_s = time_constant_s(view.limit_hz)
+        known = self._known(node, times_s)
+        if known is not None:
+            return known.low_passed(tau_s).at(times_s)
+        return low_passed(read, times_s, tau_s, self.capture.finest_s(node))
+
+    def _known(self, node: str, times_s: NDArray[np.float64]) -> Sines | None:
+        return closed_form(self.capture.pieces(node), float(times_s[0]), float(times_s[-1]))
+
+    def _blocked(self, channel: int, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the capacitor of an input keeps off."""
+        pieces = self.capture.pieces(node)
+        if not pieces:  # the lead hangs free
+            return np.zeros(len(times_s))
+        until_s = pieces[-1].stop_s
+        made = self._capacitors.get(channel)
+        if made is None or made[0] != until_s:
+            past = self._past.get(channel, ())
+            before = past if past and abs(past[-1].stop_s - pieces[0].start_s) < _TOUCHING_S else ()
+            made = self._capacitors[channel] = until_s, Capacitor([*before, *pieces], self.capture.finest_s(node))
+        return made[1].at(times_s)
+
+    def sines(self, channel: int, start_s: float, stop_s: float) -> Sines | None:
+        """Return an input in closed form, displayed volts before AC coupling; None where it has none."""
+        view = self.views.get(channel)
+        if view is None or view.node is None:
+            return None
+        known = closed_form(self.capture.pieces(view.node), start_s - view.skew_s, stop_s - view.skew_s)
+        if known is None:
+            return None
+        limited = known if math.isinf(view.limit_hz) else known.low_passed(time_constant_s(view.limit_hz))
+        return limited.scaled(view.shown_per_real).later(view.skew_s)
+
+    def slow(self, channel: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what AC coupling takes off an input, displayed volts at bench times."""
+        view = self.views.get(channel)
+        if view is None or view.node is None:
+            return np.zeros(len(times_s))
+        return self._blocked(channel, view.node, times_s - view.skew_s) * view.shown_per_real
+
+    def finest_s(self, channel: int) -> float:
+        """Return a time in which an input bends so little that a cubic tells it; 0 where that is unknown."""
+        if channel == LINE:
+            return 0.05 / (2.0 * math.pi * MAINS_HZ)
+        view = self.views.get(channel)
+        return math.inf if view is None or view.node is None else self.capture.finest_s(view.node)

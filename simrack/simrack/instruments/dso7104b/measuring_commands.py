@@ -1,0 +1,321 @@
+"""Measurements of the DSO7104B: what is asked, of which traces, and the results that stay on the screen."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from simrack.instruments.dso7104b.declarations import (
+    OPTIONAL_SOURCE,
+    SECONDS,
+    SOURCE,
+    VOLTS,
+    clipped,
+    setting,
+)
+from simrack.instruments.dso7104b.installed import INVALID, Installed, measured_or_invalid
+from simrack.instruments.dso7104b.measurements import MeasuredTrace
+from simrack.scpi import Boolean, Choice, Command, Number, Parameter, ScpiError, boolean, signed_integer
+from simrack.scpi.lexer import Token, TokenKind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+
+_INSTALLED_MOST = 4
+
+
+class _Definition(Parameter, frozen=True):
+    """A word or a number of :MEASure:DEFine."""
+
+    def parse(self, token: Token) -> str | float:
+        """Return the number, or the word's short form."""
+        if token.kind is TokenKind.NUMBER:
+            return token.number
+        return Choice(("STANdard", "PERCent", "ABSolute")).parse(token)
+
+
+class _Averaging(Choice, frozen=True):
+    """A word or a source of VAVerage and VRMS."""
+
+    words: tuple[str, ...] = ("CYCLe", "DISPlay", "AUTO", "AC", "DC", "CHANnel<1-4>", "FUNCtion", "MATH")
+
+    def parse(self, token: Token) -> str:
+        """Return the short form, FUNC for MATH."""
+        word = Choice.parse(self, token)
+        return "FUNC" if word == "MATH" else word
+
+
+# --- values
+
+
+def _measured(model: SimulatedDso7104B, source: str | None, of: Callable[[MeasuredTrace], float | None]) -> Any:
+    name = source or model.state["MEAS:SOUR"][0]
+    return model.look(lambda: model.nr3(measured_or_invalid(lambda: of(model.shown.measured(name)))))
+
+
+def _measured_pair(
+    model: SimulatedDso7104B,
+    first: str | None,
+    second: str | None,
+    of: Callable[[MeasuredTrace, MeasuredTrace], float | None],
+) -> Any:
+    one, two = first or model.state["MEAS:SOUR"][0], second or model.state["MEAS:SOUR"][1]
+    if two == "NONE":
+        return model.nr3(INVALID)
+    return model.look(
+        lambda: model.nr3(measured_or_invalid(lambda: of(model.shown.measured(one), model.shown.measured(two))))
+    )
+
+
+def _install(
+    model: SimulatedDso7104B, name: str, sources: Sequence[str | None], of: Callable[..., float | None]
+) -> None:
+    """Put a measurement on the screen, for :MEASure:RESults?; there is room for four (unverified)."""
+    defaults = model.state["MEAS:SOUR"]
+    named = tuple(source or default for source, default in zip(sources, defaults, strict=False))
+    if "NONE" in named:
+        raise ScpiError(-221)  # there is no second source to measure (number unverified)
+    label = f"{name}({','.join(source.removeprefix('CHAN') for source in named)})"
+    model.installed.append(Installed(label, named, of))
+    del model.installed[:-_INSTALLED_MOST]
+
+
+def _clear(model: SimulatedDso7104B) -> None:
+    model.installed.clear()
+    model.shown.analysed = False
+
+
+# --- results
+
+
+def _results(model: SimulatedDso7104B) -> Any:
+    return model.look(lambda: _results_now(model))
+
+
+def _results_now(model: SimulatedDso7104B) -> str:
+    """Return what is installed: label, current, minimum, maximum, mean, deviation, count (ON), or one of these.
+
+    Statistics are of the one record, or of all segments once they have been analysed.
+    """
+    kind = model.state["MEAS:STAT"]
+    rows = [_row(model, each) for each in model.installed]
+    if kind == "ON":
+        return ",".join(",".join((label, *map(model.nr3, values[:-1]), f"{values[-1]:.0f}")) for label, values in rows)
+    index = ("CURR", "MIN", "MAX", "MEAN", "STDD", "COUN").index(kind)
+    return ",".join(f"{values[5]:+.0f}" if index == 5 else model.nr3(values[index]) for _, values in rows)
+
+
+def _row(model: SimulatedDso7104B, installed: Installed) -> tuple[str, tuple[float, ...]]:
+    try:
+        shown, records = model.shown.record, model.shown.records if model.shown.analysed else [model.shown.record]
+    except ScpiError:
+        return installed.label, (*(INVALID,) * 4, 0.0, 1.0)
+    current = installed.value(model.shown.measured, shown)
+    values = [value for record in records if (value := installed.value(model.shown.measured, record)) != INVALID]
+    if not values:
+        return installed.label, (*(INVALID,) * 4, 0.0, 1.0)
+    mean = math.fsum(values) / len(values)
+    deviation = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / max(1, len(values) - 1))
+    return installed.label, (current, min(values), max(values), mean, deviation, float(len(values)))
+
+
+# --- declarations
+
+
+def _measurement(name: str, of: Callable[[MeasuredTrace], float | None]) -> Command:
+    """Declare `:MEASure:<name> [<source>]` (install) and `:MEASure:<name>? [<source>]`."""
+    return Command(
+        f"MEASure:{name}",
+        (OPTIONAL_SOURCE,),
+        do=lambda model, source: _install(model, name, (source,), of),
+        query=lambda model, source: _measured(model, source, of),
+        query_parameters=(OPTIONAL_SOURCE,),
+    )
+
+
+def _averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None]) -> Command:
+    """Declare VAVerage or VRMS, whose words before the source are all optional."""
+
+    def sorted_out(words: tuple[str | None, ...]) -> tuple[str | None, set[str]]:
+        given = {word for word in words if word is not None}
+        return next((word for word in given if word.startswith(("CHAN", "FUNC"))), None), given
+
+    def read(model: SimulatedDso7104B, *words: str | None) -> Any:
+        source, given = sorted_out(words)
+        return _measured(model, source, lambda trace: of(trace, given))
+
+    def install(model: SimulatedDso7104B, *words: str | None) -> None:
+        source, given = sorted_out(words)
+        _install(model, name, (source,), lambda trace: of(trace, given))
+
+    words = (_Averaging(required=False),) * 3
+    return Command(f"MEASure:{name}", words, do=install, query=read, query_parameters=words)
+
+
+def _of_cycle(trace: MeasuredTrace, words: set[str]) -> bool:
+    """Tell whether one cycle is meant: by default where there is one on the screen (5000 series guide: AUTO)."""
+    return "CYCL" in words or ("DISP" not in words and trace.period() is not None)
+
+
+def _pair_measurement(name: str, of: Callable[[MeasuredTrace, MeasuredTrace], float | None]) -> Command:
+    return Command(
+        f"MEASure:{name}",
+        (OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+        do=lambda model, *sources: _install(model, name, sources, of),
+        query=lambda model, first, second: _measured_pair(model, first, second, of),
+        query_parameters=(OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+    )
+
+
+def _install_delay(model: SimulatedDso7104B, *sources: str | None) -> None:
+    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state["MEAS:DEL"]))
+
+
+def _delay(model: SimulatedDso7104B, first: str | None, second: str | None) -> Any:
+    edges = model.state["MEAS:DEL"]
+    return _measured_pair(model, first, second, lambda one, two: one.delay_to(two, *edges))
+
+
+def _ratio_db(one: MeasuredTrace, two: MeasuredTrace) -> float | None:
+    first, second = one.rms(cycle=False, ac=True), two.rms(cycle=False, ac=True)
+    return 20.0 * math.log10(first / second) if first and second else None
+
+
+# --- settings
+
+
+def _set_sources(model: SimulatedDso7104B, first: str, second: str | None) -> None:
+    model.state["MEAS:SOUR"] = (first, second or model.state["MEAS:SOUR"][1])
+
+
+def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
+    """Take `DEFine THResholds,...` or `DEFine DELay,...`."""
+    if what == "DEL":
+        if len(values) != 2 or not all(isinstance(value, float) and value for value in values):
+            raise ScpiError(-109 if len(values) < 2 else -224)
+        model.state["MEAS:DEL"] = tuple(int(value) for value in values)
+    else:
+        model.state["MEAS:THR"] = _threshold_definition(model, values)
+    model.shown.forget_traces()
+
+
+def _definition(model: SimulatedDso7104B, what: str, source: str | None = None) -> str:
+    """Return what was defined; the standard thresholds are told as what they are (from memory, unverified)."""
+    del source
+    if what == "DEL":
+        return ",".join(("DEL", *map(signed_integer, model.state["MEAS:DEL"])))
+    kind, *numbers = model.state["MEAS:THR"]
+    return ",".join(("THR", "PERC" if kind == "STAN" else kind, *map(model.nr3, numbers)))
+
+
+def _threshold_definition(model: SimulatedDso7104B, values: tuple[Any, ...]) -> tuple[str, float, float, float]:
+    if values == ("STAN",):
+        return "STAN", 90.0, 50.0, 10.0
+    kind, numbers = (values[0], values[1:]) if isinstance(values[0], str) else ("PERC", values)
+    if kind == "STAN" or len(numbers) != 3 or any(isinstance(number, str) for number in numbers):
+        raise ScpiError(-109 if len(numbers) < 3 else -224)
+    upper, middle, lower = numbers
+    if kind == "PERC":
+        upper, middle, lower = (clipped(model, number, 5.0, 95.0) for number in numbers)
+    if not lower < middle < upper:
+        raise ScpiError(-221)
+    return kind, upper, middle, lower
+
+
+def _counter(model: SimulatedDso7104B, source: str | None) -> Any:
+    """Return what the hardware counter has counted at the end of its gate; it looks at channels alone."""
+    name = source or model.state["MEAS:SOUR"][0]
+    if name == "FUNC" or not model.state[f"{name}:DISP"]:
+        return model.nr3(INVALID)
+    return model.count(int(name[4:]))
+
+
+def _edge_number(value: float) -> int:
+    if value != int(value) or not value:
+        raise ScpiError(-224)
+    return int(value)
+
+
+def _edge_time(model: SimulatedDso7104B, number: float, source: str | None) -> Any:
+    return _measured(model, source, lambda trace: trace.time_of_edge(_edge_number(number)))
+
+
+def _value_time(model: SimulatedDso7104B, level: float, number: float, source: str | None) -> Any:
+    return _measured(model, source, lambda trace: trace.time_of_value(level, _edge_number(number)))
+
+
+def _value_at(model: SimulatedDso7104B, seconds: float, source: str | None) -> Any:
+    return _measured(model, source, lambda trace: trace.voltage_at(seconds))
+
+
+def _sources(model: SimulatedDso7104B) -> str:
+    return ",".join(model.state["MEAS:SOUR"])
+
+
+MEASURE_COMMANDS = (
+    Command("MEASure", query=lambda model: f":MEAS:SOUR {_sources(model)}"),
+    Command(
+        "MEASure:SOURce",
+        (SOURCE, OPTIONAL_SOURCE),
+        do=_set_sources,
+        query=_sources,
+    ),
+    Command(
+        "MEASure:DEFine",
+        (Choice(("THResholds", "DELay")), _Definition()),
+        do=_define,
+        query=_definition,
+        query_parameters=(Choice(("THResholds", "DELay")), OPTIONAL_SOURCE),
+        repeat=True,
+    ),
+    Command("MEASure:RESults", query=_results),
+    Command("MEASure:CLEar", do=_clear),
+    setting("MEASure:SHOW", "MEAS:SHOW", Boolean(), boolean),
+    setting(
+        "MEASure:STATistics",
+        "MEAS:STAT",
+        Choice(("ON", "CURRent", "MINimum", "MAXimum", "MEAN", "STDDev", "COUNt")),
+    ),
+    _measurement("VPP", MeasuredTrace.peak_to_peak),
+    _measurement("VMAX", MeasuredTrace.maximum),
+    _measurement("VMIN", MeasuredTrace.minimum),
+    _measurement("VAMPlitude", MeasuredTrace.amplitude),
+    _measurement("VTOP", MeasuredTrace.top),
+    _measurement("VBASe", MeasuredTrace.base),
+    _averaging("VAVerage", lambda trace, words: trace.average(cycle=_of_cycle(trace, words))),
+    _averaging("VRMS", lambda trace, words: trace.rms(cycle=_of_cycle(trace, words), ac="AC" in words)),
+    _measurement("SDEViation", lambda trace: trace.rms(cycle=False, ac=True)),
+    _measurement("OVERshoot", MeasuredTrace.overshoot),
+    _measurement("PREShoot", MeasuredTrace.preshoot),
+    _measurement("FREQuency", MeasuredTrace.frequency),
+    _measurement("PERiod", MeasuredTrace.period),
+    Command(
+        "MEASure:COUNter",
+        (OPTIONAL_SOURCE,),
+        do=lambda model, source: _install(model, "COUNter", (source,), MeasuredTrace.mean_frequency),
+        query=_counter,
+        query_parameters=(OPTIONAL_SOURCE,),
+    ),
+    _measurement("RISetime", MeasuredTrace.rise_time),
+    _measurement("FALLtime", MeasuredTrace.fall_time),
+    _measurement("PWIDth", MeasuredTrace.positive_width),
+    _measurement("NWIDth", MeasuredTrace.negative_width),
+    _measurement("DUTYcycle", MeasuredTrace.duty_cycle),
+    _measurement("XMAX", MeasuredTrace.time_of_maximum),
+    _measurement("XMIN", MeasuredTrace.time_of_minimum),
+    Command(
+        "MEASure:DELay",
+        (OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+        do=_install_delay,
+        query=_delay,
+        query_parameters=(OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+    ),
+    _pair_measurement("PHASe", lambda one, two: one.phase_to(two)),
+    _pair_measurement("VRATio", _ratio_db),
+    Command("MEASure:TEDGe", query=_edge_time, query_parameters=(Number(), OPTIONAL_SOURCE)),
+    Command("MEASure:TVALue", query=_value_time, query_parameters=(VOLTS, Number(), OPTIONAL_SOURCE)),
+    Command("MEASure:VTIMe", query=_value_at, query_parameters=(SECONDS, OPTIONAL_SOURCE)),
+)
+"""What is said to :MEASure."""

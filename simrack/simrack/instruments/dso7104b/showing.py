@@ -1,0 +1,115 @@
+"""What the DSO7104B shows: the records of the last acquisition, their traces, and what was sent of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from simrack.instruments.dso7104b.math_settings import math_trace
+from simrack.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
+from simrack.scpi import Parts, Pending, ScpiError, block_header
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from simrack.instruments.dso7104b.record import Record
+
+_SCREEN_POINTS = 1000
+
+
+class ShownRecords:
+    """The records on the screen, one a segment.
+
+    `state` are the settings as they stand, `time_base_error` the relative one of the instrument's clock. `analysed`
+    says that :MEASure:STATistics? counts all segments.
+    """
+
+    def __init__(self, state: dict[str, Any], time_base_error: float) -> None:
+        self._state = state
+        self._time_base_error = time_base_error
+        self.records: list[Record] = []
+        self.analysed = False
+        self._segmented = False
+        self._traces: dict[tuple[int, str], MeasuredTrace] = {}
+        self._sent: tuple[Record, tuple[Any, ...], Parts] | None = None
+
+    def show(self, records: list[Record], *, segmented: bool = False) -> None:
+        """Show these records, the first of them, and forget all others."""
+        self.records, self._segmented = records, segmented
+        self._state["SEGM:IND"] = 1
+        self.analysed = False
+        self._sent = None
+        self._traces.clear()
+
+    @property
+    def record(self) -> Record:
+        """The record on the screen, of the chosen segment; -230 if there is none."""
+        if not self.records:
+            raise ScpiError(-230, "Data corrupt or stale")
+        index: int = self._state["SEGM:IND"]
+        return self.records[min(index, len(self.records)) - 1]
+
+    def segments(self) -> int:
+        """Return how many segments were acquired; 0 of an acquisition that was not segmented."""
+        return len(self.records) if self._segmented else 0
+
+    def time_tag_s(self) -> float:
+        """Return the trigger of the chosen segment after that of the first, s."""
+        if not self.segments():
+            return 0.0
+        elapsed_s = self.record.trigger_s - self.records[0].trigger_s
+        return elapsed_s * (1.0 + self._time_base_error)
+
+    def measured(self, source: str, record: Record | None = None) -> MeasuredTrace:
+        """Return the trace of `source` for measurements; -230 where it is not shown."""
+        if not self._state[f"{source}:DISP"]:
+            raise ScpiError(-230)
+        return self.trace(source, record)
+
+    def trace(self, source: str, record: Record | None = None) -> MeasuredTrace:
+        """Return what was acquired of `source`, shown or not."""
+        shown = record or self.record
+        found = self._traces.get((shown.number, source))
+        if found is None:
+            found = self._traces[shown.number, source] = self._trace(source, shown)
+        return found
+
+    def _trace(self, source: str, record: Record) -> MeasuredTrace:
+        if source == "FUNC":
+            math_ = math_trace(self._state, record, _SCREEN_POINTS)
+            return MeasuredTrace(math_.places(), math_.values, clipped=math_.clipped, thresholds=self._thresholds())
+        channel = int(source[4:])
+        points = record.measured_points(channel, _SCREEN_POINTS)
+        digitised = record.digitised(channel, points)
+        times = record.screen.times_s(points)
+        if record.kept.kind != "PEAK":
+            return MeasuredTrace(times, digitised.volts, clipped=digitised.clipped, thresholds=self._thresholds())
+        peaks = record.extremes(channel, points)
+        return MeasuredTrace(
+            times, digitised.volts, clipped=peaks.clipped, thresholds=self._thresholds(), peaks=peaks.volts
+        )
+
+    def _thresholds(self) -> Thresholds:
+        kind, upper, middle, lower = self._state["MEAS:THR"]
+        return Thresholds() if kind == "STAN" else Thresholds(upper, middle, lower, absolute=kind == "ABS")
+
+    def forget_traces(self) -> None:
+        """Measure anew: the definitions have changed."""
+        self._traces.clear()
+
+    def sent(self, asked: tuple[Any, ...], parts: Iterator[bytes]) -> Any:
+        """Return the record as :WAVeform:DATA? sends it, a block of `parts`, or what it was the last time."""
+        kept = self._sent
+        if kept is not None and kept[0] is self.record and kept[1] == asked:
+            return kept[2]
+        record, made = self.record, list[bytes]()
+
+        def make() -> Iterator[None]:
+            for part in parts:
+                made.append(part)
+                yield
+
+        def keep() -> Parts:
+            self._sent = (record, asked, Parts((block_header(sum(map(len, made)), 8), *made)))
+            return self._sent[2]
+
+        return Pending.worked_out(make(), keep)

@@ -1,0 +1,268 @@
+"""Root commands, display, hard copy and system of the DSO7104B."""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import TYPE_CHECKING, Any
+
+from simrack.instruments.dso7104b.declarations import (
+    OPTIONAL_SOURCE,
+    SOURCE,
+    SourceParameter,
+    nothing,
+    registers,
+    setting,
+)
+from simrack.instruments.dso7104b.math_settings import math_scale, math_trace
+from simrack.instruments.dso7104b.settings import CHANNELS, default_setup
+from simrack.scpi import (
+    Block,
+    Boolean,
+    Choice,
+    Command,
+    Integer,
+    Limits,
+    ScpiError,
+    Text,
+    block,
+    boolean,
+    quoted,
+    signed_integer,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+    from simrack.scpi import Pending
+
+_PLACES = Integer(limits=Limits(0, 9))
+_POINTS = 1000
+_OPTIONS = "0,0,0,0,MEMUP,0,0,0,0,0,0,0"
+"""A field an option, 0 where it is not fitted: memory alone (how many follow is unverified)."""
+_MATH = len(CHANNELS) + 1
+
+
+# --- root
+
+
+def _digitize(model: SimulatedDso7104B, *sources: str) -> Pending:
+    return model.digitize(*sources)
+
+
+def _show(model: SimulatedDso7104B, source: str, *, shown: bool) -> None:
+    model.state[f"{source}:DISP"] = shown
+
+
+def _blank(model: SimulatedDso7104B, source: str | None) -> None:
+    for one in (source,) if source else (*(f"CHAN{channel}" for channel in CHANNELS), "FUNC"):
+        _show(model, one, shown=False)
+
+
+def _activity(model: SimulatedDso7104B) -> Any:
+    """Return edges and levels, a bit a channel: whether it crosses its trigger level, and is above it at the end."""
+    return model.look(lambda: _activity_now(model))
+
+
+def _activity_now(model: SimulatedDso7104B) -> str:
+    edges = levels = 0
+    for bit, channel in enumerate(CHANNELS):
+        above = model.shown.trace(f"CHAN{channel}").volts >= model.state[f"LEV:CHAN{channel}"]
+        edges |= (above.any() and not above.all()) << bit
+        levels |= bool(above[-1]) << bit
+    return f"{signed_integer(edges)},{signed_integer(levels)}"
+
+
+ROOT_COMMANDS = (
+    Command("*OPT", query=lambda _: _OPTIONS),
+    Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=5.0),
+    Command("*TRG", do=_digitize),
+    Command("*SAV", (_PLACES,), do=lambda model, place: model.save(place)),
+    Command("*RCL", (_PLACES,), do=lambda model, place: model.recall(place)),
+    Command("*LRN", query=lambda model: b":SYST:SET " + _setup(model)),
+    Command("RUN", do=lambda model: model.run_now()),
+    Command("STOP", do=lambda model: model.stop()),
+    Command("SINGle", do=lambda model: model.single()),
+    Command("DIGitize", (SourceParameter(required=False),), do=_digitize, repeat=True),
+    Command(
+        "AUToscale",
+        (Choice(("CHANnel<1-4>",), required=False),),
+        do=lambda model, *_: model.autoscale(),
+        repeat=True,
+    ),
+    Command("CDISplay", do=nothing),
+    Command("BLANk", (OPTIONAL_SOURCE,), do=_blank),
+    Command("VIEW", (SOURCE,), do=lambda model, source: _show(model, source, shown=True)),
+    Command(
+        "STATus",
+        query=lambda model, source: model.state[f"{source}:DISP"],
+        query_parameters=(SOURCE,),
+        reply=boolean,
+    ),
+    Command("AER", query=lambda model: model.armed(), reply=signed_integer),
+    Command("TER", query=lambda model: model.was_triggered(), reply=signed_integer),
+    Command("SERial", query=lambda _: "MY49520121"),
+    Command("PRINt", do=nothing),
+    Command("MERGe", (Choice(("PMEMory<0-9>",)),), do=nothing),
+    Command("ACTivity", do=nothing, query=_activity),
+    Command("OPERegister:CONDition", query=lambda model: model.operation.condition, reply=signed_integer),
+    *registers("OPEE", "OPERegister[:EVENt]", lambda model: model.operation),
+    *registers("OVLenable", "OVLRegister", lambda model: model.overload),
+    *registers("MTEenable", "MTERegister[:EVENt]", lambda model: model.mask_test),
+    *registers("HWEenable", "HWERegister[:EVENt]", lambda model: model.hardware),
+    Command("HWERegister:CONDition", query=lambda model: model.hardware.condition, reply=signed_integer),
+    setting("AUToscale:CHANnels", "AUT:CHAN", Choice(("ALL", "DISPlayed"))),
+)
+"""Root and common commands."""
+
+
+# --- pictures
+
+
+def _picture(model: SimulatedDso7104B, kind: str, area: str | None, palette: str | None) -> Any:
+    """Return the screen; a TIFF is the graticule in two tones (5000 series guide; number of the refusal unverified)."""
+    from simrack.instruments.dso7104b.screen import PictureStyle, screenshot  # noqa: PLC0415  # few take one
+
+    if kind == "TIFF" and (area == "SCR" or palette in {"COL", "GRAY"}):
+        raise ScpiError(-221)
+    look = PictureStyle("MON" if kind == "TIFF" else palette or "COL", ink_saver=model.state["HARD:INKS"])
+    return model.look(lambda: block(screenshot(_traces(model), kind, look), 8))
+
+
+def _traces(model: SimulatedDso7104B) -> dict[int, NDArray[Any]]:
+    """Return the shown traces, each -0.5...0.5 of the screen, the math trace as the fifth; none without a record."""
+    try:
+        record = model.shown.record
+    except ScpiError:
+        return {}
+    shown = [channel for channel in CHANNELS if model.state[f"CHAN{channel}:DISP"]]
+    traces = {
+        channel: (model.shown.trace(f"CHAN{channel}").volts - record.views[channel].offset_v)
+        / record.views[channel].range_v
+        for channel in shown
+    }
+    if model.state["FUNC:DISP"]:
+        range_, offset = math_scale(model.state)
+        traces[_MATH] = (math_trace(model.state, record, _POINTS).values - offset) / range_
+    return traces
+
+
+def _hard_copy_learned(model: SimulatedDso7104B) -> str:
+    """Return the settings in the shape of a sibling's sample (from memory, unverified)."""
+    state = model.state
+    return (
+        f':HARD:APR "";AREA {state["HARD:AREA"]};FACT {boolean(state["HARD:FACT"])};'
+        f"FFE {boolean(state['HARD:FFE'])};INKS {boolean(state['HARD:INKS'])};"
+        f"PAL {state['HARD:PAL']};LAY {state['HARD:LAY']}"
+    )
+
+
+# --- system
+
+
+def _setup(model: SimulatedDso7104B) -> bytes:
+    """Return the setup as a block; its inside is ours.
+
+    It is opaque, but of ASCII characters without the end of a line: PyMeasure's tests for a real DSOX1102G read it as
+    text and send it back.
+    """
+    return block(base64.b64encode(json.dumps(model.state).encode()), 8)
+
+
+def _set_setup(model: SimulatedDso7104B, data: bytes) -> None:
+    try:
+        state = json.loads(base64.b64decode(data, validate=True))
+    except ValueError:
+        raise ScpiError(-161) from None
+    defaults = default_setup()
+    if not isinstance(state, dict) or set(state) != set(defaults):
+        raise ScpiError(-161)
+    tuples = {key: tuple(state[key]) for key, value in defaults.items() if isinstance(value, tuple)}
+    model.restore(state | tuples)
+
+
+def _set_date(model: SimulatedDso7104B, year: int, month: int, day: int) -> None:
+    model.date = (year, month, day)
+
+
+def _set_time(model: SimulatedDso7104B, hour: int, minute: int, second: int) -> None:
+    model.time = (hour, minute, second)
+
+
+def _list_of(values: tuple[int, ...]) -> str:
+    return ",".join(map(signed_integer, values))
+
+
+def _put(name: str) -> Callable[..., None]:
+    def write(model: SimulatedDso7104B, value: Any) -> None:
+        setattr(model, name, value)
+
+    return write
+
+
+def _display_learned(model: SimulatedDso7104B) -> str:
+    """Return the settings in the shape of the siblings' sample (from memory, unverified)."""
+    state = model.state
+    return (
+        f":DISP:LAB {boolean(state['DISP:LAB'])};CONN {boolean(state['DISP:VECT'])};PERS {state['DISP:PERS']};"
+        f"SOUR {state['DISP:SOUR']}"
+    )
+
+
+def _system_learned(model: SimulatedDso7104B) -> str:
+    """Return the settings; of what a real one says there nothing is known."""
+    state = model.state
+    return f":SYST:LOCK {boolean(state['SYST:LOCK'])};PROT:LOCK {boolean(state['SYST:PROT'])}"
+
+
+SYSTEM_COMMANDS = (
+    Command("DISPlay", query=_display_learned),
+    setting("DISPlay:CONNect", "DISP:VECT", Boolean(), boolean),
+    setting("DISPlay:SOURce", "DISP:SOUR", Choice(("PMEMory<0-9>",))),
+    Command("SYSTem", query=_system_learned),
+    setting("DISPlay:VECTors", "DISP:VECT", Boolean(), boolean),
+    setting("DISPlay:LABel", "DISP:LAB", Boolean(), boolean),
+    setting("DISPlay:PERSistence", "DISP:PERS", Choice(("MINimum", "INFinite"))),
+    Command("DISPlay:CLEar", do=nothing),
+    Command(
+        "DISPlay:DATA",
+        query=_picture,
+        query_parameters=(
+            Choice(("PNG", "BMP", "BMP8bit", "TIFF"), required=False, default="PNG"),
+            Choice(("SCReen", "GRATicule"), required=False),
+            Choice(("COLor", "GRAYscale", "MONochrome"), required=False),
+        ),
+        reply=bytes,
+    ),
+    Command("HARDcopy", query=_hard_copy_learned),
+    setting("HARDcopy:AREA", "HARD:AREA", Choice(("SCReen",))),
+    setting("HARDcopy:FACTors", "HARD:FACT", Boolean(), boolean),
+    setting("HARDcopy:FFEed", "HARD:FFE", Boolean(), boolean),
+    setting("HARDcopy:FORMat", "HARD:FORM", Choice(("BMP", "BMP8bit", "PNG", "CSV", "ASCiixy", "BINary"))),
+    setting("HARDcopy:INKSaver", "HARD:INKS", Boolean(), boolean),
+    setting("HARDcopy:LAYout", "HARD:LAY", Choice(("LANDscape", "PORTrait"))),
+    setting("HARDcopy:PALette", "HARD:PAL", Choice(("COLor", "GRAYscale", "NONE"))),
+    Command("HARDcopy[:STARt]", do=nothing),
+    Command("SYSTem:SETup", (Block(),), do=_set_setup, query=_setup, query_parameters=(), reply=bytes),
+    Command("SYSTem:DSP", (Text(limit=254),), do=_put("message"), query=lambda model: model.message, reply=quoted),
+    Command(
+        "SYSTem:DATE",
+        (Integer(limits=Limits(1980, 2099)), Integer(limits=Limits(1, 12)), Integer(limits=Limits(1, 31))),
+        do=_set_date,
+        query=lambda model: model.date,
+        reply=_list_of,
+    ),
+    Command(
+        "SYSTem:TIME",
+        (Integer(limits=Limits(0, 23)), Integer(limits=Limits(0, 59)), Integer(limits=Limits(0, 59))),
+        do=_set_time,
+        query=lambda model: model.time,
+        reply=_list_of,
+    ),
+    setting("SYSTem:LOCK", "SYST:LOCK", Boolean(), boolean),
+    setting("SYSTem:PROTection:LOCK", "SYST:PROT", Boolean(), boolean),
+)
+"""Display, hard copy and system."""

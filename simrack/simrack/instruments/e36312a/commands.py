@@ -1,0 +1,286 @@
+"""The command list of the E36312A (E36300 Series Programming Guide, as users' drivers quote it)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from simrack.instruments.e3631a.kinds import KINDS
+from simrack.instruments.e3631a.system_commands import STATUS_COMMANDS
+from simrack.scpi import (
+    COMMON_COMMANDS,
+    Boolean,
+    Choice,
+    Command,
+    CommandTable,
+    Integer,
+    Limits,
+    Number,
+    Parameter,
+    ScpiError,
+    Special,
+    Text,
+    boolean,
+    next_error,
+    quoted,
+    real,
+    signed_integer,
+)
+from simrack.scpi.lexer import Token, TokenKind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simrack.instruments.e36312a.instrument import SimulatedE36312A
+
+_NAMES = tuple(kind.name for kind in KINDS)
+_PROGRAMMING_S, _READBACK_S = 0.01, 0.02
+"""Command processing is below 10 ms (EDU36311A data sheet, as quoted); a read-back is unverified."""
+_NR3 = real(8)
+
+Names = tuple[str, ...]
+
+
+class _Channels(Parameter, frozen=True, kw_only=True):
+    """A channel list, ``(@1,3)`` or ``(@1:3)``; the selected output where there is none."""
+
+    def parse(self, token: Token) -> Any:
+        """Return the names of the outputs; -224 for a channel that is not there (unverified)."""
+        if token.kind is not TokenKind.EXPRESSION or not token.text.startswith("@"):
+            raise self.refuse_kind(token)
+        return tuple(_NAMES[number - 1] for part in token.text[1:].split(",") for number in _range(part))
+
+
+class _ChannelsOrWord(_Channels, frozen=True, kw_only=True):
+    """A channel list, or MIN, MAX or DEF."""
+
+    def parse(self, token: Token) -> Any:
+        """Return names, or what the word stands for."""
+        if token.kind is TokenKind.WORD:
+            return Special[Choice(tuple(each.value for each in Special)).parse(token)]
+        return super().parse(token)
+
+
+def _range(text: str) -> range:
+    first, colon, last = (piece.strip() for piece in text.partition(":"))
+    if not first.isdecimal() or (colon and not last.isdecimal()):
+        raise ScpiError(-171)
+    low, high = int(first), int(last) if colon else int(first)
+    if not 1 <= low <= high <= len(_NAMES):
+        raise ScpiError(-224)
+    return range(low, high + 1)
+
+
+_LIST = _Channels(required=False)
+_ON_OFF = Boolean()
+
+
+def _of(supply: SimulatedE36312A, names: Names | None) -> Names:
+    return (supply.selected,) if names is None else names
+
+
+def _listed(reply: Callable[[Any], str]) -> Callable[[list[Any]], str]:
+    return lambda values: ",".join(map(reply, values))
+
+
+def _terminal(name: str, value: float) -> float:
+    """Return a voltage at the terminals of the output, of one of its rail, and the other way round."""
+    return (-value if name == "N25V" else value) + 0.0
+
+
+# --- levels ---------------------------------------------------------------------------------------------------------
+
+
+def _limits(supply: SimulatedE36312A, name: str, what: str) -> Limits:
+    kind = supply.outputs[name].kind
+    if what == "VOLT":
+        return Limits(0.0, abs(kind.volts.maximum), 0.0)
+    return Limits(2e-3 if name == "P6V" else 1e-3, kind.amps.maximum, kind.rated_a)
+
+
+def _level(what: str, unit: str, header: str) -> Command:
+    def parameter(supply: SimulatedE36312A, name: str) -> Number:
+        return Number(unit=unit, limits=_limits(supply, name, what))
+
+    def write(supply: SimulatedE36312A, value: Any, names: Names | None) -> None:
+        levels = {name: parameter(supply, name).settle(value, supply) for name in _of(supply, names)}
+        for name, level in levels.items():
+            if what == "VOLT":
+                supply.program(name, volts=_terminal(name, level))
+            else:
+                supply.program(name, amps=level)
+
+    def read(supply: SimulatedE36312A, which: Any, names: Names | None) -> list[float]:
+        if isinstance(which, Special):
+            return [parameter(supply, name).special(which, supply) for name in _of(supply, names)]
+        outputs = [(name, supply.outputs[name]) for name in _of(supply, which)]
+        return [_terminal(name, each.volts) if what == "VOLT" else each.amps for name, each in outputs]
+
+    return Command(
+        header,
+        (Number(unit=unit, deferred=True), _LIST),
+        do=write,
+        query=read,
+        query_parameters=(_ChannelsOrWord(required=False), _LIST),
+        reply=_listed(_NR3),
+        takes_s=_PROGRAMMING_S,
+    )
+
+
+_IDENTIFIER = Choice((*_NAMES, "CH<1-3>"))
+
+
+def _named(identifier: str) -> str:
+    return _NAMES[int(identifier[2:]) - 1] if identifier.startswith("CH") else identifier
+
+
+def _apply(supply: SimulatedE36312A, identifier: str, volts: Any, amps: Any) -> None:
+    name = _named(identifier)
+    if volts is not None:
+        volts = _terminal(name, Number(unit="V", limits=_limits(supply, name, "VOLT")).settle(volts, supply))
+    if amps is not None:
+        amps = Number(unit="A", limits=_limits(supply, name, "CURR")).settle(amps, supply)
+    supply.program(name, volts=volts, amps=amps)
+
+
+def _applied(supply: SimulatedE36312A, identifier: str | None) -> str:
+    name = supply.selected if identifier is None else _named(identifier)
+    output = supply.outputs[name]
+    return f"{_terminal(name, output.volts):.6f},{output.amps:.6f}"
+
+
+def _select(supply: SimulatedE36312A, identifier: str) -> None:
+    supply.selected = _named(identifier)
+
+
+def _select_number(supply: SimulatedE36312A, number: int) -> None:
+    supply.selected = _NAMES[number - 1]
+
+
+def _selected_number(supply: SimulatedE36312A) -> int:
+    return supply.output.kind.number
+
+
+# --- switches, protection, measurements -----------------------------------------------------------------------------
+
+
+def _switch(supply: SimulatedE36312A, state: object, names: Names | None) -> None:
+    supply.switch(_of(supply, names), on=bool(state))
+
+
+def _kept(attribute: str, header: str, parameter: Parameter, reply: Callable[[Any], str]) -> Command:
+    def write(supply: SimulatedE36312A, value: Any, names: Names | None) -> None:
+        kept = getattr(supply, attribute)
+        kept.update({name: bool(value) if isinstance(parameter, Boolean) else value for name in _of(supply, names)})
+        supply.regulate()
+
+    def read(supply: SimulatedE36312A, names: Names | None) -> list[Any]:
+        return [getattr(supply, attribute)[name] for name in _of(supply, names)]
+
+    return Command(header, (parameter, _LIST), do=write, query=read, query_parameters=(_LIST,), reply=_listed(reply))
+
+
+def _tripped(cause: str) -> Callable[..., list[bool]]:
+    def read(supply: SimulatedE36312A, names: Names | None) -> list[bool]:
+        supply.observe()
+        return [supply.tripped[name] == cause for name in _of(supply, names)]
+
+    return read
+
+
+def _clear(supply: SimulatedE36312A, names: Names | None) -> None:
+    supply.tripped.update(dict.fromkeys(_of(supply, names), ""))
+
+
+def _pair(supply: SimulatedE36312A, state: str) -> None:
+    """OFF is all that is simulated."""
+    del supply, state
+
+
+def _measure_volts(supply: SimulatedE36312A, names: Names | None) -> list[float]:
+    supply.observe()
+    return [_terminal(name, supply.outputs[name].voltage_reading()) for name in _of(supply, names)]
+
+
+def _measure_amps(supply: SimulatedE36312A, names: Names | None) -> list[float]:
+    supply.observe()
+    return [supply.outputs[name].current_reading() for name in _of(supply, names)]
+
+
+def _measurement(header: str, read: Callable[..., list[float]]) -> Command:
+    return Command(header, query=read, query_parameters=(_LIST,), reply=_listed(_NR3), query_takes_s=_READBACK_S)
+
+
+def _show(supply: SimulatedE36312A, text: str) -> None:
+    supply.display_text = text[:12]
+
+
+def _nothing(supply: SimulatedE36312A) -> None:
+    del supply
+
+
+_SLOT = (Integer(limits=Limits(0, 9), named=False),)
+
+TABLE = CommandTable(
+    *COMMON_COMMANDS,
+    *STATUS_COMMANDS,
+    _level("VOLT", "V", "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]"),
+    _level("CURR", "A", "[SOURce:]CURRent[:LEVel][:IMMediate][:AMPLitude]"),
+    Command(
+        "APPLy",
+        (_IDENTIFIER, Number(unit="V", deferred=True, required=False), Number(unit="A", deferred=True, required=False)),
+        do=_apply,
+        query=_applied,
+        query_parameters=(Choice((*_NAMES, "CH<1-3>"), required=False),),
+        reply=quoted,
+        takes_s=_PROGRAMMING_S,
+    ),
+    Command(
+        "INSTrument[:SELect]",
+        (_IDENTIFIER,),
+        do=_select,
+        query=lambda supply: f"CH{supply.output.kind.number}",
+    ),
+    Command(
+        "INSTrument:NSELect",
+        (Integer(limits=Limits(1, 3), named=False),),
+        do=_select_number,
+        query=_selected_number,
+        query_parameters=(),
+        reply=signed_integer,
+    ),
+    Command(
+        "OUTPut[:STATe]",
+        (_ON_OFF, _LIST),
+        do=_switch,
+        query=lambda supply, names: [supply.switched[name] for name in _of(supply, names)],
+        query_parameters=(_LIST,),
+        reply=_listed(boolean),
+        takes_s=_PROGRAMMING_S,
+    ),
+    Command("OUTPut:PAIR", (Choice(("OFF",)),), do=_pair, query=lambda supply: "OFF" if supply else ""),
+    Command("OUTPut:PROTection:CLEar", (_LIST,), do=_clear),
+    _kept("over_v", "[SOURce:]VOLTage:PROTection[:LEVel]", Number(unit="V", limits=Limits(0.0, 27.5)), _NR3),
+    _kept("over_v_on", "[SOURce:]VOLTage:PROTection:STATe", _ON_OFF, boolean),
+    _kept("over_a_on", "[SOURce:]CURRent:PROTection:STATe", _ON_OFF, boolean),
+    Command(
+        "[SOURce:]VOLTage:PROTection:TRIPped", query=_tripped("OV"), query_parameters=(_LIST,), reply=_listed(boolean)
+    ),
+    Command(
+        "[SOURce:]CURRent:PROTection:TRIPped", query=_tripped("OC"), query_parameters=(_LIST,), reply=_listed(boolean)
+    ),
+    Command("[SOURce:]VOLTage:PROTection:CLEar", (_LIST,), do=_clear),
+    Command("[SOURce:]CURRent:PROTection:CLEar", (_LIST,), do=_clear),
+    _measurement("MEASure[:SCALar][:VOLTage][:DC]", _measure_volts),
+    _measurement("MEASure[:SCALar]:CURRent[:DC]", _measure_amps),
+    Command(
+        "DISPlay[:WINDow]:TEXT[:DATA]", (Text(),), do=_show, query=lambda supply: supply.display_text, reply=quoted
+    ),
+    Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda supply: _show(supply, "")),
+    Command("SYSTem:BEEPer[:IMMediate]", do=_nothing),
+    Command("SYSTem:ERRor:NEXT", query=next_error),
+    Command("SYSTem:VERSion", query=lambda _: "1999.0"),
+    *(Command(f"SYSTem:{word}", do=_nothing) for word in ("LOCal", "REMote", "RWLock")),
+    Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=1.0),
+    Command("*SAV", _SLOT, do=lambda supply, slot: supply.save(slot)),
+    Command("*RCL", _SLOT, do=lambda supply, slot: supply.recall(slot)),
+)

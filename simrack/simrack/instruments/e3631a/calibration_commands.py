@@ -1,0 +1,123 @@
+"""CALibration of the E3631A (User's Guide E3631-90002, ed. 10, p. 104-108)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from simrack.instruments.e3631a.calibration import CalibrationPoint, adjust_amps, adjust_volts, level_a, level_v
+from simrack.instruments.e3631a.system_commands import remote_only
+from simrack.scpi import (
+    Boolean,
+    Choice,
+    Command,
+    Number,
+    ScpiError,
+    Text,
+    Word,
+    bare_integer,
+    boolean,
+    quoted,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simrack.instruments.e3631a.instrument import SimulatedE3631A
+    from simrack.instruments.e3631a.output import SupplyOutput
+
+
+def _require_on(supply: SimulatedE3631A) -> None:
+    supply.calibration.require_unsecured()
+    if not supply.output_on:
+        raise ScpiError(708)
+
+
+@remote_only
+def _go_to_volts(supply: SimulatedE3631A, level: str) -> None:
+    _require_on(supply)
+    supply.calibration.begin(supply.selected, "VOLT", level)
+    supply.program(supply.selected, volts=level_v(supply.output, level))
+
+
+@remote_only
+def _go_to_amps(supply: SimulatedE3631A, level: str) -> None:
+    _require_on(supply)
+    supply.calibration.begin(supply.selected, "CURR", level)
+    supply.program(supply.selected, amps=level_a(supply.output, level))
+
+
+def _take(
+    supply: SimulatedE3631A,
+    quantity: str,
+    measured: float,
+    programmed_and_shown: Callable[[SupplyOutput], tuple[float, float]],
+    adjust: Callable[[SupplyOutput, CalibrationPoint, CalibrationPoint], None],
+) -> None:
+    """Take what was measured outside of the selected output; the second point makes new constants."""
+    _require_on(supply)
+    supply.observe()
+    programmed, shown = programmed_and_shown(supply.output)
+    point = CalibrationPoint(programmed, measured, shown)
+    both = supply.calibration.take(supply.selected, quantity, point)
+    if both is not None:
+        adjust(supply.output, *both)
+        supply.drive()
+
+
+@remote_only
+def _take_volts(supply: SimulatedE3631A, measured: float) -> None:
+    _take(supply, "VOLT", measured, lambda output: (output.volts, output.voltage_reading()), adjust_volts)
+
+
+@remote_only
+def _take_amps(supply: SimulatedE3631A, measured: float) -> None:
+    _take(supply, "CURR", measured, lambda output: (output.amps, output.current_reading()), adjust_amps)
+
+
+def _count(supply: SimulatedE3631A) -> int:
+    return supply.calibration.count
+
+
+@remote_only
+def _set_code(supply: SimulatedE3631A, code: str) -> None:
+    supply.calibration.require_unsecured()
+    supply.calibration.code = code
+
+
+@remote_only
+def _set_secured(supply: SimulatedE3631A, state: object, code: str) -> None:
+    if code != supply.calibration.code:
+        raise ScpiError(703)
+    supply.calibration.secured = bool(state)
+
+
+def _secured(supply: SimulatedE3631A) -> bool:
+    return supply.calibration.secured
+
+
+@remote_only
+def _set_text(supply: SimulatedE3631A, text: str) -> None:
+    supply.calibration.require_unsecured()
+    supply.calibration.text = text
+
+
+def _text(supply: SimulatedE3631A) -> str:
+    return supply.calibration.text
+
+
+_CODE = Word(word_too_long=704)
+
+
+_LEVEL = (Choice(("MINimum", "MAXimum")),)
+
+
+CALIBRATION_COMMANDS = (
+    Command("CALibration:COUNt", query=_count, reply=bare_integer),
+    Command("CALibration:SECure:CODE", (_CODE,), do=_set_code),
+    Command("CALibration:SECure:STATe", (Boolean(), _CODE), do=_set_secured, query=_secured, reply=boolean),
+    Command("CALibration:STRing", (Text(limit=40),), do=_set_text, query=_text, reply=quoted),
+    Command("CALibration:VOLTage[:DATA]", (Number(unit="V"),), do=_take_volts),
+    Command("CALibration:CURRent[:DATA]", (Number(unit="A"),), do=_take_amps),
+    Command("CALibration:VOLTage:LEVel", _LEVEL, do=_go_to_volts),
+    Command("CALibration:CURRent:LEVel", _LEVEL, do=_go_to_amps),
+)

@@ -1,0 +1,301 @@
+"""What the E3631A is told about its outputs, and its trigger.
+
+Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 84-96).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from simrack.instruments.e3631a.kinds import KINDS
+from simrack.instruments.e3631a.system_commands import remote_only
+from simrack.scpi import (
+    Boolean,
+    Choice,
+    Command,
+    Integer,
+    Limits,
+    Number,
+    ScpiError,
+    bare_integer,
+    boolean,
+    quoted,
+    real,
+)
+
+if TYPE_CHECKING:
+    from simrack.instruments.e3631a.instrument import SimulatedE3631A
+
+_PROGRAMMING_S = 0.05
+"""From a programming command to the change at the output: the guide gives it as less than this (p. 187)."""
+_READBACK_S = 0.1
+"""MEASure?: the guide gives it as less than this (p. 187)."""
+
+
+_VOLT_LIMITS = {kind.name: kind.volts._replace(default=None) for kind in KINDS}
+_AMP_LIMITS = {kind.name: kind.amps._replace(default=None) for kind in KINDS}
+"""Without DEF, which is a word of APPLy only (p. 91)."""
+
+
+def _volt_limits(supply: SimulatedE3631A) -> Limits:
+    return _VOLT_LIMITS[supply.selected]
+
+
+def _amp_limits(supply: SimulatedE3631A) -> Limits:
+    return _AMP_LIMITS[supply.selected]
+
+
+@remote_only
+def _set_volts(supply: SimulatedE3631A, volts: float) -> None:
+    supply.program(supply.selected, volts=volts)
+
+
+def _volts(supply: SimulatedE3631A) -> float:
+    return supply.output.volts
+
+
+@remote_only
+def _set_amps(supply: SimulatedE3631A, amps: float) -> None:
+    supply.program(supply.selected, amps=amps)
+
+
+def _amps(supply: SimulatedE3631A) -> float:
+    return supply.output.amps
+
+
+@remote_only
+def _set_triggered_volts(supply: SimulatedE3631A, volts: float) -> None:
+    supply.output.triggered_volts = volts
+
+
+def _triggered_volts(supply: SimulatedE3631A) -> float:
+    pending = supply.output.triggered_volts
+    return supply.output.volts if pending is None else pending
+
+
+@remote_only
+def _set_triggered_amps(supply: SimulatedE3631A, amps: float) -> None:
+    supply.output.triggered_amps = amps
+
+
+def _triggered_amps(supply: SimulatedE3631A) -> float:
+    pending = supply.output.triggered_amps
+    return supply.output.amps if pending is None else pending
+
+
+@remote_only
+def _apply(supply: SimulatedE3631A, name: str, volts: Any, amps: Any) -> None:
+    kind = supply.outputs[name].kind
+    volts = None if volts is None else kind.volt_parameter.settle(volts, supply)
+    amps = None if amps is None else kind.amp_parameter.settle(amps, supply)
+    supply.selected = name
+    supply.program(name, volts=volts, amps=amps)
+
+
+def _applied(supply: SimulatedE3631A, name: str | None) -> str:
+    output = supply.outputs[name or supply.selected]
+    return f"{output.volts:.6f},{output.amps:.6f}"
+
+
+@remote_only
+def _select(supply: SimulatedE3631A, name: str) -> None:
+    supply.selected = name
+
+
+def _selected(supply: SimulatedE3631A) -> str:
+    return supply.selected
+
+
+@remote_only
+def _select_number(supply: SimulatedE3631A, number: int) -> None:
+    supply.selected = KINDS[number - 1].name
+
+
+def _selected_number(supply: SimulatedE3631A) -> int:
+    return supply.output.kind.number
+
+
+@remote_only
+def _couple(supply: SimulatedE3631A, *names: str) -> None:
+    if ("ALL" in names or "NONE" in names) and len(names) > 1:
+        raise ScpiError(-108)
+    wanted = tuple(kind.name for kind in KINDS if kind.name in names or "ALL" in names)
+    if supply.tracking and {"P25V", "N25V"} <= set(wanted):
+        raise ScpiError(800)
+    supply.coupled = wanted
+
+
+def _coupling(supply: SimulatedE3631A) -> str:
+    if len(supply.coupled) == len(KINDS):
+        return "ALL"
+    return ",".join(supply.coupled) or "NONE"
+
+
+def _measure_volts(supply: SimulatedE3631A, name: str | None) -> float:
+    supply.observe()
+    return supply.outputs[name or supply.selected].voltage_reading()
+
+
+def _measure_amps(supply: SimulatedE3631A, name: str | None) -> float:
+    supply.observe()
+    return supply.outputs[name or supply.selected].current_reading()
+
+
+@remote_only
+def _switch(supply: SimulatedE3631A, state: object) -> None:
+    supply.output_on = bool(state)
+    supply.drive()
+
+
+def _switched(supply: SimulatedE3631A) -> bool:
+    return supply.output_on
+
+
+@remote_only
+def _track(supply: SimulatedE3631A, state: object) -> None:
+    if state and {"P25V", "N25V"} <= set(supply.coupled):
+        raise ScpiError(801)
+    supply.tracking = bool(state)
+    if state:
+        supply.program("P25V", volts=supply.outputs["P25V"].volts)
+    supply.drive()
+
+
+def _tracking(supply: SimulatedE3631A) -> bool:
+    return supply.tracking
+
+
+@remote_only
+def _initiate(supply: SimulatedE3631A) -> None:
+    if supply.initiated or supply.transfer_at_s is not None:
+        raise ScpiError(-213)
+    if supply.trigger_source == "IMM":
+        supply.transfer()
+    else:
+        supply.initiated = True
+
+
+def _trigger(supply: SimulatedE3631A) -> None:
+    if not supply.initiated:
+        raise ScpiError(-211)
+    supply.initiated = False
+    supply.transfer_at_s = supply.world.clock.now() + supply.trigger_delay_s
+    supply.plan()
+    supply.service()
+
+
+@remote_only
+def _set_delay(supply: SimulatedE3631A, seconds: float) -> None:
+    supply.trigger_delay_s = seconds
+
+
+def _delay(supply: SimulatedE3631A) -> float:
+    return supply.trigger_delay_s
+
+
+@remote_only
+def _set_source(supply: SimulatedE3631A, source: str) -> None:
+    supply.trigger_source = source
+
+
+def _source(supply: SimulatedE3631A) -> str:
+    return supply.trigger_source
+
+
+_NR3 = real(8)
+_OUTPUT = Choice(("P6V", "P25V", "N25V"))
+_OUTPUT_OR_SELECTED = (Choice(("P6V", "P25V", "N25V"), required=False),)
+_VOLTS = (Number(unit="V", limits=_volt_limits),)
+_AMPS = (Number(unit="A", limits=_amp_limits),)
+_ON_OFF = (Boolean(),)
+
+OUTPUT_COMMANDS = (
+    Command(
+        "APPLy",
+        (
+            _OUTPUT,
+            Number(unit="V", required=False, deferred=True),
+            Number(unit="A", required=False, deferred=True),
+        ),
+        do=_apply,
+        query=_applied,
+        query_parameters=_OUTPUT_OR_SELECTED,
+        reply=quoted,
+        takes_s=_PROGRAMMING_S,
+    ),
+    Command("INSTrument[:SELect]", (_OUTPUT,), do=_select, query=_selected),
+    Command(
+        "INSTrument:NSELect",
+        (Integer(limits=Limits(1, 3), named=False),),
+        do=_select_number,
+        query=_selected_number,
+        query_parameters=(),
+        reply=bare_integer,
+    ),
+    Command(
+        "INSTrument:COUPle[:TRIGger]",
+        (Choice(("ALL", "NONE", "P6V", "P25V", "N25V")),),
+        do=_couple,
+        query=_coupling,
+        repeat=True,
+    ),
+    Command(
+        "MEASure[:VOLTage][:DC]",
+        query=_measure_volts,
+        query_parameters=_OUTPUT_OR_SELECTED,
+        reply=_NR3,
+        query_takes_s=_READBACK_S,
+    ),
+    Command(
+        "MEASure:CURRent[:DC]",
+        query=_measure_amps,
+        query_parameters=_OUTPUT_OR_SELECTED,
+        reply=_NR3,
+        query_takes_s=_READBACK_S,
+    ),
+    Command("OUTPut[:STATe]", _ON_OFF, do=_switch, query=_switched, reply=boolean, takes_s=_PROGRAMMING_S),
+    Command("OUTPut:TRACk[:STATe]", _ON_OFF, do=_track, query=_tracking, reply=boolean, takes_s=_PROGRAMMING_S),
+    Command(
+        "[SOURce:]CURRent[:LEVel][:IMMediate][:AMPLitude]",
+        _AMPS,
+        do=_set_amps,
+        query=_amps,
+        reply=_NR3,
+        takes_s=_PROGRAMMING_S,
+    ),
+    Command(
+        "[SOURce:]CURRent[:LEVel]:TRIGgered[:AMPLitude]",
+        _AMPS,
+        do=_set_triggered_amps,
+        query=_triggered_amps,
+        reply=_NR3,
+    ),
+    Command(
+        "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]",
+        _VOLTS,
+        do=_set_volts,
+        query=_volts,
+        reply=_NR3,
+        takes_s=_PROGRAMMING_S,
+    ),
+    Command(
+        "[SOURce:]VOLTage[:LEVel]:TRIGgered[:AMPLitude]",
+        _VOLTS,
+        do=_set_triggered_volts,
+        query=_triggered_volts,
+        reply=_NR3,
+    ),
+)
+
+TRIGGER_COMMANDS = (
+    Command("INITiate[:IMMediate]", do=_initiate),
+    Command(
+        "TRIGger[:SEQuence]:DELay",
+        (Number(unit="S", limits=Limits(0.0, 3600.0)),),
+        do=_set_delay,
+        query=_delay,
+        reply=_NR3,
+    ),
+    Command("TRIGger[:SEQuence]:SOURce", (Choice(("BUS", "IMMediate")),), do=_set_source, query=_source),
+    Command("*TRG", do=_trigger),
+)

@@ -1,0 +1,119 @@
+"""What the simulated 2000 and DMM6500 have in common: ranges, integration, relative values, specimens."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
+
+from simrack.instruments.hp34401a.errors import MeterErrors
+from simrack.instruments.hp34401a.functions import BY_NAME
+from simrack.instruments.hp34401a.range_commands import range_commands
+from simrack.scpi import Boolean, Choice, Command, Integer, Limits, Number, Pending, boolean, real, signed_integer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    import numpy as np
+
+    from simrack.instruments.hp34401a.functions import Function
+    from simrack.instruments.truevolt.instrument import SimulatedTruevolt
+    from simrack.specifications import VoltmeterSpecification
+
+_NR3 = real(8)
+NAMES = MappingProxyType({"VOLT": "VOLT:DC", "VOLT:AC": "VOLT:AC", "RES": "RES", "FRES": "FRES"})
+"""The functions that are simulated, and what the makers call them in replies."""
+_HEADERS = MappingProxyType(
+    {"VOLT": "VOLTage[:DC]", "VOLT:AC": "VOLTage:AC", "RES": "RESistance", "FRES": "FRESistance"}
+)
+
+
+def functions_of(sheet: VoltmeterSpecification) -> Mapping[str, Function]:
+    """Return the measurement functions by name: a 34401A's with the resolutions of `sheet`."""
+    return MappingProxyType(
+        {
+            name: replace(BY_NAME[name], fractions=sheet.resolution) if BY_NAME[name].integrating else BY_NAME[name]
+            for name in (*NAMES, "FREQ", "PER", "CONT", "DIOD", "VOLT:RAT")
+        }
+    )
+
+
+def drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str, Any]:
+    """Return the imperfections of a 34401A, those of direct voltage drawn uniformly within the 1-year limits."""
+    like, limit = MeterErrors.drawn(rng), sheet.accuracy_of(10.0, 365)
+    fields = {name: getattr(like, name) for name in MeterErrors.__struct_fields__}
+    gain_error, offset_v = (float(rng.uniform(-each, each)) for each in (limit.reading, limit.range * 10.0))
+    return {**fields, "gain_error": gain_error, "offset_v": offset_v}
+
+
+def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
+    """Take what nothing on the bench takes notice of."""
+    del meter, values
+
+
+def once_idle(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
+    """Return what `outcome` returns, once the measurement is at its end."""
+    if meter.triggering.sequence is None:
+        return outcome()
+    return Pending(lambda: meter.clock.now() if meter.triggering.sequence is None else None, outcome)
+
+
+def spelled(name: str) -> str:
+    """Return the 34401A's name of a function that Keithley spells VOLT:DC, VOLTage, RESistance."""
+    words = name.strip().upper().replace("VOLTAGE", "VOLT").replace("FRESISTANCE", "FRES").replace("RESISTANCE", "RES")
+    return words.removesuffix(":DC")
+
+
+def setting(pattern: str, key: str, parameter: Any, reply: Callable[[Any], str] = str) -> Command:
+    """Declare a setting that is kept in `meter.kept`, one of the functions where the pattern names one."""
+
+    def write(meter: Any, value: Any) -> None:
+        meter.kept[key] = value
+
+    return Command(pattern, (parameter,), do=write, query=lambda meter: meter.kept[key], reply=reply)
+
+
+def _integration(name: str, header: str, limits: tuple[float, float]) -> Command:
+    """Any power-line cycles within the limits can be set; the resolution goes with them."""
+
+    def write(meter: SimulatedTruevolt, cycles: float) -> None:
+        setup = meter.setups[name]
+        setup.nplc, setup.resolution = cycles, meter.functions[name].fraction_of(cycles)
+
+    return Command(
+        f"[SENSe:]{header}:NPLCycles",
+        (Number(limits=Limits(*limits, 1.0)),),
+        do=write,
+        query=lambda meter: float(meter.setups[name].nplc),
+        reply=_NR3,
+    )
+
+
+def settings_of_functions(
+    functions: Mapping[str, Function], nplc: tuple[float, float], relative: str
+) -> tuple[Command, ...]:
+    """Declare ranges, integration, averaging and relative values of every function; `relative` is their word for it."""
+    commands: list[Command] = []
+    for name, header in _HEADERS.items():
+        fixed, automatic = range_commands(functions[name], header)
+        commands += [fixed, automatic]
+        if functions[name].integrating:
+            commands.append(_integration(name, header, nplc))
+        commands += [
+            setting(f"[SENSe:]{header}:AVERage:STATe", f"{name}:average", Boolean(), boolean),
+            setting(f"[SENSe:]{header}:AVERage:TCONtrol", f"{name}:type", Choice(("REPeat", "MOVing"))),
+            setting(f"[SENSe:]{header}:AVERage:COUNt", f"{name}:count", Integer(limits=Limits(1, 100)), signed_integer),
+            setting(f"[SENSe:]{header}:{relative}", f"{name}:reference", Number(limits=Limits(-1e9, 1e9, 0.0)), _NR3),
+            setting(f"[SENSe:]{header}:{relative}:STATe", f"{name}:relative", Boolean(), boolean),
+        ]
+    return tuple(commands)
+
+
+def kept_by_functions(*, average: bool) -> dict[str, Any]:
+    """Return the settings of `settings_of_functions` after ``*RST``."""
+    kept: dict[str, Any] = {}
+    for name in NAMES:
+        kept |= {f"{name}:average": average, f"{name}:type": "REP", f"{name}:count": 10}
+        kept |= {f"{name}:reference": 0.0, f"{name}:relative": False}
+    return kept

@@ -1,0 +1,99 @@
+"""Simulated 33500B and 33600A: a 33220A's output behind another command table, limits, memory and accuracy.
+
+Sources: single pages of the Agilent 33500 Series Operating and Service Guide (p. 62 output termination; the VOLTage
+subsystem), the maker's help pages, a driver made from the maker's SCPI description of the 33500B, and a users' record
+of what a 33600A answers after ``*RST``. What none of them has is the 33220A's and unverified: times, the words of -221
+and -222, what gives way to what.
+
+Not simulated: the second channel (V_Vc is on the first), sums and BPSK, sequences, lists, gated output, the timer
+as trigger, and the lower amplitudes of a 33600A at high frequencies.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from simrack.instruments.agilent33220a.instrument import GeneratorErrors, SimulatedAgilent33220A
+from simrack.instruments.agilent33220a.settings import RESET, drawn_ranges
+from simrack.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
+from simrack.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, TrueformSeries, kind
+from simrack.instruments.trueform.levels import LimitedLevels
+from simrack.specifications import KEYSIGHT_33500B
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from simrack.scpi import CommandTable
+
+_LIMITS: dict[str, Any] = {"limit_on": False, "limit_high": 10.0, "limit_low": -10.0}
+_ARBITRARY: dict[str, Any] = {"srate": 40e3, "filter": "STEP", "advance": "SRAT", "brate": 1e3, "sequence": "PN7"}
+_LONGEST_LINE = 15 * MOST_POINTS + 1024
+_FREQUENCY_ERROR = 2e-6
+"""Of the time base: 1 ppm a year and 1 ppm of temperature (general knowledge of the data sheet, unverified)."""
+
+
+class TrueformErrors(GeneratorErrors, frozen=True):
+    """Imperfections of one specimen; each is off at zero. The converter has 16 bits."""
+
+    promised: ClassVar = (KEYSIGHT_33500B.setting, KEYSIGHT_33500B.offset_v)
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> TrueformErrors:
+        """Return a specimen drawn uniformly within the data sheet (unverified, as the sheet says itself)."""
+        sheet = KEYSIGHT_33500B
+        errors = [
+            (float(rng.uniform(-sheet.setting, sheet.setting)), float(rng.uniform(-1.0, 1.0)) * sheet.offset_v)
+            for _ in sheet.ranges_v
+        ]
+        amplitude = float(rng.uniform(-0.01, 0.01))
+        frequency = float(rng.uniform(-_FREQUENCY_ERROR, _FREQUENCY_ERROR))
+        return cls(drawn_ranges(rng, errors, cls.promised), amplitude, frequency, sheet.bits, 4)
+
+
+class SimulatedTrueform(SimulatedAgilent33220A):
+    """A generator of the series, made by :meth:`of_model`; arguments as of the 33220A."""
+
+    errors_class: ClassVar = TrueformErrors
+    table: ClassVar[CommandTable]
+    longest_line: ClassVar[int] = _LONGEST_LINE
+    series: ClassVar[TrueformSeries]
+
+    @classmethod
+    def of_model(cls, model: str, sine_hz: float) -> type[Self]:
+        """Return the simulated model of the series whose sines go up to `sine_hz`."""
+        series = SERIES_33600A if model.endswith("A") else SERIES_33500B
+        own = {
+            "own_name": model,
+            "series": series,
+            "kind": kind(series, sine_hz),
+            "reset_state": {**RESET, **_LIMITS, **_ARBITRARY, "edge": series.edge_reset_s},
+        }
+        return type(cls.__name__, (cls,), {**own, "__doc__": cls.__doc__})
+
+    def made_memory(self, full_scale: int) -> NamedWaveforms:
+        """Return the waveform memory of the series."""
+        self.waveforms = NamedWaveforms(full_scale)
+        return self.waveforms
+
+    def made_levels(self, errors: GeneratorErrors) -> LimitedLevels:
+        """Return levels that keep within VOLTage:LIMit."""
+        self.limited = LimitedLevels(self.state, errors, self.memory, self.engine.report)
+        return self.limited
+
+    def identity(self) -> str:
+        """Return the reply of a real unit, but for the model."""
+        return self.series.identity.format(self._model)
+
+    def choose_arbitrary(self, name: str) -> None:
+        """FUNCtion:ARBitrary: select a waveform; another length is another frequency at the same sample rate."""
+        self.waveforms.points(name)
+        self.state["user"] = name
+        self.tune_arbitrary()
+        self.update()
+
+    def tune_arbitrary(self) -> None:
+        """Take the frequency that the sample rate gives, where an arbitrary waveform is selected; of bits likewise."""
+        if self.state["func"] == "PRBS":
+            self.state["freq"] = self.state["brate"] / PRBS_BITS
+        if self.state["func"] == "USER":
+            self.state["freq"] = self.state["srate"] / len(self.waveforms.points(self.state["user"]))

@@ -1,0 +1,203 @@
+"""Simulated 34461A and 34465A: a 34401A's inputs behind another parser, memory and mathematics.
+
+Source: Keysight Truevolt Series Operating and Service Guide, SCPI Programming Reference. At hand were single pages of
+it (p. 197, 221, 223 of Agilent's edition; p. 204, 257, 269, 289, 305, 328, 345, 451 of Keysight's; the help page of the
+DATA subsystem) and users' drivers (QCoDeS). What neither has is taken over from the 34401A and unverified: times beside
+integration, alternating voltage, ohms and their errors, the errors that a refused value gives, what becomes of a
+running measurement when a setting is changed (here it is ended, as the readings are forgotten).
+"""
+
+from __future__ import annotations
+
+import math
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from simrack import specifications
+from simrack.instruments.hp34401a.calculation import OVERLOAD
+from simrack.instruments.hp34401a.errors import MeterErrors
+from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
+from simrack.instruments.truevolt.kinds import KIND_34461A, KIND_34465A, MeterKind
+from simrack.instruments.truevolt.mathematics import LimitTest, Null, Statistics
+from simrack.instruments.truevolt.memory import RingTriggerSystem
+from simrack.scpi import GPIB, LAN, USB, Dialect, Register
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+
+    from simrack.instruments.hp34401a.functions import Function
+    from simrack.instruments.hp34401a.trigger import TriggerSystem
+    from simrack.scpi import Interface
+    from simrack.specifications import VoltmeterSpecification
+
+_DIALECT = Dialect(queue_depth=20, words={-350: "Error queue overflow"}, takes_blocks=False)
+"""Depth and words are unverified."""
+_OVERFLOW = 1 << 14
+"""QUEStionable bit of a memory that overflowed (guide p. 306)."""
+_SERIAL_NUMBER = "MY54500001"
+_OFFSET_RANGE_V = 10.0
+
+
+class Errors34461A(MeterErrors, frozen=True):
+    """Imperfections of a 34461A: those of a 34401A, in direct voltage drawn from its own data sheet."""
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Errors34461A:
+        """Return a specimen drawn from the 1-year accuracy of the 10 V range as two standard deviations."""
+        return cls(**_drawn(KIND_34461A.sheet, rng))
+
+
+class Errors34465A(MeterErrors, frozen=True):
+    """Imperfections of a 34465A: those of a 34401A, in direct voltage drawn from its own data sheet."""
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Errors34465A:
+        """Return a specimen drawn from the 1-year accuracy of the 10 V range as two standard deviations."""
+        return cls(**_drawn(KIND_34465A.sheet, rng))
+
+
+def _drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str, Any]:
+    """Return the imperfections of a 34401A, those of direct voltage scaled to the standard deviations of `sheet`.
+
+    Scaled and not drawn anew, so that a seed keeps its meaning.
+    """
+    like = MeterErrors.drawn(rng)
+    own, classic = (each.standard_deviation(_OFFSET_RANGE_V, 365) for each in (sheet, specifications.HP_34401A))
+    fields = {name: getattr(like, name) for name in MeterErrors.__struct_fields__}
+    gain_error, offset_v = like.gain_error * own.reading / classic.reading, like.offset_v * own.range / classic.range
+    return {**fields, "gain_error": gain_error, "offset_v": offset_v}
+
+
+class SimulatedTruevolt(SimulatedHp34401A):
+    """A meter of the series.
+
+    Args:
+        world: the World, or leads to it.
+        node: the node on its input terminals.
+        errors: imperfections of this specimen.
+        mains_hz: line frequency.
+        source_ohm: resistance of the node, which the input resistance loads.
+        sense: the node on its sense terminals; None leaves them open.
+        interface: "gpib", "usb" or "lan".
+        model: what it calls itself.
+    """
+
+    kind: ClassVar[MeterKind]
+    dialect: ClassVar[Dialect] = _DIALECT
+    interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"gpib": GPIB, "usb": USB, "lan": LAN})
+
+    def __init__(
+        self,
+        world: Any,
+        *,
+        node: str = "output",
+        errors: MeterErrors,
+        mains_hz: float = 50.0,
+        source_ohm: float = 0.0,
+        sense: str | None = None,
+        interface: str = "usb",
+        model: str | None = None,
+    ) -> None:
+        self.identifies_as = "DEF"
+        self.line_hz = 60 if mains_hz == 60.0 else 50
+        self.operation = Register()
+        super().__init__(
+            world,
+            node=node,
+            errors=errors,
+            mains_hz=mains_hz,
+            source_ohm=source_ohm,
+            sense=sense,
+            interface=interface,
+            model=model or self.kind.model,
+        )
+
+    def data_sheet(self) -> VoltmeterSpecification:
+        """Return what is published of the direct voltages of the model."""
+        return self.kind.sheet
+
+    def made_trigger_system(self) -> TriggerSystem:
+        """Return the trigger system: a memory that forgets the oldest readings."""
+        self.ring = RingTriggerSystem(
+            self.clock,
+            self._begin_reading,
+            self._finish_reading,
+            self.kind.memory,
+            lambda: self.questionable.latch(_OVERFLOW),
+        )
+        return self.ring
+
+    # --- what the engine asks -----------------------------------------------------------------------------
+
+    def identity(self) -> str:
+        """Return the identity (guide p. 270); the serial number is made up."""
+        maker = {"DEF": "Keysight Technologies", "HP34401A": "HEWLETT-PACKARD"}.get(
+            self.identifies_as, "Agilent Technologies"
+        )
+        model = self._model if self.identifies_as == "DEF" else self.identifies_as[2:]
+        return f"{maker},{model},{_SERIAL_NUMBER},{self.kind.firmware}"
+
+    def reset(self) -> None:
+        """*RST."""
+        self._autozero = dict.fromkeys(self.functions, True)
+        self.aperture_on = dict.fromkeys(self.functions, False)
+        self.null = Null()
+        self.statistics = Statistics()
+        self.limit_test = LimitTest()
+        super().reset()
+
+    def operations_end_s(self) -> float:
+        """*OPC, *OPC? and *WAI wait for a measurement that INITiate has begun."""
+        return -math.inf if self.triggering.sequence is None else math.inf
+
+    # --- measuring ----------------------------------------------------------------------------------------
+
+    @property
+    def autozero(self) -> bool:
+        """Whether the present function takes a zero with each reading; the 34401A has one setting for all."""
+        return self._autozero[self.function.name]
+
+    @autozero.setter
+    def autozero(self, on: bool) -> None:
+        self._autozero[self.function.name] = on
+
+    def autozeroes(self, name: str) -> bool:
+        """Return whether a function takes a zero with each reading."""
+        return self._autozero[name]
+
+    def set_autozero(self, name: str, *, on: bool) -> None:
+        """Have a function take a zero with each reading, or not; the ratio does as direct voltage does."""
+        self._autozero[name] = on
+        if name == "VOLT":
+            self._autozero["VOLT:RAT"] = on
+
+    def autorange_once(self, name: str) -> None:
+        """Take the range for the signal as it is now, and stay there."""
+        setup = self.setups[name]
+        setup.range = self.inputs.autorange(self.functions[name].voltage_ranged, setup.range)
+        setup.auto = False
+
+    def forget(self) -> None:
+        """A setting changes: the measurement ends, and what it has given is forgotten."""
+        self.triggering.abort()
+        self.triggering.memory = []
+
+    def configure(self, function: Function, expected: Any, resolution: Any) -> None:
+        """CONFigure: all settings of the measurement are preset, null and mathematics among them."""
+        automatic = isinstance(expected, float) and math.isnan(expected)
+        super().configure(function, None if automatic else expected, resolution)
+        self.aperture_on[function.name] = False
+        self.null, self.statistics, self.limit_test = Null(), Statistics(), LimitTest()
+
+    def _finish_reading(self, value: float) -> float:
+        if abs(value) >= OVERLOAD:
+            self._show_overload()
+            return value
+        self._sound(value)
+        reading = self.null.apply(value) if self.function.name == "VOLT" else value
+        if self.statistics.on:
+            self.statistics.take(reading)
+        self.questionable.latch(self.limit_test.bits(reading))
+        return reading

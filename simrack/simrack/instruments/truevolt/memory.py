@@ -1,0 +1,49 @@
+"""The trigger system of the Truevolt series: readings go to a memory that forgets the oldest (guide p. 204, 306)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from simrack.instruments.hp34401a.trigger import TriggerSystem
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simrack.clock import Clock
+    from simrack.instruments.hp34401a.inputs import MeterReading
+    from simrack.instruments.hp34401a.trigger import TriggerSequence
+
+
+class RingTriggerSystem(TriggerSystem):
+    """Keeps the newest readings; `overflowed` is called whenever one is lost."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        begin: Callable[[float], MeterReading],
+        finished: Callable[[float], float],
+        capacity: int,
+        overflowed: Callable[[], None],
+    ) -> None:
+        self._overflowed = overflowed
+        super().__init__(clock, begin, finished, capacity)
+
+    def preset(self) -> None:
+        """Take the settings of *RST, CONFigure and MEASure; the trigger's slope is negative (p. 306, example)."""
+        super().preset()
+        self.slope = "NEG"
+        self.last: float | None = None
+
+    def keep(self, sequence: TriggerSequence, value: float) -> None:
+        """Store a reading; the oldest gives way without an error."""
+        del sequence
+        self.last = value
+        self.memory.append(value)
+        if len(self.memory) > self.capacity:
+            del self.memory[0]
+            self._overflowed()
+
+    def take(self, most: int) -> list[float]:
+        """Return and forget the oldest readings."""
+        taken, self.memory = self.memory[:most], self.memory[most:]
+        return taken

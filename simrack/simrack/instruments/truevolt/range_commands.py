@@ -1,0 +1,177 @@
+"""Ranges, resolution, integration, autozero and input of the Truevolt series (guide p. 221, 223, 328, 345, 451)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
+
+from simrack.instruments.hp34401a.range_commands import (
+    gate_command,
+    nplc_command,
+    range_commands,
+    resolution_command,
+)
+from simrack.instruments.truevolt.measuring_commands import forgetting
+from simrack.scpi import Boolean, Command, Limits, Number, boolean, real
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simrack.instruments.hp34401a.functions import Function
+    from simrack.instruments.truevolt.instrument import SimulatedTruevolt
+    from simrack.instruments.truevolt.kinds import MeterKind
+
+_NR3 = real(8)
+_ON_OFF = (Boolean(),)
+_ONCE = (Boolean(words=("ONCE",)),)
+_RANGED = {"VOLT": "VOLTage[:DC]", "VOLT:AC": "VOLTage:AC", "RES": "RESistance", "FRES": "FRESistance"}
+_INTEGRATING = ("VOLT", "RES", "FRES")
+_ZEROED = ("VOLT", "RES")
+"""Four-wire resistance always takes a zero, as it does in the 34401A (unverified)."""
+
+
+def _set_autozero(name: str) -> Callable[..., None]:
+    return lambda meter, state: meter.set_autozero(name, on=state is True)
+
+
+def _autozero(name: str) -> Callable[..., bool]:
+    return lambda meter: bool(meter.autozeroes(name))
+
+
+def _zero_command(name: str) -> Command:
+    header = _RANGED[name]
+    return Command(f"[SENSe:]{header}:ZERO:AUTO", _ONCE, do=_set_autozero(name), query=_autozero(name), reply=boolean)
+
+
+def _set_autorange(name: str) -> Callable[..., None]:
+    def write(meter: SimulatedTruevolt, state: object) -> None:
+        if state == "ONCE":
+            meter.autorange_once(name)
+        else:
+            meter.setups[name].auto = bool(state)
+
+    return write
+
+
+def _range_commands(function: Function, header: str) -> tuple[Command, ...]:
+    """Declare RANGe as the 34401A has it, and RANGe:AUTO, which here knows ONCE too."""
+    fixed, automatic = range_commands(function, header)
+    return fixed, replace(automatic, parameters=_ONCE, do=_set_autorange(function.name))
+
+
+def _set_impedance(meter: SimulatedTruevolt, state: object) -> None:
+    meter.high_impedance = bool(state)
+
+
+def _impedance(meter: SimulatedTruevolt) -> bool:
+    return meter.high_impedance
+
+
+def _set_bandwidth(meter: SimulatedTruevolt, hertz: float) -> None:
+    """A filter is chosen that is slow enough for `hertz`."""
+    meter.bandwidth_hz = 200.0 if hertz >= 200.0 else 20.0 if hertz >= 20.0 else 3.0
+
+
+def _bandwidth(meter: SimulatedTruevolt) -> float:
+    return meter.bandwidth_hz
+
+
+def _set_aperture(name: str) -> Callable[..., None]:
+    """The integration time in seconds is kept as power line cycles, which need not be whole."""
+
+    def write(meter: SimulatedTruevolt, seconds: float) -> None:
+        setup = meter.setups[name]
+        setup.nplc = round(seconds, 6) * meter.line_hz
+        setup.resolution = meter.functions[name].fraction_of(setup.nplc)
+        meter.aperture_on[name] = True
+
+    return write
+
+
+def _aperture(name: str) -> Callable[..., float]:
+    return lambda meter: meter.inputs.aperture_s(meter.setups[name].nplc)
+
+
+def _enable_aperture(name: str) -> Callable[..., None]:
+    def write(meter: SimulatedTruevolt, state: object) -> None:
+        meter.aperture_on[name] = bool(state)
+
+    return write
+
+
+def _aperture_commands(name: str, limits: tuple[float, float]) -> tuple[Command, ...]:
+    header, seconds = _RANGED[name], Number(unit="S", limits=Limits(*limits, 0.1))
+    return (
+        Command(f"[SENSe:]{header}:APERture", (seconds,), do=_set_aperture(name), query=_aperture(name), reply=_NR3),
+        Command(
+            f"[SENSe:]{header}:APERture:ENABled",
+            _ON_OFF,
+            do=_enable_aperture(name),
+            query=lambda meter: meter.aperture_on[name],
+            reply=boolean,
+        ),
+    )
+
+
+def _ending_aperture(name: str, command: Command) -> Command:
+    """Power line cycles and resolution end an integration time in seconds (p. 329)."""
+    do: Any = command.do
+
+    def change(meter: SimulatedTruevolt, value: Any) -> None:
+        do(meter, value)
+        meter.aperture_on[name] = False
+
+    return replace(command, do=change)
+
+
+def _set_null_state(meter: SimulatedTruevolt, state: object) -> None:
+    meter.null.switch(on=bool(state))
+
+
+def _set_null_value(meter: SimulatedTruevolt, value: float) -> None:
+    meter.null.set_value(value)
+
+
+def _set_null_auto(meter: SimulatedTruevolt, state: object) -> None:
+    meter.null.automatic = bool(state)
+
+
+_NULL = "[SENSe:]VOLTage[:DC]:NULL"
+
+
+def commands(kind: MeterKind) -> tuple[Command, ...]:
+    """Return what a model understands of ranges and integration."""
+    functions = kind.functions()
+    apertures = kind.apertures_s
+    settings = (
+        *(each for name, header in _RANGED.items() for each in _range_commands(functions[name], header)),
+        *_range_commands(functions["FREQ"], "FREQuency:VOLTage"),
+        *_range_commands(functions["PER"], "PERiod:VOLTage"),
+        *(_ending_aperture(name, resolution_command(functions[name], _RANGED[name])) for name in _INTEGRATING),
+        *(_ending_aperture(name, nplc_command(functions[name], _RANGED[name])) for name in _INTEGRATING),
+        *(each for name in _INTEGRATING if apertures for each in _aperture_commands(name, apertures)),
+        gate_command("FREQ", "FREQuency"),
+        gate_command("PER", "PERiod"),
+        *(_zero_command(name) for name in _ZEROED),
+        Command(
+            "[SENSe:]VOLTage:AC:BANDwidth",
+            (Number(unit="HZ", limits=Limits(3.0, 200.0)),),
+            do=_set_bandwidth,
+            query=_bandwidth,
+            reply=_NR3,
+        ),
+        Command("[SENSe:]VOLTage[:DC]:IMPedance:AUTO", _ON_OFF, do=_set_impedance, query=_impedance, reply=boolean),
+        Command(f"{_NULL}[:STATe]", _ON_OFF, do=_set_null_state, query=lambda meter: meter.null.on, reply=boolean),
+        Command(
+            f"{_NULL}:VALue",
+            (Number(unit="V", limits=Limits(-1200.0, 1200.0, 0.0)),),
+            do=_set_null_value,
+            query=lambda meter: meter.null.value,
+            reply=_NR3,
+        ),
+        Command(
+            f"{_NULL}:VALue:AUTO", _ON_OFF, do=_set_null_auto, query=lambda meter: meter.null.automatic, reply=boolean
+        ),
+    )
+    return tuple(forgetting(each) for each in settings)

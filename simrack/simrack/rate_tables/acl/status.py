@@ -1,0 +1,91 @@
+"""The status byte of the ACUTROL3000 and the queue of its messages."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from simrack.rate_tables.acl.arguments import Action, Arguments, Query, integer, message_count, one
+from simrack.rate_tables.acl.refusal import OUT_OF_RANGE, WORDS, Refusal
+
+_INTERLOCK, _AXIS, _SUMMARY, _QUEUE = 0x01, 0x02, 0x40, 0x80
+
+
+class AclStatus:
+    """Collects errors and faults: as messages, and as bits of the status byte."""
+
+    def __init__(self) -> None:
+        self._byte = 0
+        self._service_enable = _INTERLOCK
+        self._event_enable = 0
+        self._messages: deque[str] = deque(maxlen=64)
+
+    @property
+    def empty(self) -> bool:
+        """Tell whether there is no message."""
+        return not self._messages
+
+    @property
+    def full(self) -> bool:
+        """Tell whether the next message drives out the oldest."""
+        return len(self._messages) == self._messages.maxlen
+
+    def refuse(self, code: int, *details: str) -> None:
+        """Note an error of a command."""
+        self._messages.append(",".join((str(code), WORDS[code], *details)))
+        self._byte |= _QUEUE
+
+    def fault(self, words: str) -> None:
+        """Note what has shut the axis down."""
+        self._byte |= _INTERLOCK | _AXIS
+        self._messages.append(f"0,{words}")
+
+    def summarise_interlock(self) -> None:
+        """Set the bit that tells of the interlocks."""
+        self._byte |= _INTERLOCK
+
+    def commands(self) -> dict[str, Action]:
+        """Return what can be told about status."""
+        return {
+            "Status:MSGClr": lambda _: self._messages.clear(),
+            "*CLS": lambda _: self._clear(),
+            "*SRE": self._enable_service,
+            "*ESE": self._enable_events,
+        }
+
+    def queries(self) -> dict[str, Query]:
+        """Return what can be asked about status."""
+        return {
+            "*STB": lambda _: self._taken_byte(),
+            "*SRE": lambda _: str(self._service_enable),
+            "*ESE": lambda _: str(self._event_enable),
+            "*ESR": lambda _: "0",
+            "Status:STB": lambda _: str(self._summed_byte()),
+            "Status:MSG": self._take_messages,
+        }
+
+    def _clear(self) -> None:
+        self._byte = 0
+        self._messages.clear()
+
+    def _enable_service(self, arguments: Arguments) -> None:
+        self._service_enable = integer(one(arguments), 0, 255)
+
+    def _enable_events(self, arguments: Arguments) -> None:
+        self._event_enable = integer(one(arguments), 0, 255)
+
+    def _summed_byte(self) -> int:
+        return self._byte | (_SUMMARY if self._byte & self._service_enable else 0)
+
+    def _taken_byte(self) -> str:
+        value = self._summed_byte()
+        self._byte = 0
+        return str(value)
+
+    def _take_messages(self, arguments: Arguments) -> str:
+        if not arguments or len(arguments) > 2 or arguments[0].upper() not in {"QERROR", "QFAULT", "QALL"}:
+            raise Refusal(OUT_OF_RANGE)
+        wanted = 1 if len(arguments) == 1 else message_count(arguments[1])
+        messages = [self._messages.popleft() for _ in range(min(wanted, len(self._messages)))]
+        if self.empty:  # the bit says that there are messages, as a summary bit does (unverified)
+            self._byte &= ~_QUEUE
+        return ";".join(messages)

@@ -1,0 +1,653 @@
+"""The message exchange of IEEE 488.2: input buffer, parser, busy time, output queue, status, error queue.
+
+An engine is handed a command table, a dialect (what differs between models) and an interface (what differs between
+the connectors of one model), and talks to the model through :class:`ScpiModel`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING, Any, Protocol
+
+from msgspec import Struct, field
+
+from simrack.scpi.errors import ErrorQueue, ScpiError, esr_bit
+from simrack.scpi.formats import Parts, signed_integer
+from simrack.scpi.lexer import find_message_end
+from simrack.scpi.parameters import Limits, Violation, refuse
+from simrack.scpi.status import Register, Status
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from simrack.clock import Clock
+    from simrack.scpi.table import CommandTable, CompiledUnit, Program
+
+_CACHED_MESSAGES = 2048
+_CACHED_LENGTH = 512
+_SMALLEST_BUFFER = 64
+"""No instrument's input buffer is smaller: what is shorter than this never fills one."""
+
+
+class Interface(Struct, frozen=True):
+    """A connector's personality.
+
+    Args:
+        name: as in a constructor's `interface`.
+        terminator: end of a response message.
+        message_exchange: IEEE 488.2 rules apply: an unread answer is lost to the next message (-410), a read with
+            nothing to say is -420. A UART or a socket just sends what it has.
+        break_byte: byte that acts as device clear (Ctrl-C on RS-232).
+    """
+
+    name: str
+    terminator: bytes = b"\n"
+    message_exchange: bool = True
+    break_byte: bytes = b""
+
+
+GPIB = Interface("gpib")
+USB = Interface("usb")
+LAN = Interface("lan", message_exchange=False)
+RS232 = Interface("rs232", b"\r\n", message_exchange=False, break_byte=b"\x03")
+
+
+class Dialect(Struct, frozen=True):
+    """What the parser of a model has of its own.
+
+    Args:
+        queue_depth: entries of the error queue.
+        words: error words that differ from the standard ones.
+        number_not_allowed: error for a number where a word or string is due.
+        out_of_range: what becomes of a number beyond its limits (`refuse` or `clip`).
+        integer: reply format of registers and counts.
+        error_number: reply format of an error's number.
+        input_limit: longest message, bytes.
+        input_overflow: error when it is longer.
+        input_buffer: characters that are held while the parser waits for its answers to be fetched (-430 beyond).
+        output_queue: characters of answers that are held until they are fetched. Unverified for every model.
+        takes_blocks: whether any command has a block; where none has, a newline within one ends the message.
+    """
+
+    queue_depth: int = 20
+    words: dict[int, str] = field(default_factory=dict)
+    number_not_allowed: int = -128
+    out_of_range: Callable[[float, Limits, str], Violation] = refuse
+    integer: Callable[[float], str] = signed_integer
+    error_number: Callable[[float], str] = signed_integer
+    input_limit: int = 1 << 16
+    input_overflow: int = 521
+    input_buffer: int = 1 << 14
+    output_queue: int = 1 << 14
+    takes_blocks: bool = True
+
+
+class StreamedAnswer(Protocol):
+    """The answer to a query that is sent while it comes about."""
+
+    def waiting(self) -> bool:
+        """Whether a part can be sent now."""
+        ...
+
+    def take(self) -> bytes:
+        """Return what can be sent now, to be followed by what the query's reply is in the end."""
+        ...
+
+
+class Pending:
+    """A command that is not finished: the parser stays busy until `ready_at()`.
+
+    Args:
+        ready_at: returns the bench time at which it is finished, or None while that is not known (no trigger yet).
+        finish: called then, for the query's value (or None, or a further Pending); may raise ScpiError.
+        stream: parts of the answer that are sent before.
+        labour: what is to be worked out for it, in slices; it takes no bench time.
+    """
+
+    __slots__ = ("finish", "labour", "ready_at", "stream")
+
+    def __init__(
+        self,
+        ready_at: Callable[[], float | None],
+        finish: Callable[[], Any],
+        stream: StreamedAnswer | None = None,
+        labour: Iterator[object] | None = None,
+    ) -> None:
+        self.ready_at = ready_at
+        self.finish = finish
+        self.stream = stream
+        self.labour = labour
+
+    @classmethod
+    def at(cls, instant_s: float, finish: Callable[[], Any] = lambda: None) -> Pending:
+        """Return a command that is finished at `instant_s`."""
+        return cls(lambda: instant_s, finish)
+
+    @classmethod
+    def worked_out(cls, labour: Iterator[object], finish: Callable[[], Any]) -> Pending:
+        """Return a command that is finished once `labour` is at its end."""
+        return cls(lambda: -math.inf, finish, labour=labour)
+
+
+class ScpiModel(Protocol):
+    """What the engine asks of a model."""
+
+    engine: ScpiEngine
+
+    def identity(self) -> str:
+        """Return the answer to *IDN?."""
+        ...
+
+    def reset(self) -> None:
+        """Take the *RST state."""
+        ...
+
+    def service(self) -> None:
+        """Bring what happens by itself (ramps, triggered sequences) up to `clock.now()`; called first."""
+        ...
+
+    def next_event_s(self) -> float | None:
+        """Return when :meth:`service` next has something to do, None for never."""
+        ...
+
+    def abort(self) -> None:
+        """Device clear: end the running measurement; settings stay."""
+        ...
+
+    def operations_end_s(self) -> float:
+        """Return when pending operations end, for *OPC, *OPC? and *WAI: -inf when none is, inf when nobody knows."""
+        ...
+
+
+class ScpiEngine:
+    """The device side of a message exchange; it is the body of a :class:`~simrack.device.Device`.
+
+    Args:
+        model: the instrument, first argument of every handler in the table.
+        table: its commands.
+        clock: bench time.
+        dialect: parser's peculiarities.
+        interface: the connector in use.
+        status: status registers; by default a QUEStionable register on bit 3.
+    """
+
+    def __init__(
+        self,
+        model: ScpiModel,
+        table: CommandTable,
+        clock: Clock,
+        *,
+        dialect: Dialect,
+        interface: Interface,
+        status: Status | None = None,
+    ) -> None:
+        self.model = model
+        self.table = table
+        self.clock = clock
+        self.dialect = dialect
+        self.interface = interface
+        self.status = Status({3: Register()}) if status is None else status
+        self.errors = ErrorQueue(dialect.queue_depth, dialect.words)
+        self.clears_masks_at_power_on = True
+        self.hand_over: Callable[[], None] | None = None
+        """Called where there is something long to work out, by who then has :meth:`work` called slice by slice; without
+        it that is done at once."""
+        self._programs: dict[bytes, Program] = {}
+        self._drop_everything()
+
+    def _drop_everything(self) -> None:
+        self._partial = bytearray()
+        self._overflowed = False
+        self._queue: deque[Program] = deque()
+        self._steps: Program = ()
+        self._next = 0
+        self._pending: Pending | None = None
+        self._pending_step: CompiledUnit | None = None
+        self._replies: list[str | bytes | Parts] = []
+        self._output: deque[bytes] = deque()
+        self._offset = 0
+        self._begun = bytearray()
+        self._unterminated = False
+        self._deadlocked = False
+        self._announce_completion = False
+
+    # --- the seam: simrack.device.Device -------------------------------------------------------------
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Take bytes from the controller."""
+        self.model.service()
+        self._unterminated = False
+        if end and data[-1:] != b"\n" and b"#" not in data:
+            data += b"\n"  # so that both spellings of a message are one in the cache
+        program = self._programs.get(data) if not self._partial else None
+        if program is None:
+            self._receive(data, end=end)
+        elif self._pending is None and not self._queue:
+            self._begin(program)
+        else:
+            self._queue.append(program)
+        self._advance()
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Hand out the next response message, at most `limit` bytes of it."""
+        if self._pending is not None or not self._output:
+            self.model.service()
+            self._advance()
+        if not self._output:
+            part = self._read_stream(limit)
+            if not part:
+                self._complain_unterminated()
+            return part, False
+        message = self._output[0]
+        if not self._offset and len(message) <= limit:
+            self._output.popleft()
+            return message, True
+        return self._read_part(message, limit)
+
+    def wake_at(self) -> float | None:
+        """Return when something happens by itself."""
+        model = self.model
+        model.service()
+        if self._pending is not None or self._queue or self._announce_completion or self.status.sre:
+            self._advance()
+        own = model.next_event_s()
+        if self._pending is None and not self._announce_completion:
+            return own
+        ready = None if self._pending is None else self._pending.ready_at()
+        if self._announce_completion and (end := self._operations_end()) is not None:
+            ready = end if ready is None else min(ready, end)
+        if own is None or ready is None:
+            return own if ready is None else ready
+        return min(own, ready)
+
+    def clear(self) -> None:
+        """Device clear: buffers emptied, the running command ended; status and settings stay."""
+        self.model.service()
+        self._drop_everything()
+        self.model.abort()
+
+    def status_byte(self) -> int:
+        """Serial poll."""
+        self.model.service()
+        self._advance()
+        return self.status.poll(self.status_now())
+
+    def requests_service(self) -> bool:
+        """Whether the SRQ line is pulled; unlike a serial poll this changes nothing."""
+        self.model.service()
+        self._advance()
+        return self.status.note(self.status_now())
+
+    def trigger(self) -> None:
+        """Group execute trigger: the same as *TRG, at once."""
+        self.model.service()
+        if self._partial:
+            self.report(ScpiError(-105))
+            return
+        for step in self.table.compile("*TRG"):
+            self._call(step)
+        self._advance()
+
+    # --- for models ---------------------------------------------------------------------------------------
+
+    def report(self, error: ScpiError) -> None:
+        """Put `error` in the queue and its class in the standard event status register."""
+        self.errors.push(error)
+        self.status.esr |= esr_bit(error.number)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a message is under way or waits for its turn; what the model does by itself does not count."""
+        return self._pending is not None or bool(self._queue)
+
+    @property
+    def working(self) -> bool:
+        """Whether there is something to work out by :meth:`work`."""
+        return self._pending is not None and self._pending.labour is not None
+
+    def work(self) -> None:
+        """Work out a slice of what is under way; the parser goes on after the last."""
+        pending = self._pending
+        if pending is None or pending.labour is None:
+            return
+        try:
+            next(pending.labour)
+        except StopIteration:
+            pending.labour = None
+            self._advance()
+        except ScpiError as error:
+            self._pending = None
+            self._refuse(error)
+            self._advance()
+
+    def status_now(self) -> int:
+        """Return the status byte without bit 6."""
+        available = bool(self._output or self._replies or self._begun)
+        if not available and self._pending is not None and self._pending.stream is not None:
+            available = self._pending.stream.waiting()
+        return self.status.byte(message_available=available)
+
+    def announce_completion(self) -> None:
+        """*OPC: set the operation complete bit once nothing is pending."""
+        self._announce_completion = True
+        self._settle_completion()
+
+    def clear_status(self) -> None:
+        """*CLS."""
+        self._announce_completion = False
+        self.status.clear()
+        self.errors.clear()
+
+    def when_operations_end(self, finish: Callable[[], Any]) -> Pending | Any:
+        """Return `finish()` if nothing is pending, else the Pending that waits for it (*OPC?, *WAI)."""
+        if self.model.operations_end_s() <= self.clock.now():
+            return finish()
+        return Pending(self._operations_end, finish)
+
+    def _operations_end(self) -> float | None:
+        end = self.model.operations_end_s()
+        return None if end == math.inf else end
+
+    def _settle_completion(self) -> None:
+        if self._announce_completion and self.model.operations_end_s() <= self.clock.now():
+            self._announce_completion = False
+            self.status.esr |= 1
+
+    # --- input --------------------------------------------------------------------------------------------
+
+    def _receive(self, data: bytes, *, end: bool) -> None:
+        break_byte = self.interface.break_byte
+        if break_byte and break_byte in data:
+            self.clear()
+            data = data.rpartition(break_byte)[2]
+        self._partial += data
+        while (index := self._message_end()) >= 0:
+            message = bytes(self._partial[: index + 1])
+            del self._partial[: index + 1]
+            self._accept(message)
+        if end and self._partial:
+            message = bytes(self._partial)
+            self._partial.clear()
+            self._accept(message)
+        elif len(self._partial) > self.dialect.input_limit:
+            self._partial.clear()
+            self._overflow()
+
+    def _message_end(self) -> int:
+        return find_message_end(self._partial) if self.dialect.takes_blocks else self._partial.find(b"\n")
+
+    def _accept(self, message: bytes) -> None:
+        """Queue a message; the tail of one that was too long is dropped with its terminator."""
+        if self._overflowed:
+            self._overflowed = False
+            return
+        if len(message) > self.dialect.input_limit + 2:
+            self._overflow()
+            self._overflowed = False
+            return
+        self._queue.append(self._compiled(message))
+
+    def _overflow(self) -> None:
+        if not self._overflowed:
+            self.report(ScpiError(self.dialect.input_overflow))
+        self._overflowed = True
+
+    def _compiled(self, message: bytes) -> Program:
+        program = self._programs.get(message)
+        if program is not None:
+            return program
+        text = message.decode("latin-1").removesuffix("\n")
+        program = self.table.compile(text, self.dialect.number_not_allowed)
+        if message.endswith(b"\n") and len(message) <= _CACHED_LENGTH and b"#" not in message:
+            if len(self._programs) >= _CACHED_MESSAGES:
+                self._programs.clear()
+            self._programs[message] = program
+        return program
+
+    # --- parser -------------------------------------------------------------------------------------------
+
+    def _begin(self, program: Program) -> None:
+        if self._output and self.interface.message_exchange and program:
+            self._output.clear()
+            self._offset = 0
+            self.report(ScpiError(-410))
+        self._steps = program
+        self._next = 0
+        self._deadlocked = False
+
+    def _advance(self) -> None:
+        """Execute what can be executed now."""
+        if self._announce_completion:
+            self._settle_completion()
+        while True:
+            if self._pending is not None and not self._complete():
+                self._execute_urgent()
+                break
+            if self._next < len(self._steps):
+                step = self._steps[self._next]
+                self._next += 1
+                if step.at_once:
+                    self._call(step)
+                else:
+                    self._execute(step)
+                continue
+            if self._replies:
+                self._respond()
+            if not self._queue:
+                break
+            self._begin(self._queue.popleft())
+        if self._announce_completion:
+            self._settle_completion()
+        if self.status.sre:
+            self.status.note(self.status_now())
+
+    def _complete(self) -> bool:
+        """Finish what is due, and what that leads to; False while something takes its time."""
+        step = self._pending_step
+        assert step is not None  # noqa: S101  (for the type checker)
+        while (pending := self._pending) is not None:
+            if pending.labour is not None and self.hand_over is not None:
+                return False
+            ready = pending.ready_at()
+            if ready is None or ready > self.clock.now():
+                return False
+            self._pending = None
+            try:
+                if pending.labour is not None:
+                    deque(pending.labour, maxlen=0)
+                self._take(step, pending.finish())
+            except ScpiError as error:
+                self._refuse(error)
+        return True
+
+    def _execute(self, step: CompiledUnit) -> None:
+        if step.error is not None:
+            self._refuse(step.error)
+        elif step.takes_s > 0.0:
+            self._pending_step = step
+            self._pending = Pending.at(self.clock.now() + step.takes_s, lambda: self._invoke(step))
+        else:
+            self._call(step)
+
+    def _invoke(self, step: CompiledUnit) -> Any:
+        return step.handler(self.model, *(step.resolve(self.model) if step.settling else step.arguments))
+
+    def _call(self, step: CompiledUnit) -> None:
+        try:
+            if step.settling:
+                result = step.handler(self.model, *step.resolve(self.model))
+            else:
+                result = step.handler(self.model, *step.arguments)
+            if step.is_query or result is not None:
+                self._take(step, result)
+        except ScpiError as error:
+            self._refuse(error)
+
+    def _take(self, step: CompiledUnit, result: Any) -> None:
+        if result.__class__ is Pending:
+            self._pending = result
+            self._pending_step = step
+            if result.labour is not None and self.hand_over is not None:
+                self.hand_over()
+        elif step.is_query:
+            self._replies.append(step.reply(result))
+            if step.rest > _SMALLEST_BUFFER:
+                self._look_for_deadlock(step.rest)
+
+    def _look_for_deadlock(self, rest: int) -> None:
+        """-430: the output queue is full, and so is the input buffer, with more of the message still to come.
+
+        The answers so far are lost, and those to the rest of the message too (IEEE 488.2, 6.3.1.7). Who takes the
+        answers of a stream while it sends never gets there.
+        """
+        if rest <= self.dialect.input_buffer or not self.interface.message_exchange:
+            return
+        if self._deadlocked or sum(map(len, self._replies)) + len(self._replies) > self.dialect.output_queue:
+            self._replies.clear()
+            if not self._deadlocked:
+                self.report(ScpiError(-430))
+            self._deadlocked = True
+
+    def _refuse(self, error: ScpiError) -> None:
+        """Report; a command error or a query error also ends the message, an execution error does not."""
+        self.report(error)
+        if not -299 <= error.number <= -200 and error.number < 0:
+            self._steps = ()
+            self._next = 0
+
+    def _execute_urgent(self) -> None:
+        """Let a trigger through to a sequence that waits for one."""
+        while self._pending is not None:
+            if self._next == len(self._steps) and self._queue and not self._replies:
+                if not self._queue[0] or not self._queue[0][0].urgent:
+                    return
+                self._begin(self._queue.popleft())
+            if self._next == len(self._steps) or not self._steps[self._next].urgent:
+                return
+            self._next += 1
+            self._call(self._steps[self._next - 1])
+            if self._pending.ready_at() is not None:
+                return
+
+    # --- output -------------------------------------------------------------------------------------------
+
+    def _respond(self) -> None:
+        replies = self._replies
+        if self._deadlocked:
+            replies.clear()
+            return
+        data: str | bytes | Parts
+        if self._begun:
+            data = bytes(self._begun) + _joined(replies)
+            self._begun.clear()
+        else:
+            data = _joined(replies) if len(replies) > 1 else replies[0]  # most have one
+        replies.clear()
+        terminator = self.interface.terminator
+        if isinstance(data, str):
+            self._output.append(data.encode("latin-1") + terminator)
+        elif isinstance(data, bytes):
+            self._output.append(data + terminator)
+        else:
+            self._output.append(b"".join((*data.parts, terminator)))
+
+    def _read_stream(self, limit: int) -> bytes:
+        """Return at most `limit` bytes of an answer that is sent while it comes about, with what comes before it."""
+        if self._pending is None or self._pending.stream is None:
+            return b""
+        if self._replies:
+            self._begun += _joined(self._replies) + b";"
+            self._replies.clear()
+        self._begun += self._pending.stream.take()
+        part = bytes(self._begun[:limit])
+        del self._begun[:limit]
+        return part
+
+    def _read_part(self, message: bytes, limit: int) -> tuple[bytes, bool]:
+        start = self._offset
+        part = message[start : start + limit]
+        self._offset = start + len(part)
+        if self._offset < len(message):
+            return part, False
+        self._output.popleft()
+        self._offset = 0
+        return part, True
+
+    def _complain_unterminated(self) -> None:
+        """-420 once: addressed to talk with nothing to say and nothing under way."""
+        busy = self._pending is not None or self._queue
+        if self._unterminated or busy or not self.interface.message_exchange:
+            return
+        self._unterminated = True
+        self._partial.clear()
+        self.report(ScpiError(-420))
+
+
+def _joined(replies: list[str | bytes | Parts]) -> bytes:
+    return b";".join([_whole(part) for part in replies])
+
+
+def _whole(part: str | bytes | Parts) -> bytes:
+    if isinstance(part, bytes):
+        return part
+    return part.encode("latin-1") if isinstance(part, str) else b"".join(part.parts)
+
+
+class ScpiTwin:
+    """Base of simulated SCPI instruments: a :class:`~simrack.device.Device` around an engine.
+
+    A model sets `engine` in its constructor and overrides what it has of :class:`ScpiModel`.
+    """
+
+    engine: ScpiEngine
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Take bytes from the controller."""
+        self.engine.write(data, end=end)
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return at most `limit` bytes that are ready, and whether END comes with the last."""
+        return self.engine.read(limit)
+
+    def wake_at(self) -> float | None:
+        """Return when something happens by itself."""
+        return self.engine.wake_at()
+
+    def clear(self) -> None:
+        """Device clear."""
+        self.engine.clear()
+
+    def status_byte(self) -> int:
+        """Serial poll."""
+        return self.engine.status_byte()
+
+    def requests_service(self) -> bool:
+        """Whether the instrument pulls SRQ."""
+        return self.engine.requests_service()
+
+    def trigger(self) -> None:
+        """Group execute trigger."""
+        self.engine.trigger()
+
+    def identity(self) -> str:
+        """Return the answer to *IDN?."""
+        raise NotImplementedError
+
+    def reset(self) -> None:
+        """Take the *RST state."""
+        raise NotImplementedError
+
+    def service(self) -> None:
+        """Bring what happens by itself up to now; by default nothing does."""
+
+    def next_event_s(self) -> float | None:
+        """Return when :meth:`service` next has something to do."""
+        return None
+
+    def abort(self) -> None:
+        """End the running measurement; by default there is none."""
+
+    def operations_end_s(self) -> float:
+        """Return when pending operations end; by default none is pending."""
+        return -math.inf

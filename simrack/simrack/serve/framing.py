@@ -1,0 +1,65 @@
+"""Where the messages of a device end, and its own calls for them."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
+
+from simrack.rate_tables.line import LineDevice
+from simrack.rate_tables.stream import FrameDevice
+from simrack.scpi import ScpiTwin
+from simrack.scpi.lexer import find_message_end
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from simrack.device import Device
+
+Bytes: TypeAlias = bytes | bytearray
+
+_BLANK = re.compile(rb"[\r\n]*")
+NOTHING_EMPTY = re.compile(b"")
+"""Finds no empty message: there every one counts."""
+
+
+def shortest_calls(
+    device: Device,
+) -> tuple[Callable[..., None], Callable[[int], tuple[bytes, bool]], Callable[[], Any]]:
+    """Return the device's write, read and wake_at, past what only passes them on."""
+    kind = type(device)
+    if (kind.write, kind.read, kind.wake_at) == (ScpiTwin.write, ScpiTwin.read, ScpiTwin.wake_at):
+        device = cast("Device", cast("ScpiTwin", device).engine)
+    return device.write, device.read, device.wake_at
+
+
+def message_sizes(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], int]]:
+    """Return how to find the end of a message for `device`, and of the rest of one that is too long."""
+    if isinstance(device, ScpiTwin):
+        return _scpi_size if device.engine.dialect.takes_blocks else _newline_size, _newline_size
+    if isinstance(device, FrameDevice):
+        return device.message_size, device.message_size
+    return (_line_size, _line_size) if isinstance(device, LineDevice) else (len, len)
+
+
+def empty_messages(device: Device) -> re.Pattern[bytes]:
+    """Return what finds the ends of empty messages for `device`, which it need not be told of."""
+    if isinstance(device, ScpiTwin):
+        return _BLANK
+    if isinstance(device, LineDevice) and not isinstance(device, FrameDevice):
+        return re.compile(b"[%b]*" % re.escape(device.terminators))
+    return NOTHING_EMPTY
+
+
+def _newline_size(data: Bytes) -> int:
+    return data.find(b"\n") + 1
+
+
+def _line_size(data: Bytes) -> int:
+    """Return the length of the first line in `data`, ended by CR or LF, 0 while it is incomplete."""
+    ends = [index for index in (data.find(b"\r"), data.find(b"\n")) if index >= 0]
+    return min(ends) + 1 if ends else 0
+
+
+def _scpi_size(data: Bytes) -> int:
+    """Return the length of the first message in `data`, 0 while it is incomplete."""
+    return find_message_end(data) + 1

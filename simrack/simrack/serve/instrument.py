@@ -1,0 +1,600 @@
+"""One instrument behind many connections: whose message it executes, and who gets the answer.
+
+An instrument has one parser and one output. Connections take turns, a message each, and while a query of one is
+being answered the messages of the others wait. Each message is executed with the personality of the connector it came
+through (terminator, IEEE 488.2 message exchange), as in a box with several.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING, Any, Protocol
+
+from simrack.rate_tables.line import LineDevice
+from simrack.rate_tables.stream import FrameDevice
+from simrack.scpi import RS232, Interface, ScpiError, ScpiTwin
+from simrack.serve.framing import NOTHING_EMPTY, empty_messages, message_sizes, shortest_calls
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Callable
+
+    from simrack.device import Device
+    from simrack.serve.clock import ServedClock
+
+__all__ = ["CONVERTER", "HISLIP", "RS232", "SOCKET", "VXI11", "Client", "ServedInstrument"]
+
+SOCKET = Interface("lan", message_exchange=False)
+CONVERTER = Interface("converter", message_exchange=False, break_byte=b"\x03")
+"""The socket of a converter, behind which a GPIB or serial instrument is: both have a device clear."""
+HISLIP = Interface("hislip", message_exchange=False)
+VXI11 = Interface("vxi11")
+
+WHOLE_RESPONSE = 1 << 25
+_PASSED_WHILE_BUSY = 256
+_KNOWN_MESSAGES = 2048
+_KNOWN_LENGTH = 256
+_LONGEST_LINE = 1 << 16
+_TRIGGER = b"*TRG"
+_CLEAR = b"++clr"
+"""What GPIB converters (Prologix and those like it) take for themselves: selected device clear."""
+_NEVER_KNOWN = (b"#", b"\x03", b"++")
+"""What is in messages that must be looked at each time: blocks, breaks, words to a converter."""
+_NOTHING = math.inf
+
+
+class Client:
+    """A connection to an instrument. Subclasses carry the bytes.
+
+    Args:
+        instrument: what it is connected to.
+        interface: the personality that the instrument shows it.
+    """
+
+    pushes = True
+    """Whether answers are sent as soon as they are there; otherwise they stay in the instrument until fetched."""
+
+    comes_and_goes = True
+    """Whether it is there because somebody connected; a serial line always is."""
+
+    address: object = None
+    """What its other end calls itself, if that has a name: the number of a TCP port, the path of a terminal."""
+
+    def __init__(self, instrument: ServedInstrument, interface: Interface) -> None:
+        self.instrument = instrument
+        self.taken = self.said = 0
+        """Bytes that came from the other end, and bytes that were sent there."""
+        self.heard = False
+        """Whether who leads the clock asks on the control port for what is said to it, and time waits for that."""
+        self.lost = False
+        """Whether the other end can see that the connection has ended."""
+        self.interface = interface
+        self.backlog: deque[tuple[bytes, bool, Any]] = deque()
+        self.partial = bytearray()
+        self.overlong = b""
+        self.queued = False
+        self.closed = False
+        self.tag: Any = None
+        instrument.clients.add(self)
+        if self.comes_and_goes:
+            instrument.clock.start()
+
+    @property
+    def blocked(self) -> bool:
+        """Whether its messages must wait because it does not take its answers."""
+        return False
+
+    @property
+    def awaits(self) -> bool:
+        """Whether it waits for the answer that it is owed, so that time may jump there."""
+        return self.pushes and not self.heard and not self.blocked
+
+    @property
+    def listens(self) -> bool:
+        """Whether it takes what an instrument says unasked."""
+        return self.pushes and not self.blocked
+
+    def deliver(self, data: bytes, *, end: bool) -> None:
+        """Take (a part of) a response."""
+        raise NotImplementedError
+
+    def refill(self) -> None:
+        """Called when the instrument has gone on: a pending read may find something now."""
+
+    def relieved(self) -> None:
+        """Called when none of its messages waits any more."""
+
+    def service_requested(self) -> None:
+        """Called when the instrument begins to request service."""
+
+    def take(self, data: bytes, *, end: bool = False, tag: Any = None) -> None:
+        """Cut bytes into messages and hand those over; the rest stays until its end comes."""
+        instrument = self.instrument
+        if self.overlong:
+            data = self._skip(data, end=end, tag=tag)
+        self.partial += data
+        blank = instrument.blank if self.pushes else NOTHING_EMPTY  # elsewhere even an empty message interrupts
+        while True:
+            if (found := blank.match(self.partial)) is not None and found.end():
+                del self.partial[: found.end()]
+            if (size := instrument.message_size(self.partial)) <= 0:
+                break
+            message = bytes(self.partial[:size])
+            del self.partial[:size]
+            instrument.submit(self, message, tag)
+        if end and self.partial:
+            message = bytes(self.partial)
+            self.partial.clear()
+            instrument.submit(self, message, tag)
+        elif len(self.partial) > instrument.longest:
+            # enough to be refused for its length; what is still to come of it changes nothing
+            self.overlong = bytes(self.partial[: instrument.longest])
+            self.partial.clear()
+
+    def _skip(self, data: bytes, *, end: bool, tag: Any) -> bytes:
+        """Drop the rest of a message that is too long, hand over its beginning; return what follows it."""
+        size = self.instrument.line_size(data)
+        if not size and not end:
+            return b""
+        message, self.overlong = self.overlong + b"\n", b""
+        self.instrument.submit(self, message, tag)
+        return data[size:] if size else b""
+
+    def start_anew(self) -> None:
+        """Forget what was under way."""
+        self.backlog.clear()
+        self.partial.clear()
+        self.overlong = b""
+        self.queued = False
+        self.relieved()
+
+    def cut(self) -> None:
+        """Lose the connection."""
+
+    def freeze(self) -> list[socket.socket]:
+        """Serve the connection no more, but leave its sockets open, and return them; a cable stays as it is."""
+        return []
+
+    def leave(self) -> None:
+        """Be forgotten by the instrument."""
+        self.closed = True
+        self.backlog.clear()
+        self.partial.clear()
+        self.instrument.forget(self)
+
+
+class DelayingWire(Protocol):
+    """A wire on which something is on its way for a while."""
+
+    @property
+    def next_s(self) -> float:
+        """When something arrives next, inf for never."""
+        ...
+
+    @property
+    def awaited(self) -> bool:
+        """Whether anything is on its way that somebody may wait for, so that time may jump there."""
+        ...
+
+    def go_on(self) -> None:
+        """Let arrive what has by now."""
+        ...
+
+
+class PassingTime(Protocol):
+    """What lets bench time pass, for an instrument that does something by itself."""
+
+    next_due_s: float
+    """When the next of all instruments does something, inf for never."""
+
+    working: list[ServedInstrument]
+    """Those that work something out, a slice a turn."""
+
+
+class _Nobody(Client):
+    """Takes the answer to a question whose asker has left."""
+
+    def deliver(self, data: bytes, *, end: bool) -> None:
+        """Drop it."""
+
+
+class ServedInstrument:
+    """A device and its connections.
+
+    Args:
+        role: its role on the bench.
+        device: the simulated instrument.
+        clock: bench time.
+    """
+
+    def __init__(self, role: str, device: Device, clock: ServedClock) -> None:
+        self.role = role
+        self.clock = clock
+        self.due_s = _NOTHING
+        self.clients: set[Client] = set()
+        self.holder: Client | None = None
+        """The connection whose query is being answered, or whose answer it has not fetched."""
+        self.waiting: deque[Client] = deque()
+        self.known: dict[bytes, bool] = {}
+        """Whole messages seen before: whether they ask something."""
+        self.lock: Client | None = None
+        self.lock_waiters: list[Callable[[], None]] = []
+        self.fault: Callable[[bytes, bool], tuple[bytes, bool, float]] | None = None
+        """What goes wrong with answers: what is left of one, its end, and how late that is, s."""
+        self.late: deque[tuple[float, Client, bytes, bool]] = deque()
+        """Answers on their way, and the bench times at which they arrive."""
+        self.passage: PassingTime | None = None
+        self.lines: list[DelayingWire] = []
+        """Serial lines whose characters take time."""
+        self.watches_service = False
+        self._requested = False
+        self._passed = 0
+        self._embody(device)
+
+    def _embody(self, device: Device) -> None:
+        """Be `device` from now on."""
+        self.device = device
+        self.engine = device.engine if isinstance(device, ScpiTwin) else None
+        limit = _LONGEST_LINE if self.engine is None else self.engine.dialect.input_limit
+        self.longest = limit + 8
+        self.message_size, self.line_size = message_sizes(device)
+        self.binary = isinstance(device, FrameDevice)
+        """Whether every byte may be part of a message: none means a break."""
+        self.blank = empty_messages(device)
+        """Finds the ends of messages without anything before them, which mean nothing."""
+        self._write, self._read, self._wake_at = shortest_calls(device)
+        if self.engine is not None:
+            self.engine.hand_over = self._hand_over
+        self.speaks = self.engine is None and device.wake_at() is not None
+        """Whether it says something unasked, so that a client may wait for it without a word."""
+
+    def replace(self, device: Device) -> None:
+        """Put another specimen in its place: nobody is owed anything; connections and locks stay."""
+        self.waiting.clear()
+        self.late.clear()
+        self.holder = None
+        self._requested, self._passed = False, 0
+        self._embody(device)
+        for client in tuple(self.clients):
+            client.start_anew()
+
+    def power(self, *, on: bool) -> None:
+        """Let the instrument take and say something, or nothing at all."""
+        if on:
+            self._write, self._read, self._wake_at = shortest_calls(self.device)
+        else:
+            self._write, self._read = (lambda _data, **_end: None), (lambda _limit: (b"", False))
+
+    # --- messages -----------------------------------------------------------------------------------------
+
+    def submit(self, client: Client, message: bytes, tag: Any = None) -> None:
+        """Execute `message` now, or when its turn comes."""
+        if client.interface is CONVERTER and message.strip().lower() == _CLEAR:
+            rest = bytes(client.partial)  # the converter passes on what stands behind
+            self.clear(client)
+            client.partial += rest
+            return
+        asks = self.asks(message)
+        if client.heard and self.holder is client:  # its answers come in order, whatever it asks meanwhile
+            self.execute(client, message, tag, asks=asks)
+            return
+        if self._open() and not self.waiting and not client.blocked:
+            self.execute(client, message, tag, asks=asks)
+            return
+        if self._passes(message):
+            self.device.write(message, end=True)  # with the personality of whose measurement waits for it
+            self.serve()
+            return
+        client.backlog.append((message, asks, tag))
+        self.resume(client)
+
+    def resume(self, client: Client) -> None:
+        """Give `client` its turn if it has something to say."""
+        if client.backlog and not client.queued and not client.blocked:
+            client.queued = True
+            self.waiting.append(client)
+        if self.holder is client:
+            self._drain()
+            self.touched()
+        self.turn()
+
+    def asks(self, message: bytes) -> bool:
+        """Whether `message` may be answered; remembers messages, which are mostly the same few."""
+        if self.engine is None:
+            return True
+        asks = b"?" in message
+        if len(message) <= _KNOWN_LENGTH and message not in self.known and message.endswith(b"\n"):
+            if len(self.known) >= _KNOWN_MESSAGES:
+                self.known.clear()
+            if message.count(b"\n") == 1 and not any(mark in message for mark in _NEVER_KNOWN):
+                self.known[message] = asks
+        return asks
+
+    def execute(self, client: Client, message: bytes, tag: Any = None, *, asks: bool) -> None:
+        """Hand `message` to the device, and the answer to `client` if it is there at once."""
+        client.tag = tag
+        worker = self.engine
+        if worker is not None:
+            worker.interface = client.interface
+        self._write(message, end=True)
+        if not asks:
+            if self.busy:
+                self._passed += 1
+        elif not client.pushes:
+            self.holder = client
+        elif self.speaks:
+            self._say_unasked()  # nothing that it says is an answer
+        else:
+            data, end = self._read(WHOLE_RESPONSE)
+            if data:
+                self._hand_out(client, data, end=end)
+            if not end or (self.busy if worker is None else worker.busy):
+                self.holder = client
+                self._drain()
+        self.touched()
+
+    def collect(self, client: Client, limit: int) -> tuple[bytes, bool]:
+        """Fetch up to `limit` bytes of the response to `client`, which keeps it in the instrument."""
+        if self.holder is not client and self.holder is not None:
+            return b"", False
+        if self.engine is not None:
+            self.engine.interface = client.interface
+        data, whole = self.device.read(limit)
+        end = whole
+        if data and (self.fault is not None or self.late):
+            data, end = self._spoil(client, data, end=whole)
+        if whole:
+            self.release()
+        else:
+            self.touched()
+        return data, end
+
+    def release(self) -> None:
+        """The response has been fetched: nobody holds the instrument."""
+        if not self.busy:
+            self.holder = None
+        self.touched()
+        self.turn()
+
+    def turn(self) -> None:
+        """Execute messages that waited, one of each connection in turn."""
+        while self.waiting and self._available():
+            client = self.waiting.popleft()
+            message, asks, tag = client.backlog.popleft()
+            client.queued = bool(client.backlog) and not client.blocked
+            if client.queued:
+                self.waiting.append(client)
+            elif not client.backlog:
+                client.relieved()
+            self.execute(client, message, tag, asks=asks)
+
+    def serve(self) -> None:
+        """Do what is due, deliver what is finished, let the next in."""
+        self.device.wake_at()
+        self._drain()
+        self._deliver_late()
+        if self.holder is not None and not self.holder.pushes:
+            self.holder.refill()
+        self.turn()
+        for line in self.lines:
+            line.go_on()
+        self.touched()
+
+    def _hand_over(self) -> None:
+        """Have what is long to work out done between the others' turns."""
+        if self.passage is not None and self not in self.passage.working:
+            self.passage.working.append(self)
+
+    def work(self) -> bool:
+        """Work out a slice of what is under way; return whether there is more."""
+        if self.engine is None or not self.engine.working:
+            return False
+        self.engine.work()
+        if self.engine.working:
+            return True
+        self.serve()
+        return self.engine.working
+
+    def clear(self, client: Client) -> None:
+        """Device clear from `client`: whatever runs is ended, and nobody is owed an answer."""
+        client.partial.clear()
+        client.backlog.clear()
+        self._lose_turn(client)
+        client.relieved()
+        if self.engine is not None:
+            self.engine.interface = client.interface
+        self.device.clear()
+        self.late.clear()
+        self.holder = None
+        self._passed = 0
+        self.turn()
+        self.touched()
+
+    def trigger(self, client: Client) -> None:
+        """Group execute trigger from `client`, whatever runs."""
+        if self.engine is not None and self.holder is None:
+            self.engine.interface = client.interface
+        self.device.trigger()
+        self.serve()
+
+    def status_byte(self) -> int:
+        """Serial poll."""
+        byte = self.device.status_byte()
+        self._requested = False
+        self.touched()
+        return byte
+
+    def complain(self, number: int) -> None:
+        """Queue an error of the message exchange that the transport has seen."""
+        if self.engine is not None:
+            self.engine.report(ScpiError(number))
+
+    def forget(self, client: Client) -> None:
+        """Do without `client`; the answer that it is owed goes nowhere."""
+        self.clients.discard(client)
+        self._lose_turn(client)
+        if self.holder is client:
+            nobody = _Nobody(self, SOCKET)
+            self.clients.discard(nobody)
+            self.holder = nobody
+            self._drain()
+        if self.lock is client:
+            self.unlock()
+        self.turn()
+        self.touched()
+
+    def _lose_turn(self, client: Client) -> None:
+        if client.queued:
+            self.waiting.remove(client)
+            client.queued = False
+
+    def unlock(self) -> None:
+        """Give the lock back and let those who wait for it try again."""
+        self.lock = None
+        waiters, self.lock_waiters = self.lock_waiters, []
+        for retry in waiters:
+            retry()
+        for client in tuple(self.clients):
+            self.resume(client)
+
+    # --- time ---------------------------------------------------------------------------------------------
+
+    @property
+    def busy(self) -> bool:
+        """Whether the device works on a message."""
+        if self.engine is not None:
+            return self.engine.busy
+        if self.speaks:
+            return False
+        if isinstance(self.device, LineDevice):
+            return self.device.answering  # not merely turning
+        return self.device.wake_at() is not None
+
+    @property
+    def engaged(self) -> bool:
+        """Whether a message may have to wait for its turn."""
+        return self.holder is not None or bool(self.waiting) or self._passed > 0
+
+    @property
+    def awaited(self) -> bool:
+        """Whether somebody waits for the device to go on."""
+        if self.waiting or self.late or any(line.awaited for line in self.lines):
+            return True
+        return self.holder is not None and self.holder.awaits
+
+    @property
+    def listened_to(self) -> bool:
+        """Whether somebody may wait for what it says unasked."""
+        return self.speaks and any(client.listens for client in self.clients)
+
+    def touched(self) -> None:
+        """Note when the device next does something by itself."""
+        wake = self._wake_at()
+        if self.late or self.lines:
+            wake = self._next_arrival(wake)
+        if wake is None or wake <= self.clock.now():
+            self.due_s = _NOTHING
+        else:
+            self.due_s = wake
+            if self.passage is not None and wake < self.passage.next_due_s:
+                self.passage.next_due_s = wake
+        if self.watches_service:
+            self._watch_service()
+
+    def _next_arrival(self, wake: float | None) -> float | None:
+        """Return `wake`, or when something that is on its way arrives if that comes first."""
+        arrivals = [line.next_s for line in self.lines if line.next_s < _NOTHING]
+        arrivals += [arrives_s for arrives_s, *_ in self.late][:1]
+        if wake is not None and wake > self.clock.now():
+            arrivals.append(wake)
+        return min(arrivals, default=wake)
+
+    def _watch_service(self) -> None:
+        requested = self.engine is not None and self.engine.requests_service()
+        if requested and not self._requested:
+            for client in tuple(self.clients):
+                client.service_requested()
+        self._requested = requested
+
+    # --- whose turn it is ---------------------------------------------------------------------------------
+
+    def _open(self) -> bool:
+        """Whether a message can be handed over now: nobody is owed an answer."""
+        if self.holder is not None:
+            return False
+        if self._passed and not self.busy:
+            self._passed = 0
+        return self._passed < _PASSED_WHILE_BUSY
+
+    def _available(self) -> bool:
+        """Whether the next in the queue can have its turn; an answer that lies unread is put aside for its owner."""
+        holder = self.holder
+        if holder is None or holder.pushes:
+            return self._open()
+        if self.waiting[0] is holder:
+            return True  # its own business: an unread answer is lost to the next message
+        if self.busy:
+            return False
+        self._put_aside(holder)
+        return self._open()
+
+    def _put_aside(self, holder: Client) -> None:
+        if self.engine is None or self.engine.status_now() & 16:
+            data, end = self.device.read(WHOLE_RESPONSE)
+            if data:
+                self._hand_out(holder, data, end=end)
+        self.holder = None
+
+    def _passes(self, message: bytes) -> bool:
+        """Whether `message` is a trigger, which must reach a measurement that waits for one."""
+        return self.engine is not None and message.strip().upper() == _TRIGGER
+
+    def _drain(self) -> None:
+        """Hand a pushing holder what there is; let go of it when there is nothing more to come."""
+        holder = self.holder
+        if holder is None and self.engine is None:
+            self._say_unasked()
+        if holder is None or not holder.pushes:
+            return
+        while not holder.blocked:  # else what it does not take would pile up
+            data, end = self.device.read(WHOLE_RESPONSE)
+            if not data:
+                break
+            self._hand_out(holder, data, end=end)
+        if not self.busy:
+            self.holder = None
+
+    def _say_unasked(self) -> None:
+        """Hand what nobody has asked for to everybody who listens, as on one line; to the others it is lost."""
+        while True:
+            data, end = self._read(WHOLE_RESPONSE)
+            if not data:
+                return
+            for client in tuple(self.clients):
+                if client.listens:
+                    self._hand_out(client, data, end=end)
+
+    def _hand_out(self, client: Client, data: bytes, *, end: bool) -> None:
+        if self.fault is not None or self.late:
+            data, end = self._spoil(client, data, end=end)
+        if data:
+            client.deliver(data, end=end)
+
+    def _spoil(self, client: Client, data: bytes, *, end: bool) -> tuple[bytes, bool]:
+        """Return what faults leave of an answer that arrives now; one that is late is kept, and none overtakes it."""
+        late_s = 0.0
+        if self.fault is not None:
+            data, end, late_s = self.fault(data, end)
+        if not data or not (late_s or self.late):
+            return data, end
+        arrives_s = max(self.clock.now() + late_s, self.late[-1][0] if self.late else 0.0)
+        self.late.append((arrives_s, client, data, end))
+        return b"", False
+
+    def _deliver_late(self) -> None:
+        while self.late and self.late[0][0] <= self.clock.now():
+            _, client, data, end = self.late.popleft()
+            if not client.closed:
+                client.deliver(data, end=end)
+                client.refill()

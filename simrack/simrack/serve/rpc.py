@@ -1,0 +1,190 @@
+"""ONC remote procedure calls over TCP (RFC 5531) with XDR (RFC 4506): as much as VXI-11 and the port mapper need."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, NamedTuple
+
+from simrack.serve.wire import Connection
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Callable, Mapping
+
+    from simrack.serve.loop import Loop
+
+_LAST = 0x8000_0000
+_LONGEST_RECORD = 1 << 24
+_WAITING = 1 << 18
+"""Bytes of calls that may wait while another is being served."""
+_CALL, _RPC_VERSION = 0, 2
+_WORD = struct.Struct(">I")
+_CALL_HEADER = struct.Struct(">6I")
+_NO_CREDENTIALS = bytes(16)
+_ACCEPTED = struct.Struct(">6I")
+_SUCCESS, _NO_PROGRAM, _VERSION_MISMATCH, _NO_PROCEDURE, _GARBAGE = 0, 1, 2, 3, 4
+
+
+class BadArguments(Exception):
+    """The arguments of a call do not decode."""
+
+
+class Unpacker:
+    """Reads XDR items one after the other."""
+
+    __slots__ = ("_data", "_position")
+
+    def __init__(self, data: bytes, position: int = 0) -> None:
+        self._data = data
+        self._position = position
+
+    def words(self, layout: struct.Struct) -> tuple[int, ...]:
+        """Return integers laid out as `layout`."""
+        try:
+            values = layout.unpack_from(self._data, self._position)
+        except struct.error:
+            raise BadArguments from None
+        self._position += layout.size
+        return values
+
+    def opaque(self) -> bytes:
+        """Return bytes of variable length."""
+        (size,) = self.words(_WORD)
+        start = self._position
+        if start + size > len(self._data):
+            raise BadArguments
+        self._position = start + size + (-size & 3)
+        return self._data[start : start + size]
+
+
+class Call(NamedTuple):
+    """A call: its number, what it calls, and its arguments."""
+
+    xid: int
+    program: int
+    version: int
+    procedure: int
+    arguments: Unpacker
+
+
+def opaque(data: bytes) -> bytes:
+    """Return `data` as XDR bytes of variable length."""
+    size = len(data)
+    return _WORD.pack(size) + data + bytes(-size & 3)
+
+
+def parse_call(record: bytes) -> Call:
+    """Decode a call; its credentials are skipped.
+
+    Raises:
+        BadArguments: it is no call of this version of the protocol.
+    """
+    unpacker = Unpacker(record)
+    xid, kind, rpc_version, program, version, procedure = unpacker.words(_CALL_HEADER)
+    if (kind, rpc_version) != (_CALL, _RPC_VERSION):
+        raise BadArguments
+    for _ in ("credentials", "verifier"):
+        unpacker.words(_WORD)
+        unpacker.opaque()
+    return Call(xid, program, version, procedure, unpacker)
+
+
+def call_record(xid: int, program: int, version: int, procedure: int, arguments: bytes) -> bytes:
+    """Return the record of a call without credentials."""
+    return _CALL_HEADER.pack(xid, _CALL, _RPC_VERSION, program, version, procedure) + _NO_CREDENTIALS + arguments
+
+
+def reply(xid: int, result: bytes, status: int = _SUCCESS) -> bytes:
+    """Return the record of an accepted call's reply."""
+    return _ACCEPTED.pack(xid, 1, 0, 0, 0, status) + result
+
+
+def marked(record: bytes) -> bytes:
+    """Return `record` with the mark of a last fragment."""
+    return _WORD.pack(_LAST | len(record)) + record
+
+
+class RpcConnection(Connection):
+    """A client's connection: calls are answered one after the other, in order.
+
+    `programs` maps a program and version to its procedures by number; a procedure takes the call and returns the
+    result, or None when it will answer later through :meth:`answer`.
+    """
+
+    def __init__(self, loop: Loop, connection: socket.socket) -> None:
+        self.programs: Mapping[tuple[int, int], Mapping[int, Callable[[Call], bytes | None]]] = {}
+        self._input = bytearray()
+        self._record = bytearray()
+        self._calling: int | None = None
+        super().__init__(loop, connection)
+
+    def received(self, data: bytes) -> None:
+        """Serve the calls that are complete."""
+        self._input += data
+        self._next_calls()
+
+    def answer(self, xid: int, result: bytes, status: int = _SUCCESS) -> None:
+        """Send the reply to call `xid`, and go on with the next when this one is no longer being served."""
+        self._calling = None
+        self.send(marked(reply(xid, result, status)))
+        if self._input:
+            self.loop.call_later(0.0, self._next_calls)
+
+    def _next_calls(self) -> None:
+        while not self.closed and self._calling is None and (record := self._next_record()) is not None:
+            self._serve(record)
+        self._hold()
+
+    def _hold(self) -> None:
+        """Receive no more while a call is being served and others wait already."""
+        self.hold(held=self._calling is not None and len(self._input) > _WAITING)
+
+    def _next_record(self) -> bytes | None:
+        """Put the fragments of a record together; None while it is incomplete."""
+        while len(self._input) >= 4:
+            (mark,) = _WORD.unpack_from(self._input)
+            size = mark & ~_LAST
+            if size + len(self._record) > _LONGEST_RECORD:
+                self.close()
+                return None
+            if len(self._input) < 4 + size:
+                return None
+            fragment = bytes(self._input[4 : 4 + size])
+            del self._input[: 4 + size]
+            if mark & _LAST and not self._record:
+                return fragment
+            self._record += fragment
+            if mark & _LAST:
+                record, self._record = bytes(self._record), bytearray()
+                return record
+        return None
+
+    def _serve(self, record: bytes) -> None:
+        try:
+            call = parse_call(record)
+        except BadArguments:
+            self.close()
+            return
+        self._calling = call.xid
+        procedures = self.programs.get((call.program, call.version))
+        if procedures is None:
+            self._refuse_program(call)
+            return
+        procedure = procedures.get(call.procedure)
+        if procedure is None:
+            self.answer(call.xid, b"", _SUCCESS if call.procedure == 0 else _NO_PROCEDURE)
+            return
+        try:
+            result = procedure(call)
+        except BadArguments:
+            self.answer(call.xid, b"", _GARBAGE)
+            return
+        if result is not None:
+            self.answer(call.xid, result)
+
+    def _refuse_program(self, call: Call) -> None:
+        versions = [version for program, version in self.programs if program == call.program]
+        if versions:
+            self.answer(call.xid, struct.pack(">2I", min(versions), max(versions)), _VERSION_MISMATCH)
+        else:
+            self.answer(call.xid, b"", _NO_PROGRAM)

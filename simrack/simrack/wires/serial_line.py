@@ -1,0 +1,461 @@
+"""RS-232 between a controller and a simulated instrument: characters that take time, a small buffer, a handshake.
+
+The User's Guides of 34401A and E3631A (their chapters on the remote interface) say the same. The instrument is a DTE
+with DTR and DSR. Its input buffer holds about 100 characters. It drops DTR while that is full, and while it has an
+answer to a line that has ended; a controller has to stop within 10 characters. It sends while its DSR is true. Ctrl-C
+is device clear.
+
+*Unverified*: that a character with an error is not taken; that what does not fit is error 521 (512, an overrun, is what
+the receiver's circuit would find), once until there is room again; that a break is a framing error.
+
+A rate table has none of that: its line (:class:`ThreeWireLine`) has three wires, and each character that comes whole is
+taken.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections import deque
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+
+from msgspec import Struct
+
+from simrack.scpi import ScpiError
+
+if TYPE_CHECKING:
+    from simrack.clock import Clock
+
+Parity = Literal["none", "even", "odd"]
+
+BUFFER = 100
+"""Characters waiting from which on DTR is false."""
+MARGIN = 10
+"""Characters that still fit then."""
+_FRAMING = 511
+_PARITY = 513
+_OVERFLOW = 521
+_CLEAR = 3
+_WHOLE = 1 << 25
+
+
+class CharacterFrame(Struct, frozen=True):
+    """How an end of the line sends and expects characters."""
+
+    baud: float = 9600.0
+    """Bits a second, start and stop bits counted."""
+    data_bits: int = 8
+    parity: Parity = "none"
+    stop_bits: float = 2.0
+
+    @property
+    def character_s(self) -> float:
+        """Time that a character takes, s."""
+        return (1 + self.data_bits + (self.parity != "none") + self.stop_bits) / self.baud
+
+    def bits(self, byte: int) -> list[int]:
+        """Return what goes over the line for `byte` before the stop bits, start bit first."""
+        data = [byte >> place & 1 for place in range(self.data_bits)]
+        return [0, *data, *self._parity(data)]
+
+    def _parity(self, data: list[int]) -> list[int]:
+        return [] if self.parity == "none" else [sum(data) % 2 ^ (self.parity == "odd")]
+
+    def received(self, bits: list[int]) -> ReceivedCharacter:
+        """Return what `bits`, without start bit and with one stop bit, stand for."""
+        data, rest = bits[: self.data_bits], bits[self.data_bits :]
+        byte = sum(bit << place for place, bit in enumerate(data))
+        if not rest[-1]:
+            return ReceivedCharacter(byte, _FRAMING)
+        return ReceivedCharacter(byte, 0 if rest[:-1] == self._parity(data) else _PARITY)
+
+
+class ReceivedCharacter(NamedTuple):
+    """A character as it came, and its error: 511 framing, 513 parity, 0 none."""
+
+    byte: int
+    error: int
+
+
+def heard(data: bytes, sender: CharacterFrame, receiver: CharacterFrame) -> list[ReceivedCharacter]:
+    """Return what `receiver` makes of `data` sent without a pause: it samples each bit in its middle, by its own clock.
+
+    A second stop bit is not looked at, as in every receiver.
+    """
+    if sender == receiver:
+        mask = (1 << receiver.data_bits) - 1
+        return [ReceivedCharacter(byte & mask, 0) for byte in data]
+    edges = _edges(data, sender)
+    found: list[ReceivedCharacter] = []
+    start_s = _falling(edges, -1.0)
+    while not math.isinf(start_s):
+        length = receiver.data_bits + (receiver.parity != "none") + 1
+        samples = [_level(edges, start_s + (place + 1.5) / receiver.baud) for place in range(length)]
+        found.append(receiver.received(samples))
+        start_s = _falling(edges, start_s + (length + 0.5) / receiver.baud)
+    return found
+
+
+def _edges(data: bytes, sender: CharacterFrame) -> list[tuple[float, int]]:
+    """Return the instants at which the line changes, and to what; it is high before and after."""
+    edges: list[tuple[float, int]] = []
+    for index, byte in enumerate(data):
+        start_s = index * sender.character_s
+        levels = [*sender.bits(byte), 1]
+        for place, level in enumerate(levels):
+            if level != (edges[-1][1] if edges else 1):
+                edges.append((start_s + place / sender.baud, level))
+    return edges
+
+
+def _level(edges: list[tuple[float, int]], instant_s: float) -> int:
+    index = bisect.bisect_right(edges, (instant_s, 2)) - 1
+    return edges[index][1] if index >= 0 else 1
+
+
+def _falling(edges: list[tuple[float, int]], after_s: float) -> float:
+    """Return when the line next goes low, inf for never."""
+    index = bisect.bisect_left(edges, (after_s, 0))
+    return next((instant for instant, level in edges[index : index + 2] if not level), math.inf)
+
+
+class _Traffic:
+    """Characters on their way in one direction, one after the other."""
+
+    __slots__ = ("_waiting", "next_s")
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[ReceivedCharacter, float]] = deque()
+        self.next_s = math.inf
+        """When the one that is being sent will be there; inf while none is."""
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def add(self, characters: list[ReceivedCharacter], duration_s: float) -> None:
+        """Have `characters` sent within `duration_s`."""
+        self._waiting.extend((each, duration_s / len(characters)) for each in characters)
+
+    def go_on(self, now_s: float) -> None:
+        """Begin with the next, unless one is being sent."""
+        if self._waiting and math.isinf(self.next_s):
+            self.next_s = now_s + self._waiting[0][1]
+
+    def take(self) -> ReceivedCharacter:
+        """Return the one that is there now."""
+        self.next_s = math.inf
+        return self._waiting.popleft()[0]
+
+    def drop(self) -> None:
+        """Forget everything."""
+        self._waiting.clear()
+        self.next_s = math.inf
+
+
+class _Engine(Protocol):
+    """The message exchange of an instrument."""
+
+    @property
+    def busy(self) -> bool: ...
+    def report(self, error: ScpiError) -> None: ...
+
+
+class FarInstrument(Protocol):
+    """What is at the far end: every simulated SCPI instrument."""
+
+    @property
+    def engine(self) -> _Engine:
+        """Its message exchange."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Take a message, or a part of one."""
+        ...
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return an answer that is ready."""
+        ...
+
+    def wake_at(self) -> float | None:
+        """Return when something happens by itself."""
+        ...
+
+    def clear(self) -> None:
+        """Device clear."""
+        ...
+
+
+class FarTable(Protocol):
+    """What is at the far end of a plain line: every simulated rate table."""
+
+    def write(self, data: bytes) -> None:
+        """Take what has arrived."""
+        ...
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return an answer that is ready."""
+        ...
+
+    def wake_at(self) -> float | None:
+        """Return when something happens by itself."""
+        ...
+
+    def clear(self) -> None:
+        """Drop input and output."""
+        ...
+
+
+class LineEnd:
+    """A :class:`~simrack.device.Device`: what is at the end of a serial line, seen from the controller.
+
+    Args:
+        instrument: what is there.
+        clock: bench time.
+        frame: what its port is set to; the controller's is the same until it is configured.
+    """
+
+    def __init__(self, instrument: FarTable, clock: Clock, frame: CharacterFrame | None = None) -> None:
+        self.frame = CharacterFrame() if frame is None else frame
+        self._far = instrument
+        self._clock = clock
+        self._controller = self.frame
+        self._handshake = True
+        self._dtr = True
+        self._to_instrument = _Traffic()
+        self._to_controller = _Traffic()
+        self._arrived = bytearray()
+        self._cut: ConnectionResetError | None = None
+
+    # --- the controller's end -----------------------------------------------------------------------------
+
+    def configure(self, frame: CharacterFrame, *, handshake: bool) -> None:
+        """Set the controller's end; with `handshake` it sends only while the instrument's DTR is true."""
+        self._advance()
+        self._controller = frame
+        self._handshake = handshake
+        self._advance()
+
+    @property
+    def dtr(self) -> bool:
+        """The controller's DTR, which the instrument has as its DSR: false holds its answers back."""
+        return self._dtr
+
+    @dtr.setter
+    def dtr(self, state: bool) -> None:
+        self._advance()
+        self._dtr = state
+        self._advance()
+
+    @property
+    def dsr(self) -> bool:
+        """The controller's DSR, which is the instrument's DTR: whether it takes characters."""
+        self._advance()
+        return self._takes
+
+    @property
+    def next_s(self) -> float:
+        """When the next character arrives at either end, inf while none is on its way."""
+        return min(self._to_instrument.next_s, self._to_controller.next_s)
+
+    @property
+    def under_way(self) -> bool:
+        """Whether anything waits to be sent, or to arrive."""
+        return bool(self._to_instrument or self._to_controller)
+
+    @property
+    def out_waiting(self) -> int:
+        """Characters that the controller has not sent yet."""
+        self._advance()
+        return len(self._to_instrument)
+
+    def drop_output(self) -> None:
+        """Forget what the controller has not sent yet."""
+        self._advance()
+        self._to_instrument.drop()
+
+    def send_break(self) -> None:
+        """Hold the line low for longer than a character."""
+        self._advance()
+        self._receive(ReceivedCharacter(0, _FRAMING))
+
+    # --- the seam: simrack.device.Device -------------------------------------------------------------
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Send bytes; a serial line has no END."""
+        del end
+        self._advance()
+        sent = heard(data, self._controller, self.frame)
+        if sent:
+            self._to_instrument.add(sent, len(data) * self._controller.character_s)
+        self._advance()
+        self._require_link()
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return what has arrived by now; it never has an END."""
+        self._advance()
+        self._require_link()
+        part = bytes(self._arrived[:limit])
+        del self._arrived[:limit]
+        return part, False
+
+    def wake_at(self) -> float | None:
+        """Return when the next character arrives at either end, or the instrument goes on."""
+        self._advance()
+        own = self._far.wake_at()
+        soonest = self.next_s if own is None or own <= self._clock.now() else min(self.next_s, own)
+        return None if math.isinf(soonest) else soonest
+
+    def clear(self) -> None:
+        """Drop what is on its way and what has arrived, and have the instrument drop its own."""
+        self._clear()
+        self._to_instrument.drop()
+        self._arrived.clear()
+
+    def status_byte(self) -> int:
+        """Return 0: a serial line has no serial poll."""
+        return 0
+
+    def trigger(self) -> None:
+        """Do nothing: a serial line has no group execute trigger."""
+
+    # --- what goes on -------------------------------------------------------------------------------------
+
+    def _require_link(self) -> None:
+        """Tell the controller of a link that was lost: nobody else, who may be waiting when it is noticed."""
+        error, self._cut = self._cut, None
+        if error is not None:
+            raise error
+
+    def _tell(self, data: bytes) -> None:
+        """Give the instrument what has arrived; without a link it is lost."""
+        try:
+            self._far.write(data)
+        except ConnectionResetError as error:
+            self._cut = error
+
+    def _advance(self) -> None:
+        """Let everything arrive that has by now."""
+        now = self._clock.now()
+        self._go_on(now)
+        while (instant := self.next_s) <= now:
+            if self._to_controller.next_s == instant:
+                self._arrived.append(self._to_controller.take().byte)
+            else:
+                self._receive(self._to_instrument.take())
+            self._go_on(instant)
+
+    def _answer(self) -> None:
+        """Put an answer that is ready on the line."""
+        try:
+            answer, _ = self._far.read(_WHOLE)
+        except ConnectionResetError as error:
+            self._cut = error
+            return
+        sent = heard(answer, self.frame, self._controller) if answer else []
+        if sent:
+            self._to_controller.add(sent, len(answer) * self.frame.character_s)
+
+    def _clear(self) -> None:
+        self._to_controller.drop()
+        try:
+            self._far.clear()
+        except ConnectionResetError as error:
+            self._cut = error
+
+    @property
+    def _takes(self) -> bool:
+        """The instrument's DTR."""
+        raise NotImplementedError
+
+    def _receive(self, character: ReceivedCharacter) -> None:
+        """Take a character that has arrived at the instrument."""
+        raise NotImplementedError
+
+    def _go_on(self, now_s: float) -> None:
+        """Let both ends begin to send what they have."""
+        raise NotImplementedError
+
+
+class ThreeWireLine(LineEnd):
+    """Three wires to what takes every character as it comes, whatever it is sending: a rate table.
+
+    A character with an error is dropped (unverified of every table).
+    """
+
+    @property
+    def _takes(self) -> bool:
+        return True
+
+    def _receive(self, character: ReceivedCharacter) -> None:
+        if not character.error:
+            self._tell(bytes([character.byte]))
+
+    def _go_on(self, now_s: float) -> None:
+        self._answer()
+        self._to_controller.go_on(now_s)
+        self._to_instrument.go_on(now_s)
+
+
+class HandshakeLine(LineEnd):
+    """The line of a SCPI instrument with the personality RS232: with its small buffer and its handshake."""
+
+    def __init__(self, instrument: FarInstrument, clock: Clock, frame: CharacterFrame | None = None) -> None:
+        super().__init__(instrument, clock, frame)
+        self.instrument = instrument
+        self._buffer = bytearray()
+        self._lost = False
+
+    @property
+    def under_way(self) -> bool:
+        """Whether anything waits to be sent, to arrive, or to be taken by the parser."""
+        return super().under_way or bool(self._buffer)
+
+    @property
+    def _takes(self) -> bool:
+        """The instrument's DTR."""
+        return len(self._buffer) < BUFFER and not self._to_controller
+
+    def _receive(self, character: ReceivedCharacter) -> None:
+        """Take a character into the input buffer."""
+        if character.error:
+            self._complain(character.error)
+        elif character.byte == _CLEAR:
+            self._clear()
+        elif len(self._buffer) < BUFFER + MARGIN:
+            self._lost = False
+            self._buffer.append(character.byte)
+        elif not self._lost:
+            self._lost = True
+            self._complain(_OVERFLOW)
+
+    def _complain(self, number: int) -> None:
+        self.instrument.engine.report(ScpiError(number))
+
+    def _clear(self) -> None:
+        self._buffer.clear()
+        super()._clear()
+
+    def _go_on(self, now_s: float) -> None:
+        """Hand the parser what it can take, the line what it has to say, and let both ends send on."""
+        self._fetch()
+        while self._buffer and (message := self._next_message()):
+            del self._buffer[: len(message)]
+            self._tell(message)
+            self._fetch()
+        if self._dtr:
+            self._to_controller.go_on(now_s)
+        if self._takes or not self._handshake:
+            self._to_instrument.go_on(now_s)
+
+    def _next_message(self) -> bytes:
+        """Return the message, or the part of one, that the parser takes now: while it is busy only a trigger."""
+        size = self._buffer.find(b"\n") + 1
+        if self._to_controller:
+            return b""
+        if self.instrument.engine.busy and self._buffer[:size].strip().upper() != b"*TRG":
+            return b""
+        return bytes(self._buffer[:size] if size else self._buffer)
+
+    def _fetch(self) -> None:
+        if not self._to_controller:
+            self._answer()

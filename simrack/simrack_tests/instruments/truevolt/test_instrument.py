@@ -1,0 +1,137 @@
+"""The simulated 34461A and 34465A: what their expectation files cannot say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from simrack.instruments.hp34401a import MeterErrors
+from simrack.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin, SimulatedTruevolt
+
+from simrack_tests.instruments.conversation import Conversation
+from simrack_tests.instruments.fake_world import FakeWorld
+
+MODELS = [Keysight34461ATwin, Keysight34465ATwin]
+
+
+class Bench:
+    def __init__(self, kind: type[SimulatedTruevolt], errors: MeterErrors | None = None, **more: str) -> None:
+        self.world = FakeWorld()
+        self.world.offset_v = 1.0
+        self.meter = kind(self.world, errors=errors or MeterErrors.none(), **more)  # type: ignore[arg-type]
+        self.world.clock.attend(self.meter)
+        self.talk = Conversation(self.meter, self.world.clock)
+
+    def value(self, query: str) -> float:
+        return float(self.talk.ask(query) or "nan")
+
+    def duration_s(self, query: str) -> float:
+        self.talk.settle()
+        start = self.world.clock.now()
+        assert self.talk.ask(query) is not None
+        return self.world.clock.now() - start
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_it_reads_the_mean_over_the_aperture(kind: type[SimulatedTruevolt]) -> None:
+    bench = Bench(kind)
+    bench.world.slope_v_s = 0.1
+    bench.talk.write("CONF:VOLT:DC 10;:TRIG:DEL 0")
+    bench.talk.settle()
+    middle_s = bench.world.clock.now() + 0.02 + 0.2 / 2  # 20 ms until it waits for a trigger
+    assert bench.value("READ?") == pytest.approx(1.0 + 0.1 * middle_s)
+
+
+@pytest.mark.parametrize(("nplc", "aperture_s"), [(0.02, 0.3e-3), (0.2, 3e-3), (1.0, 0.02), (10.0, 0.2)])
+def test_apertures_of_a_34461a_are_the_guides(nplc: float, aperture_s: float) -> None:
+    """Guide p. 452, 50 Hz."""
+    assert Bench(Keysight34461ATwin).meter.inputs.aperture_s(nplc) == pytest.approx(aperture_s)
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_autozero_doubles_the_time_of_a_reading(kind: type[SimulatedTruevolt]) -> None:
+    bench = Bench(kind)
+    bench.talk.write("CONF:VOLT:DC 10;:VOLT:DC:NPLC 100")
+    with_zero_s = bench.duration_s("READ?")
+    bench.talk.write("VOLT:DC:ZERO:AUTO OFF")
+    assert with_zero_s - bench.duration_s("READ?") == pytest.approx(2.0)
+
+
+def test_an_integration_time_in_seconds_is_kept() -> None:
+    bench = Bench(Keysight34465ATwin)
+    bench.talk.write("CONF:VOLT:DC 10;:VOLT:DC:ZERO:AUTO OFF;:VOLT:DC:APER 0.3")
+    longer_s = bench.duration_s("READ?")
+    bench.talk.write("VOLT:DC:APER 0.1")
+    assert longer_s - bench.duration_s("READ?") == pytest.approx(0.2)
+    assert 1e-7 < bench.value("VOLT:DC:RES?") / 10.0 < 3e-7  # between those of 10 and of 1 PLC
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_noise_and_steps_go_with_the_resolution(kind: type[SimulatedTruevolt]) -> None:
+    bench = Bench(kind, MeterErrors(noise=0.3, quantised=True))
+    bench.talk.write("CONF:VOLT:DC 10;:SAMP:COUN 200")
+    readings = np.array([float(each) for each in (bench.talk.ask("READ?") or "").split(",")])
+    resolution_v = kind.kind.sheet.resolution_v(10.0, 10.0)
+    assert readings.std() == pytest.approx(0.3 * resolution_v, rel=0.25)
+    assert (readings - 1.0) / (resolution_v / 10) == pytest.approx(
+        np.round((readings - 1.0) / (resolution_v / 10)), abs=1e-3
+    )
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_specimens_scatter_as_the_data_sheet_of_the_model_says(kind: type[SimulatedTruevolt]) -> None:
+    """What budgets take from it: two standard deviations within the limits."""
+    drawn = [kind.errors_class.drawn(np.random.default_rng(seed)) for seed in range(400)]
+    limit = kind.kind.sheet.accuracy_of(10.0, 365)
+    assert kind.kind.sheet.limit_sigmas == 2.0
+    assert np.std([each.gain_error for each in drawn]) == pytest.approx(limit.reading / 2.0, rel=0.15)
+    assert np.std([each.offset_v for each in drawn]) == pytest.approx(10.0 * limit.range / 2.0, rel=0.15)
+    assert drawn[7].input_ohm == MeterErrors.drawn(np.random.default_rng(7)).input_ohm
+
+
+def test_null_statistics_and_limits_are_on_at_once() -> None:
+    bench = Bench(Keysight34461ATwin)
+    bench.talk.write("CONF:VOLT:DC 10;:VOLT:NULL ON;:CALC:AVER ON;:CALC:LIM:LOW -0.5;UPP 0.5;:CALC:LIM ON")
+    assert bench.value("READ?") == 0.0  # the first reading becomes the null value
+    bench.world.offset_v = 2.0
+    assert bench.value("READ?") == 1.0
+    assert bench.talk.ask("CALC:AVER:ALL?") == "+5.00000000E-01,+7.07106781E-01,+0.00000000E+00,+1.00000000E+00"
+    assert bench.talk.ask("CALC:AVER:PTP?;COUN?") == "+1.00000000E+00;+2.00000000E+00"
+    assert bench.talk.ask("STAT:QUES?") == "+4096"
+    assert bench.talk.ask("VOLT:NULL:VAL?") == "+1.00000000E+00"
+    bench.talk.write("VOLT:NULL:VAL 0.5")
+    assert bench.value("READ?") == 1.5
+    bench.talk.write("CONF:VOLT:DC 10")
+    assert bench.value("READ?") == 2.0
+    assert bench.talk.errors() == []
+
+
+def test_autorange_once_takes_the_range_of_the_signal_and_stays() -> None:
+    bench = Bench(Keysight34465ATwin)
+    bench.world.offset_v = 0.05
+    bench.talk.write("VOLT:RANG:AUTO ONCE")
+    assert bench.talk.ask("VOLT:RANG?;RANG:AUTO?") == "+1.00000000E-01;0"
+    assert bench.talk.ask("MEAS:VOLT:DC? AUTO") == "+5.00000000E-02"
+    assert bench.talk.ask("VOLT:RANG:AUTO?") == "1"
+    bench.talk.write("CONF:VOLT:DC AUTO,0.001")
+    assert bench.talk.errors() == [-221]
+
+
+def test_an_overload_is_told_as_one() -> None:
+    bench = Bench(Keysight34461ATwin)
+    bench.talk.write("CONF:VOLT:DC 0.1")
+    assert bench.talk.ask("READ?") == "+9.90000000E+37"
+    assert bench.talk.ask("STAT:QUES?") == "+1"
+
+
+def test_it_calls_itself_what_the_bench_calls_it() -> None:
+    assert (Bench(Keysight34465ATwin, model="34470A").talk.ask("*IDN?") or "").split(",")[1] == "34470A"
+    assert (Bench(Keysight34465ATwin).talk.ask("*IDN?") or "").split(",")[1] == "34465A"
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_device_clear_ends_an_infinite_wait(kind: type[SimulatedTruevolt]) -> None:
+    bench = Bench(kind)
+    bench.talk.write("CONF:VOLT:DC 10;:TRIG:SOUR BUS;:INIT")
+    bench.talk.write("FETC?")
+    bench.meter.clear()
+    assert bench.talk.ask("*OPC?") == "1"

@@ -1,7 +1,0 @@
-"""The simulated InfiniiVision 3000 X and 4000 X oscilloscopes."""
-
-from __future__ import annotations
-
-from vcfbench.sim.instruments.infiniivision.instrument import InfiniiVisionXTwin, XSeriesErrors
-
-__all__ = ["InfiniiVisionXTwin", "XSeriesErrors"]

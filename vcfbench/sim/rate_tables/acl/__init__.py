@@ -1,9 +1,0 @@
-"""The simulated ACUTROL3000: its language, what it is told and asked, and what it does of itself."""
-
-from __future__ import annotations
-
-from vcfbench.sim.rate_tables.acl.instrument import AclTable, Header
-from vcfbench.sim.rate_tables.acl.limits import AxisLimits
-from vcfbench.sim.rate_tables.axis import TableErrors
-
-__all__ = ["AclTable", "AxisLimits", "Header", "TableErrors"]
