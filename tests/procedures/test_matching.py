@@ -67,6 +67,16 @@ def test_equal_within_the_noise_or_nearly_so() -> None:
     assert not begun((0.25, -0.120, 2e-4)).usable()
 
 
+def test_between_the_ends_of_two_ranges_the_nearer_end_is_used() -> None:
+    below, above = (0.24, -0.122, 1e-5), (0.25, -0.129, 1e-5)
+    assert not begun(below).usable()
+    between = begun(below, above)
+    assert between.usable()
+    assert between.best.v_vc_v == 0.24
+    assert between.v_vc_equal_v == pytest.approx(0.24 * 0.125 / 0.122)
+    assert not begun((0.2, -0.1, 1e-5), (0.3, -0.15, 1e-5)).usable()
+
+
 def test_a_dead_v_vc_lead_is_said_to_be_one() -> None:
     dead = begun((0.25, 1e-6, 1e-5))
     with pytest.raises(MeasurementError, match="does not answer to V_Vc"):

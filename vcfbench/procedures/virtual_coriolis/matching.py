@@ -22,6 +22,10 @@ tangent, so what the interpolation leaves is some per cent of this."""
 _USABLE = 1e-2
 """Residual over span beyond which step 2 has failed."""
 
+_BETWEEN_RANGES = 0.1
+"""The same where the target lies between what was tried: levels between the ends of two ranges of a generator cannot be
+set, and the two are some per cent apart."""
+
 
 class Mean(Struct, frozen=True):
     """The mean output (V) of `n` readings at one setting of V_Vc (V), and their sample standard deviation (V)."""
@@ -115,7 +119,9 @@ class Matching(Struct, frozen=True):
 
     def usable(self) -> bool:
         """Tell whether the best try is near enough to the target for K_Vc to mean anything."""
-        return abs(self.residual_v) <= max(3.0 * self.u_residual_v, _USABLE * abs(self.span_v))
+        away_v = [attempt.output_v - self.target_v for attempt in self.tries]
+        share = _BETWEEN_RANGES if min(away_v) < 0.0 < max(away_v) else _USABLE
+        return abs(self.residual_v) <= max(3.0 * self.u_residual_v, share * abs(self.span_v))
 
     @property
     def slope(self) -> float:

@@ -133,15 +133,15 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
     if not matching.usable():
         raise _no_match(matching, settings)
     require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
-    yield from _confirm(settings, points)
+    yield from _confirm(settings, points, matching.best.v_vc_v)
     matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
     require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     return points, matching
 
 
-def _confirm(settings: VirtualCoriolisSettings, points: list[Point]) -> Routine[None]:
+def _confirm(settings: VirtualCoriolisSettings, points: list[Point], equal_v: float) -> Routine[None]:
     """Take the rest of the windows at 0 V and at the V_Vc that was found, in turn, and add them to `points`."""
-    equal_v = previous_v = points[-1].v_vc_v
+    previous_v = points[-1].v_vc_v
     for pushed in _in_turn(settings.match_windows - 1):  # one of each was taken on the way here
         v_vc_v = equal_v if pushed else 0.0
         if v_vc_v != previous_v:
