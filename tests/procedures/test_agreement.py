@@ -50,6 +50,20 @@ def test_a_lead_that_comes_off_or_is_swapped_within_a_sweep_is_found(
         require_steady_slope(faulty(sweep(), since, fault))
 
 
+def test_small_levels_on_two_ranges_of_a_generator_are_no_fault_where_they_are_believed_as_set() -> None:
+    """Seen: offsets of 3.6 and -4.3 mV, each within 2 % and 4 mV, between 15 and 37 mV."""
+    per_v = -1.88
+    levels = [-0.067, -0.037, -0.015, 0.0, 0.015, 0.037, 0.067]
+    points = [point(4, 0.0, per_v * (v + (3.6e-3 if abs(v) < 0.03 else -4.3e-3)), v) for v in levels]
+    reference = (point(2, 0.0, per_v * 3.6e-3), point(2, 0.0, per_v * (0.067 - 4.3e-3), 0.067))
+    with pytest.raises(MeasurementError, match="lets expect"):
+        require_steady_slope(points, reference)
+    require_steady_slope(points, reference, lambda v: 0.02 * abs(v) + 4e-3)
+    for broken in (faulty(points, 4, lambda _: 0.0), faulty(points, 4, lambda v: -v)):
+        with pytest.raises(MeasurementError, match="a lead came off or was swapped"):
+            require_steady_slope(broken, reference, lambda v: 0.02 * abs(v) + 4e-3)
+
+
 def test_a_whole_sweep_with_swapped_leads_has_not_the_slope_of_step_1() -> None:
     step_1 = (point(1, 0.0, BIAS_V), point(1, 10.0, BIAS_V + 10 * K))
     with pytest.raises(MeasurementError, match="the slope of step 1 lets expect"):

@@ -72,7 +72,15 @@ class BlockNoise:
     dof: float
 
 
-def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: float, slot_s: float) -> BlockNoise:
+def block_noise(
+    blocks: Sequence[Block],
+    std_v: float,
+    readings: int,
+    window_s: float,
+    slot_s: float,
+    *,
+    least_flicker_v2: float = 0.0,
+) -> BlockNoise:
     """Return the noise of a run.
 
     Args:
@@ -81,6 +89,7 @@ def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: 
         readings: of each window.
         window_s: length of a window, s.
         slot_s: from the beginning of one window to that of the next, s, about.
+        least_flicker_v2: what is known of the flicker, V^2: the covariance has it where the blocks show less.
 
     Raises:
         ConfigError: no block, or windows that tell no scatter.
@@ -96,8 +105,8 @@ def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: 
     unit = float(np.trace(left.T @ flicker @ left)) / left.shape[1]
     coefficient = max(0.0, (per_degree - white) / unit)  # a density is not negative
     of_white, of_flicker = DIFFERENCES @ DIFFERENCES.T, DIFFERENCES @ flicker @ DIFFERENCES.T
-    covariance = white * of_white + coefficient * of_flicker
-    share = float(of_flicker[0, 0]) / unit
+    covariance = white * of_white + max(coefficient, least_flicker_v2) * of_flicker
+    share = float(of_flicker[0, 0]) / unit if coefficient >= least_flicker_v2 else 0.0
     within, between = len(blocks) * len(CHOPPED) * (readings - 1), seen.size
     most = max(per_degree, white)
     spread = 2.0 * ((float(of_white[0, 0]) - share) * white) ** 2 / within + 2.0 * (share * most) ** 2 / between

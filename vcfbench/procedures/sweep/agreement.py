@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from vcfbench.errors import MeasurementError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from vcfbench.bench.settings import Expected
     from vcfbench.record.schema import Point
@@ -63,12 +63,16 @@ def require_same_zero(zero_table: Point, zero_virtual: Point, turning: Point) ->
         )
 
 
-def require_steady_slope(points: Sequence[Point], reference: Sequence[Point] = ()) -> None:
+def require_steady_slope(
+    points: Sequence[Point], reference: Sequence[Point] = (), limit_v: Callable[[float], float] | None = None
+) -> None:
     """See that the output moves between all neighbouring rates, and everywhere in one direction.
 
     Args:
         points: the points of one sweep.
         reference: two points of an earlier step whose slope has to be that of the sweep too.
+        limit_v: how far a level of V_Vc may be off, V, where it is believed as it was set: small levels on two ranges
+            of a generator may be some millivolts nearer or further apart.
 
     Raises:
         MeasurementError: between two rates the slope is not within 0.5 to 1.5 of that of the whole.
@@ -81,6 +85,8 @@ def require_steady_slope(points: Sequence[Point], reference: Sequence[Point] = (
     low, high = _SLOPES
     for left, right in [(ordered[0], ordered[-1]), *pairwise(ordered)]:
         u_v = _NOISES * noise_v * math.sqrt(1.0 / left.n + 1.0 / right.n)
+        if limit_v is not None:
+            u_v += abs(slope) * (limit_v(_x(left)) + limit_v(_x(right)))
         step = slope * (_x(right) - _x(left))
         moved_v = right.output_v - left.output_v
         if min(low * step, high * step) - u_v <= moved_v <= max(low * step, high * step) + u_v:

@@ -15,7 +15,7 @@ from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.levels import has_v_vc_meter, ready_v_vc_meter, take_driven
+from vcfbench.procedures.known.levels import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
 from vcfbench.procedures.procedure import PAPER_USES, Procedure
 from vcfbench.procedures.routines import (
     go_to_rate,
@@ -125,6 +125,8 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
     v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess_deg_s_per_v
     for number in range(settings.match_iterations):
         v_vc_v = yield from set_v_vc(settings, v_vc_v)
+        if number > 1 and v_vc_v in {point.v_vc_v for point in points}:  # between the ends of two ranges: nothing new
+            break
         points.append((yield from _take_virtual(settings, v_vc_v)))
         matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
         if number > 0 and matching.equal():  # one lucky guess proves nothing
@@ -185,6 +187,7 @@ def _virtual_sweep(
     points: list[Point] = []
     zeros: list[Point] = []
     reference = (driven[0], next(point for point in reversed(driven) if point.v_vc_v != driven[0].v_vc_v))
+    limit_v = None if has_v_vc_meter(settings) else generator_sheet(settings).limit_v
     yield from v_vc_on()
     yield Settle(settings.settle_s, "gyro settles after the generator came on")
     yield from take_reference(settings, 4)
@@ -193,8 +196,8 @@ def _virtual_sweep(
         own, number = (points, 4) if visit is not None else (zeros, ZERO_DRIVEN)
         rate_deg_s = rates.rate_of(v_vc_v)
         own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
-        require_steady_slope(points[-2:], reference)
-    require_steady_slope(points, reference)
+        require_steady_slope(points[-2:], reference, limit_v)
+    require_steady_slope(points, reference, limit_v)
     yield from _ends_again(settings, points)
     yield from set_v_vc(settings, 0.0)
     yield from take_reference(settings, 4)
