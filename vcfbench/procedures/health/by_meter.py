@@ -100,7 +100,7 @@ def _gain_of(then: Characteristics, frequency_hz: float) -> float:
 
 
 def _force(share: float, drive_hz: float, split_hz: float, far_hz: float) -> float:
-    """Return force and pick-off of the in-phase mode over the other, by its share of what both answer at rest."""
+    """Return force and pick-off of the in-phase mode over the other, by its share of the response at rest."""
     stiff = [(drive_hz - each) ** 2 - drive_hz**2 for each in (far_hz, split_hz)]
     return share / (1.0 - share) * stiff[0] / stiff[1]
 

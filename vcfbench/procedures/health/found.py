@@ -69,7 +69,7 @@ class Health(Struct, frozen=True, kw_only=True):
         return structs.replace(known, **{name: each.kept() for name, each in found if each is not None})
 
     def unchanged(self, then: Characteristics) -> Health:
-        """Return the findings of an unchanged device: the values of `then`, with the uncertainties of now."""
+        """Return the same findings of an unchanged device: the values of `then`, with their uncertainties."""
         kept = {name: getattr(then, name) for name, each in structs.asdict(self).items() if each is not None}
         return structs.replace(self, **{name: _again(each) for name, each in kept.items() if each is not None})
 

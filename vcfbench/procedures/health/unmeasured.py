@@ -94,7 +94,7 @@ def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> 
 
 
 def _moved(known: Mapping[str, Kept], moved: Mapping[str, float], sign: float) -> Characteristics:
-    """Return the moved characteristics, with their earlier uncertainties; a leak has one direction."""
+    """Return the moved characteristics, without a further uncertainty; a leak has one direction."""
     values = {
         name: known[name].value * (1.0 + by) if name.startswith("q_") else known[name].value + sign * by
         for name, by in moved.items()

@@ -85,7 +85,7 @@ class Limits(Struct, frozen=True):
     warm_up_v: float
     """Shift of the zero, from the first window on."""
     warm_up_share: float
-    """Change of the output by a rate, relative."""
+    """Shift of the output by a rate, relative to that output, from the first window on."""
     wander_v: float
     """Largest shift of the zero in the run, by temperature or as the bench file says."""
     wander_share: float

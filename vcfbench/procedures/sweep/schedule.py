@@ -50,7 +50,7 @@ class Zeros(Enum):
 
 
 class KvcBy(Enum):
-    """Match that K_Vc of the four steps is made of.
+    """Source of K_Vc in the four steps.
 
     `ONE_POINT`: the match at one rate. `PLUS_MINUS`: half the difference of those at it and its opposite. `CURVE`: a
     curve through matches at several rates of both signs.
