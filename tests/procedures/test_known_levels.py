@@ -63,3 +63,20 @@ def test_the_covariance_of_sums_is_that_of_drawn_ranges() -> None:
     drawn = (volts * gain[:, own] + offset[:, own]) @ per_v.T
     found = sum(part for _, _, part in of(*ends).covariances(volts, per_v, 0))
     assert found == pytest.approx(np.cov(drawn.T), rel=0.03)
+
+
+def test_the_covariance_of_levels_is_that_of_the_budget() -> None:
+    random = np.random.default_rng(6)
+    volts = random.uniform(-2.0, 2.0, 9)
+    volts[4:8] = -volts[:4]
+    for known in (of(0.1, 1.0, 10.0), of(10.0)):
+        own_v = np.array([known.u_besides_v(each) for each in volts])
+        for weights in random.normal(size=(5, 9)):
+            square = spread(known, volts, weights) ** 2 + float(np.square(weights * own_v).sum())
+            assert weights @ known.covariance_v2(volts) @ weights == pytest.approx(square)
+
+
+def test_where_no_range_is_known_a_level_shares_its_errors_with_its_opposite_alone() -> None:
+    covariance = of().covariance_v2(np.array([1.0, -1.0, 1.01]))
+    assert covariance[0, 0] == covariance[1, 1] > covariance[0, 1] != 0.0
+    assert covariance[0, 2] == covariance[1, 2] == 0.0

@@ -75,6 +75,19 @@ class KnownLevels(Struct, frozen=True):
             found.append((f"{low_v:.3g} to {high_v:.3g} V", here, limit(low_v)))
         return found
 
+    def covariance_v2(self, volts: Floats) -> Floats:
+        """Return the covariance of the errors of levels, of each its own and of a range in common, V^2.
+
+        Where nobody knows the ranges a level shares its range with its opposite.
+        """
+        ranges = np.array([self.range_of(each) for each in volts]) if self.ranges_v else np.abs(volts)
+        lows_v = [(0.0, *self.ranges_v)[each] for each in ranges] if self.ranges_v else ranges
+        offset_v = np.array([self.offset_limit_v(float(each)) for each in lows_v])
+        shared = ((self.gain or 0.0) ** 2 * np.outer(volts, volts) + np.outer(offset_v, offset_v)) / 3.0
+        own_v = np.array([self.u_besides_v(each) for each in volts])
+        own = (volts[:, None] == volts) * np.outer(own_v, own_v)
+        return np.asarray((ranges[:, None] == ranges) * shared + own)
+
     def errors(self, moved: Mapping[str, tuple[Floats, Floats]]) -> tuple[list[Source], dict[str, dict[str, float]]]:
         """Return the sources of errors that levels share, and the effect of one unit of each on each value.
 

@@ -17,7 +17,8 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.known.levels import generator_sheet, has_v_vc_meter
+from vcfbench.procedures.budget.known_levels import known_levels
+from vcfbench.procedures.known.levels import has_v_vc_meter
 from vcfbench.procedures.steady.walk import sigmas
 from vcfbench.procedures.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
 
@@ -198,17 +199,13 @@ def _own_variances(walk: Walk, windows: Sequence[Seen], moved_v: Floats) -> Floa
 
 
 def _level_covariance(walk: Walk, windows: Sequence[Seen], slope_v: float) -> Floats:
-    """Return the covariance by the error of V_Vc, the same in all windows of one setting, V^2 of the output."""
-    settings = walk.settings
-    largest_v = max(1e-9, *(abs(each.point.v_vc_v) for each in windows))
-    if has_v_vc_meter(settings) and any(each.point.v_vc_measured_v is not None for each in windows):
-        off_v = [1e-5 * largest_v] * len(windows)
-    else:
-        sheet = generator_sheet(settings)
-        off_v = [sheet.limit_v(each.point.v_vc_v) / math.sqrt(3.0) for each in windows]
-    off = slope_v / largest_v * np.array(off_v)
-    same = np.array([[one.setting == other.setting for other in windows] for one in windows])
-    return np.asarray(same * np.outer(off, off))
+    """Return the covariance by errors of V_Vc, of each setting its own and of a range in common, V^2 of the output."""
+    points, settings = [each.point for each in windows], walk.settings
+    level_v = np.array([point.v_vc_v for point in points])
+    per_v = slope_v / max(1e-9, float(np.abs(level_v).max()))
+    if has_v_vc_meter(settings) and any(point.v_vc_measured_v is not None for point in points):
+        return np.asarray((level_v[:, None] == level_v) * (1e-5 * slope_v) ** 2)
+    return np.asarray(per_v**2 * known_levels(points, settings.station.sources).covariance_v2(level_v))
 
 
 def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
