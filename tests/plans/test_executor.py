@@ -55,7 +55,7 @@ def test_bench_time_is_windows_ramps_and_settling_to_the_microsecond() -> None:
     bench = FakeBench()
     execution = run("virtual-coriolis", bench)
     ramps_s = (4 * 10.0 + 200.0 + 400.0 + 200.0) / 100.0
-    states, windows = 5 + 7 + 19 + 19, 8 + 9 + 19 + 19  # a zero before and after each sweep
+    states, windows = 5 + 7 + 19 + 20, 8 + 9 + 19 + 20  # a reference before each sweep, one or two after
     by_hand_s = SETTLE_S + states * SETTLE_S + windows * WINDOW_S + ramps_s
     assert execution.physical_minimum_s == pytest.approx(by_hand_s, abs=1e-6)
     # the fake's AGC is settled at the first look, so nothing comes on top

@@ -157,7 +157,9 @@ def test_four_steps_in_the_order_in_which_they_can_be_done() -> None:
         "EnableVvc",
         *THE_ZERO,
         *virtual_sweep(),
-        "V_Vc 0",
+        "V_Vc 5",
+        *THE_ZERO,
+        "V_Vc -5",
         *THE_ZERO,
         *SHUT_DOWN,
     ]

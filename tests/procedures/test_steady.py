@@ -110,3 +110,23 @@ def test_faults_of_the_multimeter_end_a_simulated_run(case: Case, each: int, tmp
     for name, fault in list(faults_of(seen.times_s))[::each]:
         with spoilt(with_fault(fault)):
             assert isinstance(run(case, 3, str(tmp_path)), MeasurementError), name
+
+
+@pytest.mark.parametrize(
+    ("case", "fault"),
+    [
+        (Case("virtual-coriolis", "paper"), "pulse +0.1 V over 3 from window 38"),
+        pytest.param(
+            Case("virtual-coriolis", "lab", order="abba", zeros="ends"),
+            "pulse +0.003 V over 2 from window 88",
+            marks=pytest.mark.exhaustive,
+        ),
+    ],
+    ids=lambda value: getattr(value, "name", str(value)),
+)
+def test_a_pulse_over_the_ends_of_the_virtual_sweep_ends_the_run(case: Case, fault: str, tmp_path: Any) -> None:
+    """A pulse over the largest levels of one sign, or over both visits of the smallest."""
+    seen = Windows()
+    run(case, 3, str(tmp_path), [seen])
+    with spoilt(with_fault(dict(faults_of(seen.times_s))[fault])):
+        assert isinstance(run(case, 3, str(tmp_path)), MeasurementError)

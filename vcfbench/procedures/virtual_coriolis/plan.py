@@ -8,6 +8,7 @@ holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under serv
 from __future__ import annotations
 
 from functools import partial
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 from vcfbench.bench.settings import V_VC_RANGE_V
@@ -190,7 +191,8 @@ def _virtual_sweep(
     limit_v = None if has_v_vc_meter(settings) else generator_sheet(settings).limit_v
     yield from v_vc_on()
     yield Settle(settings.settle_s, "gyro settles after the generator came on")
-    yield from take_reference(settings, 4)
+    if settings.visits_deg_s[0]:
+        yield from take_reference(settings, 4)
     for visit in settings.visits_deg_s:
         v_vc_v = yield from set_v_vc(settings, 0.0 if visit is None else rates.level_for(visit))
         own, number = (points, 4) if visit is not None else (zeros, ZERO_DRIVEN)
@@ -198,21 +200,22 @@ def _virtual_sweep(
         own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
         require_steady_slope(points[-2:], reference, limit_v)
     require_steady_slope(points, reference, limit_v)
-    yield from _ends_again(settings, points)
-    yield from set_v_vc(settings, 0.0)
-    yield from take_reference(settings, 4)
+    yield from _references_after(settings, [point.v_vc_v for point in points])
 
 
-def _ends_again(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> Routine[None]:
-    """Take the outermost levels again that were visited once, where V_Vc is measured.
+def _references_after(settings: VirtualCoriolisSettings, levels_v: Sequence[float]) -> Routine[None]:
+    """Take the outermost levels again that were visited in one stretch alone, and the zero where no reference began.
 
-    The modulator is so curved that one window at an end that is off looks like the next orders of its curve.
+    At the ends one stretch that is off looks like the modulator's next orders, or like another range of the generator.
     """
-    levels = [point.v_vc_v for point in points] if has_v_vc_meter(settings) else []
-    for end_v in (max(levels, default=0.0), min(levels, default=0.0)):
-        if levels.count(end_v) == 1:
-            level_v = yield from set_v_vc(settings, end_v)
-            yield from take_reference(settings, 4, level_v)
+    stretches = [level_v for level_v, _ in groupby(levels_v)]
+    ends_v = dict.fromkeys((max(levels_v), min(levels_v)))
+    again = [level_v for level_v in ends_v if stretches.count(level_v) == 1]
+    if settings.visits_deg_s[-1] and levels_v[0] not in again:
+        again.append(0.0)
+    for level_v in again:
+        set_v = yield from set_v_vc(settings, level_v)
+        yield from take_reference(settings, 4, set_v)
 
 
 def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
