@@ -67,8 +67,13 @@ SWEEPS = [
     *(Case("turntable", order=order, zeros=zeros) for order in ORDERS for zeros in ZEROS),
     Case("turntable", repeat=2),
     Case("turntable", whole_turns=True, longest_turn_s=40.0),
-    *(Case("virtual-coriolis", bench) for bench in ("paper", "lab")),
-    *(Case("virtual-coriolis", "lab", order=order, zeros=zeros) for order in ORDERS for zeros in ZEROS[1:]),
+    *(
+        Case("virtual-coriolis", bench, order=order, zeros=zeros)
+        for bench in ("paper", "lab")
+        for order in ORDERS
+        for zeros in ZEROS
+    ),
+    *(Case("virtual-coriolis", "paper", k_vc_by=by) for by in ("plus-minus", "curve")),
     *(Case("virtual-coriolis", "lab", k_vc_by=by) for by in ("plus-minus", "curve")),
     Case("virtual-coriolis", "lab", match="absolute"),
     Case("kvc", "lab"),
