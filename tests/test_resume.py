@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from datetime import datetime, timedelta
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -275,10 +276,25 @@ def test_a_fault_while_it_starts_up_again_ends_safe_and_can_be_resumed(tmp_path:
     left.write_text("9")
     run = vcfbench.resume(again.value.run)
     assert (run.status, len(run.points), len(run.resumed)) == ("complete", 4, 2)
+    assert failed.value.run.directory is not None
+    left.write_text("7")
+    asked = CliRunner().invoke(app, ["resume", str(failed.value.run.directory), "--quiet"])
+    assert asked.exit_code == ConfigError.exit_code
+    assert f"the program {file} (SHA-256 {sha256(OWN.encode()).hexdigest()}): it is run only" in asked.stderr
+    assert left.read_text() == "7"
+    assert CliRunner().invoke(app, ["resume", str(failed.value.run.directory), "--quiet", "--yes"]).exit_code == 0
     file.write_text(OWN + "\n# changed\n", encoding="utf-8")
     with pytest.raises(ConfigError, match="was changed since"):
         vcfbench.resume(failed.value.run)
     assert vcfbench.resume(failed.value.run, procedure=file).status == "complete"
+
+
+def test_other_versions_are_said(whole: Run, tmp_path: Path) -> None:
+    broken = cut(whole, tmp_path, 2)
+    journal = broken / "journal.jsonl"
+    journal.write_bytes(sealed(journal.read_bytes().replace(b'"vcfbench":"', b'"vcfbench":"0.0.1-', 1)))
+    with pytest.warns(UserWarning, match=r"began with other versions: vcfbench 0\.0\.1-\S+, here \S+"):
+        assert vcfbench.resume(broken).status == "complete"
 
 
 def test_what_is_kept_of_a_device_is_kept_once_at_the_end(tmp_path: Path) -> None:

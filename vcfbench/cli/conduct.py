@@ -12,7 +12,7 @@ import typer
 from msgspec import Struct, structs, to_builtins
 
 from vcfbench.cli.answer import given, print_json, print_report
-from vcfbench.errors import BenchError
+from vcfbench.errors import BenchError, ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -78,9 +78,29 @@ def resume(name: str, procedure: Path | None, options: RunOptions, ending: Signa
 
     broken = broken_off(name, options.runs)
     beside = broken.directory.path.parent
+    if procedure is None and isinstance(broken.procedure, Path):
+        _require_wanted(broken.procedure, broken.directory.run, yes=options.yes)
     asked = Asked(procedure or broken.procedure, options.bench, runs=beside, speed=options.speed)
     with broken.directory.alone():
         _carry_out(asked, broken.prepare, options, ending)
+
+
+def _require_wanted(file: Path, run: str, *, yes: bool) -> None:
+    """Ask whether the program that a record names may be run: the record may come from anybody.
+
+    Raises:
+        ConfigError: nobody says so.
+    """
+    from hashlib import sha256  # noqa: PLC0415  # few procedures are one's own
+
+    words = f"{run} is of a procedure of its own, the program {file} (SHA-256 {sha256(file.read_bytes()).hexdigest()})"
+    if yes:
+        return
+    if sys.stdin is not None and sys.stdin.isatty():
+        typer.echo(f"{words}. Run it? [y/N] ", nl=False, err=True)
+        if sys.stdin.readline().strip().lower() in {"y", "yes"}:
+            return
+    raise ConfigError(f"{words}: it is run only where somebody says so", hint=f"--procedure {file}, or --yes")
 
 
 def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:

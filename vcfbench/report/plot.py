@@ -96,10 +96,18 @@ def caption_of(figure: Figure) -> str:
     return " ".join([*([figure.caption] if figure.caption else []), *bars, *thin])
 
 
+def matplotlib() -> Any:
+    """Return Matplotlib; ConfigError where it does not load for the sake of its own settings."""
+    try:
+        import matplotlib as mpl  # noqa: PLC0415 - it takes a while, and figures alone need it
+    except ValueError as error:
+        raise ConfigError(f"Matplotlib does not load: {error}", hint="is MPLBACKEND one that it knows?") from error
+    return mpl
+
+
 def _settings(salt: str) -> Any:
     """Return a context in which Matplotlib has its defaults, but for settings that make the same bytes each time."""
-    import matplotlib as mpl  # noqa: PLC0415 - it takes a while, and figures alone need it
-
+    mpl = matplotlib()
     plain: dict[Any, Any] = {key: each for key, each in mpl.rcParamsDefault.items() if not key.startswith("backend")}
     return mpl.rc_context({**plain, **_STYLE, "svg.hashsalt": salt})
 

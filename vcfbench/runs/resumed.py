@@ -161,6 +161,7 @@ class BrokenOff:
         from vcfbench.plans.replay import taken_over  # noqa: PLC0415
         from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
         from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
+        from vcfbench.runs.conduct import other_versions  # noqa: PLC0415
         from vcfbench.runs.needs import require_needs  # noqa: PLC0415
 
         header = self.record.header
@@ -176,6 +177,8 @@ class BrokenOff:
         checked.seed = header.get("seed") if description.simulation is not None else None
         checked_pace(description, asked.speed)
         require_needs(chosen, description)
+        if others := other_versions(header):
+            asked.warn(f"{self.directory.run} began with other versions: {others}")
         try:
             taken = taken_over(self.record, self.directory.run)
             began_s = float(header.get("began_s", 0.0)) if taken else None

@@ -6,6 +6,7 @@ import io
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.report.plot import matplotlib
 from vcfbench.studies.summary import headlines
 
 if TYPE_CHECKING:
@@ -25,8 +26,8 @@ def picture(title: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary]) ->
 
     The same rows give the same bytes.
     """
-    import matplotlib as mpl  # noqa: PLC0415  # it takes a while, and pictures alone need it
-    from matplotlib.figure import Figure  # noqa: PLC0415  # as above
+    mpl = matplotlib()
+    from matplotlib.figure import Figure  # noqa: PLC0415  # it takes a while, and pictures alone need it
 
     names = headlines(cases)[:_MOST_PANELS]
     down = -(-len(names) // _ACROSS) or 1
