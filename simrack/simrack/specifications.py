@@ -296,7 +296,6 @@ KEYSIGHT_E3631A: Final = SupplySpecification(
     voltage=MappingProxyType({"P6V": (1e-3, 5e-3), "P25V": (5e-4, 10e-3), "N25V": (5e-4, 10e-3)}),
     current=MappingProxyType({"P6V": (2e-3, 10e-3), "P25V": (1.5e-3, 4e-3), "N25V": (1.5e-3, 4e-3)}),
     source="User's Guide E3631-90002 p. 186, 12 months at 25 +- 5 degC",
-    limit_sigmas=4.0,  # inferred: the same maker's word for the limits of the 34401A, User's Guide p. 227
 )
 
 KEYSIGHT_E36312A: Final = SupplySpecification(
@@ -304,7 +303,6 @@ KEYSIGHT_E36312A: Final = SupplySpecification(
     voltage=MappingProxyType({"P6V": (3e-4, 3e-3), "P25V": (3e-4, 5e-3), "N25V": (3e-4, 5e-3)}),
     current=MappingProxyType({"P6V": (1e-3, 5e-3), "P25V": (1e-3, 2e-3), "N25V": (1e-3, 2e-3)}),
     source="from memory of the data sheet 5992-2124EN and rounded up, unverified",
-    limit_sigmas=4.0,  # inferred: the same maker's word for the limits of the 34401A, User's Guide p. 227
 )
 
 

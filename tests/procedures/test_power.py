@@ -45,11 +45,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def test_the_steady_currents_are_found(run: Any) -> None:
     for rail in run.results.rails:
-        assert abs(rail.current.value - QUIESCENT_A) < 3.0 * rail.current.u < 4e-3
+        assert abs(rail.current.value - QUIESCENT_A) < rail.current.expanded_u < 4e-3
         assert rail.inrush.value <= QUIESCENT_A + START_UP_A + 3.0 * rail.inrush.u
         assert rail.inrush.value >= rail.current.value - 3e-4
     power = run.results.power
-    assert abs(power.value - 20.0 * QUIESCENT_A) < 3.0 * power.u < 0.05
+    assert abs(power.value - 20.0 * QUIESCENT_A) < 3.0 * power.u < 0.1  # 4 mA of each rail, at 10 V
 
 
 def test_the_weaker_rail_alone_decides(run: Any) -> None:
@@ -154,4 +154,4 @@ def test_an_imbalance_of_the_rails_is_taken_out_of_the_halves() -> None:
             value = getattr(effect, f"scale_factor_{half}")
             assert abs(value.value - true) < 3.0 * value.u
             assert any(part.source == "imbalance of the rails" for part in value.parts)
-            assert value.u < 400.0  # what 30 mV of 200 mV would do is 1500
+            assert value.u < 500.0  # what 30 mV of 200 mV would do is 1500; 9 mV of the read-backs is 460

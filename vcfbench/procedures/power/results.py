@@ -224,10 +224,10 @@ def _ammeter(settings: PowerSettings, output: str, current_a: float) -> list[Unc
         return []
     gain, offset_a = sheet.current[output]
     of = f"{settings.station.instruments['power'].owner}, {output}"
-    divisor = sheet.limit_sigmas or math.sqrt(3.0)
+    divisor, within = sheet.limit_sigmas or math.sqrt(3.0), sheet.limit_sigmas is None
     return [
-        UncertaintyPart("ammeter's gain", gain * abs(current_a) / divisor, None, of),
-        UncertaintyPart("ammeter's offset", offset_a / divisor, None, of),
+        UncertaintyPart("ammeter's gain", gain * abs(current_a) / divisor, None, of, rectangular=within),
+        UncertaintyPart("ammeter's offset", offset_a / divisor, None, of, rectangular=within),
     ]
 
 
