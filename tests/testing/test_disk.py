@@ -7,6 +7,7 @@ import os
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
+from vcfbench.bench import lock
 from vcfbench.bench.lock import instrument_locks
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.record.devices import Conditions, DeviceStore, Measured, SelfCalibration
@@ -141,6 +142,8 @@ def test_an_entry_of_a_device_is_there_once_it_was_added_and_never_in_part(tmp_p
 
 
 def test_a_lock_file_in_any_state_locks_nobody_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lock, "_DYING_S", 0.0)  # this process has signed, and does not die
+
     def write(_said: list[int]) -> None:
         monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "disk"))
         with instrument_locks("one", {"power": "GPIB0::5::INSTR"}):
