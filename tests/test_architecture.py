@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("vcfbench", "pyvisa_vcfbench", "simrack/simrack")
+PACKAGES = ("vcfbench", "pyvisa_vcfbench", "simrack/simrack", "simrack/pyvisa_simrack")
 FLOORS = [
     {"cli", "testing", "__main__"},
     {"page", "studies"},
@@ -35,6 +35,7 @@ FROM_THE_RACK = {"vcfbench.clock": "simrack.clock", "vcfbench.specifications": "
 KNOW_THE_SIMULATION = (
     *("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.cli.serve", "vcfbench.sim", "vcfbench.testing"),
     "pyvisa_vcfbench",
+    "pyvisa_simrack",
     "simrack",
 )
 HEAVY = {"numpy", "scipy", "pyvisa", "pyvisa_py", "serial", "rich", "numba", "starlette", "uvicorn"}
@@ -102,7 +103,7 @@ def test_only_the_bench_knows_that_there_is_a_simulation() -> None:
 
 def test_the_rack_knows_nobody() -> None:
     ours = ("vcfbench", "pyvisa_vcfbench")
-    rack = {name: tree for name, tree in modules().items() if name.split(".")[0] == "simrack"}
+    rack = {name: tree for name, tree in modules().items() if name.split(".")[0] in ("simrack", "pyvisa_simrack")}
     assert rack
     seen = [(name, target) for name, tree in rack.items() for target in imports(tree)]
     assert [each for each in seen if each[1].startswith(ours)] == []

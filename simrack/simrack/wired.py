@@ -1,0 +1,360 @@
+"""A World of wires: a supply's rails, a generator on `input`, a circuit, and what looks at `input` and `output`.
+
+The circuit is a device under test of your own: what it lets through of each frequency. Without one `output` is `input`.
+What changes at the input has settled at the output at once; sources feel the loads on their nodes.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from msgspec import Struct
+
+from simrack.loads import NodeLoads
+from simrack.motion import TableMotion
+from simrack.observations import Observed
+from simrack.sources import Approach, Drive, Ripple, Sine
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Mapping
+
+    from numpy.typing import NDArray
+
+    from simrack.clock import Clock
+    from simrack.sources import Played
+    from simrack.world import LeadsOfRole
+
+RAILS = ("positive", "negative")
+NODES = ("output", "input", "rail_positive", "rail_negative")
+_FINEST_RAD = 0.05
+_MOST_POINTS = 1 << 18
+_LOOKS = 1 << 16
+"""Points of an average of what a circuit makes of a waveform."""
+_ROOM_C = 23.0
+
+
+class Circuit(ABC):
+    """A device under test between the nodes `input` and `output`."""
+
+    name = "circuit"
+    output_ohm = 0.0
+    """Its resistance as whoever loads `output` feels it."""
+    memory_s = 0.0
+    """How long it remembers what was at its input."""
+
+    @abstractmethod
+    def transfer(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return output over input at each frequency, in the shape of `frequency_hz`."""
+
+    def current_a(self, rail: str, voltage_v: float) -> float:
+        """Return the magnitude of what it draws from "positive" or "negative" at a voltage, A: nothing."""
+        del rail, voltage_v
+        return 0.0
+
+
+class Mechanics(Struct, frozen=True):
+    """A table without errors: a loop of 25 Hz, no ripple, no flutter."""
+
+    loop_hz: float = 25.0
+    loop_damping: float = 0.7
+    rate_error: float = 0.0
+    ripple_arcsec: tuple[float, ...] = ()
+    ripple_harmonic: tuple[int, ...] = ()
+    ripple_phase_rad: tuple[float, ...] = ()
+    flutter_per_sqrt_hz: float = 0.0
+    friction_deg_s2: float = 10.0
+    friction_time_s: float = 5.0
+
+
+class _Closed(Struct, frozen=True):
+    constant_v: float
+    terms: list[tuple[complex, complex]]
+
+
+class _Filtered(Struct, frozen=True):
+    """What a circuit makes of a source that plays."""
+
+    circuit: Circuit
+    source: Played
+    share: float = 1.0
+
+    def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return its volts at bench times, by the spectrum of what was there and for as long as it remembers before."""
+        begin, end = float(times_s.min()) - self.circuit.memory_s, float(times_s.max())
+        step = max((end - begin) / _MOST_POINTS, min(1e-6, (end - begin) / 1024)) or 1e-6
+        grid = np.asarray(begin + step * np.arange(math.ceil((end - begin) / step) + 2), dtype=np.float64)
+        frequencies = np.asarray(np.fft.rfftfreq(len(grid), step), dtype=np.float64)
+        passed = np.asarray(np.fft.rfft(self.source.at(grid))) * self.circuit.transfer(frequencies)
+        return self.share * np.interp(times_s, grid, np.fft.irfft(passed, len(grid)))
+
+
+class _Rail(Struct, frozen=True):
+    approach: Approach
+    ripple: Ripple | None = None
+
+    def sine(self) -> Sine | None:
+        """Return the ripple, while there is a voltage to ripple."""
+        if self.ripple is None or not self.approach.goal_v:
+            return None
+        return Sine(math.sqrt(2.0) * self.ripple.rms_v, self.ripple.frequency_hz, self.ripple.phase_rad)
+
+    def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return its volts at bench times."""
+        moving = [size * np.exp((self.approach.origin_s - times_s) / tau) for size, tau in self.approach.terms]
+        sine = self.sine()
+        return self.approach.goal_v + sum(moving, np.zeros_like(times_s)) + (0.0 if sine is None else sine.at(times_s))
+
+
+_Signal = Drive | _Filtered | _Rail
+
+
+class _Stretch(Struct, frozen=True):
+    """What the nodes carry while nothing changes."""
+
+    start_s: float
+    stop_s: float
+    signals: Mapping[str, _Signal | Played]
+
+    def integral(self, node: str) -> float:
+        """Return the integral of a node's voltage, V s."""
+        signal, lasts = self.signals[node], self.stop_s - self.start_s
+        known = self.closed_form(node)
+        if known is not None:
+            turned = [(size * (cmath.exp(speed * lasts) - 1.0) / speed).real for size, speed in known.terms]
+            return known.constant_v * lasts + sum(turned)
+        if isinstance(signal, _Rail):
+            way = signal.approach.later(self.start_s)
+            return way.goal_v * lasts - sum(size * tau * math.expm1(-lasts / tau) for size, tau in way.terms)
+        if isinstance(signal, _Filtered):
+            middles = self.start_s + lasts * (np.arange(_LOOKS) + 0.5) / _LOOKS
+            return lasts * float(signal.at(middles).mean())
+        edges = np.array([self.start_s, self.stop_s])
+        return lasts * sum(float(part.means(edges)[0]) for part in signal.components())
+
+    def at(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a node's voltage at absolute times."""
+        return self.signals[node].at(times_s)
+
+    def finest_s(self, node: str) -> float:
+        """Return a time in which a cubic tells a node's voltage."""
+        known = self.closed_form(node)
+        if known is None:
+            return 0.0
+        fastest = max((abs(speed) for _, speed in known.terms), default=0.0)
+        return _FINEST_RAD / fastest if fastest else math.inf
+
+    def fed(self, node: str) -> bool:
+        """Tell that every node's voltage may be as fast as its source."""
+        return node in self.signals
+
+    def closed_form(self, node: str) -> _Closed | None:
+        """Return what a node carries as sines, t from the start; None of what plays or moves."""
+        signal = self.signals[node]
+        if isinstance(signal, _Rail) and not signal.approach.terms:
+            ripple = signal.sine()
+            return _closed(signal.approach.goal_v, () if ripple is None else (ripple,), self.start_s)
+        if not isinstance(signal, Drive):
+            return None
+        own = Sine(signal.amplitude_v, signal.frequency_hz, signal.phase_rad)
+        return _closed(signal.dc_v, (own, *signal.overtones), self.start_s)
+
+    def source(self, node: str) -> tuple[Played, float] | None:
+        """Return what plays on a node."""
+        signal = self.signals[node]
+        return None if isinstance(signal, Drive | _Rail | _Filtered) else (signal, 1.0)
+
+
+def _closed(constant_v: float, sines: tuple[Sine, ...], start_s: float) -> _Closed:
+    still = sum(each.value_v(0.0) for each in sines if not each.frequency_hz)
+    terms = [
+        (-1j * cmath.rect(each.amplitude_v, speed * start_s + each.phase_rad), 1j * speed)
+        for each in sines
+        if each.amplitude_v and (speed := math.tau * each.frequency_hz)
+    ]
+    return _Closed(constant_v + still, terms)
+
+
+class WiredWorld(Observed):
+    """Nodes that sources, a circuit and meters share; rails, a shaft, and air at room temperature.
+
+    Args:
+        clock: bench time.
+        circuit: the device under test; None is a wire.
+    """
+
+    nodes = NODES
+    rails = RAILS
+    inputs: ClassVar = ("input",)
+
+    def __init__(self, clock: Clock, circuit: Circuit | None = None) -> None:
+        super().__init__(clock)
+        self.device = "wire" if circuit is None else circuit.name
+        self.leads: dict[str, LeadsOfRole] = {}
+        self.table = TableMotion(clock, Mechanics(), self.advance)
+        self._circuit = circuit
+        self._now_s = clock.now()
+        self._source: Drive | Played | None = None
+        self._loads = NodeLoads({})
+        self._loads_ohm = dict.fromkeys(RAILS, math.inf)
+        self._rails = dict.fromkeys(RAILS, _Rail(Approach(0.0)))
+        self._on_load: list[Callable[[], None]] = []
+        self._ambient_c = _ROOM_C
+        self._changes = 0
+
+    @property
+    def reached_s(self) -> float:
+        """The bench time that it was taken to."""
+        return self._now_s
+
+    def reach(self, instant_s: float) -> bool:
+        """Take it to an instant if it has not been there; return whether that lies in the past."""
+        if instant_s > self.clock.now():
+            return False
+        while self._now_s < instant_s:
+            stop = min(instant_s, self._next_edge_s())
+            if looking := self._looking(self._now_s):
+                stretch = self._stretch(self._now_s, stop)
+                for each in looking:
+                    each.take(stretch)
+            self._now_s = stop
+            if stop == self._next_edge_s():
+                self._pass_edge(stop)
+        return True
+
+    def _stretch(self, start_s: float, stop_s: float) -> _Stretch:
+        fed = Drive(0.0) if self._source is None else self._source
+        at_input = self._loaded("input", fed, fed.source_ohm)
+        rails = {f"rail_{name}": rail for name, rail in self._rails.items()}
+        return _Stretch(start_s, stop_s, {"input": at_input, "output": self._output(at_input), **rails})
+
+    def _loaded(self, node: str, source: Drive | Played, ohm: float) -> Drive | Played:
+        conductance = self._loads.conductance_s(node)
+        return source.divided(1.0 / (1.0 + ohm * conductance)) if conductance else source
+
+    def _output(self, source: Drive | Played) -> _Signal | Played:
+        if self._circuit is None:
+            return self._loaded("output", source, source.source_ohm)
+        share = 1.0 / (1.0 + self._circuit.output_ohm * self._loads.conductance_s("output"))
+        if isinstance(source, Drive):
+            return _through(self._circuit, source).divided(share)
+        return _Filtered(self._circuit, source, share)
+
+    def drive(self, node: str, source: Drive | Played | None) -> None:
+        """Connect a generator to `input` from now on; None holds it at 0 V."""
+        self._require(node, self.inputs)
+        self.advance()
+        self._source = source
+
+    def set_rail(self, rail: str, voltage_v: float) -> None:
+        """Put a voltage on a rail from now on, signed."""
+        self.move_rail(rail, Approach(voltage_v))
+
+    def move_rail(self, rail: str, approach: Approach) -> None:
+        """Let the voltage on a rail go its way from now on."""
+        self._change_rail(rail, _Rail(approach, self._rails[rail].ripple))
+
+    def set_ripple(self, rail: str, ripple: Ripple | None) -> None:
+        """Put a ripple on a rail from now on, or none."""
+        self._change_rail(rail, _Rail(self._rails[rail].approach, ripple))
+
+    def _change_rail(self, rail: str, changed: _Rail) -> None:
+        self._require(rail, RAILS)
+        self.advance()
+        self._rails[rail] = changed
+
+    def rail_current_a(self, rail: str, voltage_v: float) -> float:
+        """Return the magnitude of the current that circuit and loads draw at a voltage, A."""
+        conductance = 1.0 / self._loads_ohm[rail] + self._loads.conductance_s(f"rail_{rail}")
+        own = 0.0 if self._circuit is None else self._circuit.current_a(rail, voltage_v)
+        return own + abs(voltage_v) * conductance
+
+    def drawing(self) -> Hashable:
+        """Return what the currents go by: how often a load has changed."""
+        return self._changes
+
+    def load_ohm(self, rail: str) -> float:
+        """Return the load on a rail, ohm; inf is none."""
+        return self._loads_ohm[rail]
+
+    def set_load(self, rail: str, resistance_ohm: float) -> None:
+        """Put a load on a rail; inf takes it off. ValueError if it is not above 0 ohm."""
+        if not resistance_ohm > 0.0:
+            raise ValueError(f"a load has more than 0 ohm, not {resistance_ohm}")
+        self.advance()
+        self._loads_ohm[rail] = resistance_ohm
+        self._regulate()
+
+    def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
+        """Hang a resistance on `node` in place of what `who` had put anywhere; inf takes it off."""
+        self._require(node, NODES)
+        self.advance()
+        self._loads.put(who, node, resistance_ohm)
+        self._regulate()
+
+    def on_load(self, regulate: Callable[[], None]) -> None:
+        """Have `regulate` called after each change of a load."""
+        self._on_load.append(regulate)
+
+    def _regulate(self) -> None:
+        self._changes += 1
+        for regulate in self._on_load:
+            regulate()
+
+    def source_ohm(self, node: str) -> float:
+        """Return the resistance behind a node, ohm."""
+        self._require(node, NODES)
+        if node.startswith("rail_"):
+            return 0.0
+        fed = 0.0 if self._source is None else self._source.source_ohm
+        own = fed if node == "input" or self._circuit is None else self._circuit.output_ohm
+        return self._loads.presented_ohm(node, own)
+
+    def ambient_c(self) -> float:
+        """Return the temperature of the air, degC."""
+        return self._ambient_c
+
+    def set_ambient_c(self, ambient_c: float) -> None:
+        """Change the temperature of the air; the circuit has it at once."""
+        self._ambient_c = ambient_c
+
+    def value_v(self, node: str) -> float:
+        """Return a node's voltage now."""
+        self._require(node, NODES)
+        self.advance()
+        return float(self._stretch(self._now_s, self._now_s).at(node, np.array([self._now_s]))[0])
+
+    def glance_v(self, node: str) -> float:
+        """Return a node's voltage now."""
+        return self.value_v(node)
+
+    def glance_current_a(self, rail: str) -> float:
+        """Return the magnitude of the current drawn from a rail now, A."""
+        return self.rail_current_a(rail, self.value_v(f"rail_{rail}"))
+
+    def glance_temperature_c(self) -> float:
+        """Return the temperature of the circuit, degC."""
+        return self._ambient_c
+
+
+def _through(circuit: Circuit, source: Drive) -> Drive:
+    """Return what a circuit makes of levels and sines."""
+    own = Sine(source.amplitude_v, source.frequency_hz, source.phase_rad)
+    sines = (own, *source.overtones)
+    passed = circuit.transfer(np.array([0.0, *(each.frequency_hz for each in sines)]))
+    first, *others = (
+        Sine(each.amplitude_v * abs(gain), each.frequency_hz, each.phase_rad + cmath.phase(gain))
+        for each, gain in zip(sines, map(complex, passed[1:]), strict=True)
+    )
+    dc_v = source.dc_v * float(passed[0].real)
+    return Drive(
+        dc_v,
+        first.amplitude_v,
+        first.frequency_hz,
+        first.phase_rad,
+        source_ohm=circuit.output_ohm,
+        overtones=tuple(others),
+    )
