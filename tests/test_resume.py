@@ -289,6 +289,18 @@ def test_a_fault_while_it_starts_up_again_ends_safe_and_can_be_resumed(tmp_path:
     assert vcfbench.resume(failed.value.run, procedure=file).status == "complete"
 
 
+@pytest.mark.parametrize(
+    ("key", "value"), [("identities", [1]), ("identities", {"power": 3}), ("resumed_from", {"before": 3})]
+)
+def test_a_header_of_another_shape_is_one_sentence(whole: Run, tmp_path: Path, key: str, value: Any) -> None:
+    broken = cut(whole, tmp_path, 2)
+    header, *rest = (broken / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    changed = json.dumps(json.loads(header) | {key: value}).encode() + b"\n"
+    (broken / "journal.jsonl").write_bytes(sealed(b"".join([changed, *rest])))
+    with pytest.raises(ConfigError, match=rf"{key}: expected "):
+        vcfbench.resume(broken)
+
+
 def test_other_versions_are_said(whole: Run, tmp_path: Path) -> None:
     broken = cut(whole, tmp_path, 2)
     journal = broken / "journal.jsonl"

@@ -165,6 +165,7 @@ class BrokenOff:
         from vcfbench.runs.needs import require_needs  # noqa: PLC0415
 
         header = self.record.header
+        _require_shape(header, shown(self.directory.journal))
         checked.name = str(header.get("procedure"))
         checked.metadata = amended(metadata_from(header), amendments_of(self.record.lines))
         chosen = procedure(asked.procedure) if isinstance(asked.procedure, str | Path) else asked.procedure
@@ -214,6 +215,16 @@ class BrokenOff:
         if profile_of(description).get("table_profile") != header.get("table_profile"):
             raise ConfigError(f"the profile of the rate table is not that of {self.directory.run} any more")
         return description
+
+
+def _require_shape(header: Mapping[str, Any], journal: str) -> None:
+    """Raise ConfigError where a header, which anybody may have written, has what resuming would stumble over."""
+    identities, before = header.get("identities", {}), header.get("resumed_from") or {}
+    earlier = before.get("before", []) if isinstance(before, dict) else None
+    if not isinstance(identities, dict) or not all(isinstance(each, dict) for each in identities.values()):
+        raise ConfigError(f"{journal}: identities: expected a table of each role, came {str(identities)[:60]}")
+    if not isinstance(earlier, list) or not all(isinstance(each, dict) for each in earlier):
+        raise ConfigError(f"{journal}: resumed_from: expected the earlier breaks as a list, came {str(before)[:60]}")
 
 
 def _file_of_station(header: Mapping[str, Any]) -> Path | None:
