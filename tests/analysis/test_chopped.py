@@ -52,17 +52,6 @@ def test_the_scatter_of_differences_is_foreseen(coefficient: float) -> None:
         assert noise.flicker_v2 == pytest.approx(coefficient, rel=0.15)
 
 
-def test_a_flicker_that_is_known_counts_where_few_blocks_show_less() -> None:
-    rng, of_the_gyroscope = np.random.default_rng(7), 4e-9
-    quiet = scattered(rng, 5, 3e-5, 0.0)
-    alone = block_noise(quiet, 9.5e-5, 10, 10.0, 12.0)
-    known = block_noise(quiet, 9.5e-5, 10, 10.0, 12.0, least_flicker_v2=of_the_gyroscope)
-    true = block_noise(scattered(rng, 1500, 3e-5, of_the_gyroscope), 9.5e-5, 10, 10.0, 12.0)
-    assert known.covariance_v2[0] == pytest.approx(true.covariance_v2[0], rel=0.1)
-    assert alone.covariance_v2[0][0] < 0.7 * known.covariance_v2[0][0]
-    assert known.flicker_v2 == alone.flicker_v2
-
-
 def test_few_blocks_know_the_noise_less_well() -> None:
     rng = np.random.default_rng(4)
     few, many = (block_noise(scattered(rng, count, 3e-5, 1e-9), 9.5e-5, 10, 10.0, 12.0) for count in (5, 500))

@@ -72,15 +72,7 @@ class BlockNoise:
     dof: float
 
 
-def block_noise(
-    blocks: Sequence[Block],
-    std_v: float,
-    readings: int,
-    window_s: float,
-    slot_s: float,
-    *,
-    least_flicker_v2: float = 0.0,
-) -> BlockNoise:
+def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: float, slot_s: float) -> BlockNoise:
     """Return the noise of a run.
 
     Args:
@@ -89,7 +81,6 @@ def block_noise(
         readings: of each window.
         window_s: length of a window, s.
         slot_s: from the beginning of one window to that of the next, s, about.
-        least_flicker_v2: what is known of the flicker, V^2: the covariance has it where the blocks show less.
 
     Raises:
         ConfigError: no block, or windows that tell no scatter.
@@ -105,8 +96,8 @@ def block_noise(
     unit = float(np.trace(left.T @ flicker @ left)) / left.shape[1]
     coefficient = max(0.0, (per_degree - white) / unit)  # a density is not negative
     of_white, of_flicker = DIFFERENCES @ DIFFERENCES.T, DIFFERENCES @ flicker @ DIFFERENCES.T
-    covariance = white * of_white + max(coefficient, least_flicker_v2) * of_flicker
-    share = float(of_flicker[0, 0]) / unit if coefficient >= least_flicker_v2 else 0.0
+    covariance = white * of_white + coefficient * of_flicker
+    share = float(of_flicker[0, 0]) / unit
     within, between = len(blocks) * len(CHOPPED) * (readings - 1), seen.size
     most = max(per_degree, white)
     spread = 2.0 * ((float(of_white[0, 0]) - share) * white) ** 2 / within + 2.0 * (share * most) ** 2 / between

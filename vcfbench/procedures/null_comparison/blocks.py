@@ -92,13 +92,10 @@ def bias_at_rest(
 
 def _flicker_of(settings: KnownVvcSettings, noise: BlockNoise, scale_factor: float) -> Flicker:
     """Return the flicker that counts in a run whose own blocks know it badly; the density is B^2 / (pi f)."""
-    per_v2, stated = math.pi * (3600.0 / scale_factor) ** 2, _stated(settings)
-    return flicker_counted(stated, per_v2 * noise.flicker_v2, per_v2 * noise.u_flicker_v2, "blocks of this run")
-
-
-def _stated(settings: ProcedureSettings) -> Flicker | None:
+    per_v2 = math.pi * (3600.0 / scale_factor) ** 2
     known = settings.station.sources
-    return None if "bias_instability_deg_h" in known.assumed else flicker_stated(known)  # a guess tells nothing
+    stated = None if "bias_instability_deg_h" in known.assumed else flicker_stated(known)  # a guess tells nothing
+    return flicker_counted(stated, per_v2 * noise.flicker_v2, per_v2 * noise.u_flicker_v2, "blocks of this run")
 
 
 def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:
@@ -120,15 +117,9 @@ def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
 
 
 def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
-    """Return the noise of a run from its blocks and from the scatter within all of its windows.
-
-    Few blocks show a flicker of 0 as often as not: one that is stated counts where they show less.
-    """
+    """Return the noise of a run from its blocks and from the scatter within all of its windows."""
     window_s = settings.samples * settings.sample_interval_s
     readings = min(point.n for point in points)
     resolved_v = settings.meter_resolution_v / math.sqrt(12.0)  # as all readings of a window, where noise is small
     std_v = math.hypot(pooled_std_v(points), math.sqrt(readings) * resolved_v)
-    per_deg_s = np.polyfit([p.rate_deg_s for p in points], [p.output_v for p in points], 1)[0]
-    stated_v = 0.0 if (stated := _stated(settings)) is None else float(per_deg_s) * stated.deg_h / 3600.0
-    slot_s = window_s + settings.settle_s
-    return block_noise(blocks, std_v, readings, window_s, slot_s, least_flicker_v2=stated_v**2 / math.pi)
+    return block_noise(blocks, std_v, readings, window_s, window_s + settings.settle_s)
