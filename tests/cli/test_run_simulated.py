@@ -11,11 +11,11 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack.observations import Window
 from typer.testing import CliRunner
 
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.cli.main import app
-from vcfbench.sim import world as sim_world
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def draws_too_much(_: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def overloads_the_meter(_: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sim_world.Window, "mean_v", lambda _: 1e3)
+    monkeypatch.setattr(Window, "mean_v", lambda _: 1e3)
 
 
 @pytest.mark.parametrize(

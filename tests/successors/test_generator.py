@@ -70,9 +70,11 @@ def test_the_console_refuses_too_much_and_the_other_channel(
 def test_specimens_lie_within_the_sheet_that_the_uncertainties_use(described: BenchDescription) -> None:
     settings = settings_of(VIRTUAL_CORIOLIS, described)
     assert generator_sheet(settings) is KEYSIGHT_33500B
-    drawn = [each for seed in range(40) for each in TrueformErrors.drawn(np.random.default_rng(seed)).ranges]
-    assert 0.9 < max(abs(each.gain_error) for each in drawn) / KEYSIGHT_33500B.setting <= 1.0
-    assert 0.9 < max(abs(each.offset_error_v) for each in drawn) / KEYSIGHT_33500B.offset_v <= 1.0
+    drawn = [TrueformErrors.drawn(np.random.default_rng(seed)).ranges for seed in range(40)]
+    gains = [abs(each.gain_error) for ranges in drawn for each in ranges]
+    assert 0.9 < max(gains) / KEYSIGHT_33500B.setting <= 1.0
+    smallest = [abs(ranges[0].offset_error_v) for ranges in drawn]  # the others' offsets have more room
+    assert 0.9 < max(smallest) / KEYSIGHT_33500B.offset_v <= 1.0
 
 
 def test_a_pseudo_random_sequence_of_seven_bits_has_every_word_but_zero_once() -> None:
