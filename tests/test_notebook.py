@@ -47,7 +47,7 @@ def test_its_code_runs_as_a_script(tmp_path: Path) -> None:
     script.write_text("\n".join("".join(cell["source"]) for cell in cells()), encoding="utf-8")
     printed = python(str(script), folder=tmp_path).splitlines()
     assert any(line.startswith("K_Vc: 150") for line in printed)
-    assert "51 points from 550 readings" in printed
+    assert "51 points from 560 readings" in printed
     assert printed[-2].startswith("True complete")
     assert (tmp_path / "report.html").stat().st_size > 50_000
 

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[2]
 COVERAGE = 1e-6
 """What a coverage factor by convolution is computed to: a sum of one more source is never narrower."""
+OF_TRIALS = 0.02
+"""What a 95 % quantile of 2000 trials is known to: by them goes U95 of a non-linearity of several like residuals."""
 OF_INSTRUMENTS = ("power", "rate_source", "multimeter", "v_vc_meter", "oscilloscope", "rate_table")
 
 
@@ -97,7 +99,8 @@ def test_no_uncertainty_shrinks_where_a_key_is_taken_away(name: str, kind: str) 
         found = stated(fewer, run)
         for each in found.values:
             before = full.get(each.name)
-            assert before is None or each.u95 >= before.u95 * (1.0 - COVERAGE), (key, each.name)
+            known_to = OF_TRIALS if each.name.endswith("nonlinearity") else COVERAGE
+            assert before is None or each.u95 >= before.u95 * (1.0 - known_to), (key, each.name)
             assert before is None or {*before.missing} <= {*each.missing}, (key, each.name)
 
 

@@ -185,7 +185,11 @@ class Drawn:
 
 @pytest.mark.parametrize("by", few([KvcBy.PLUS_MINUS, KvcBy.CURVE], KvcBy.CURVE))
 def test_values_scatter_as_stated_when_generators_are_drawn(by: KvcBy) -> None:
-    """60 draws know a scatter to 9 %; what lack of fit the jumps between ranges leave is in no uncertainty."""
+    """60 draws know a scatter to 9 %; what lack of fit the jumps between ranges leave is in no uncertainty.
+
+    The bias is stated wider: of a range the sheet limits gain and offset together, the budget takes each at its own
+    limit, and plus-minus has nothing else in it.
+    """
     settings = make_settings(k_vc_by=by, **TOLD)
     drawn: dict[str, list[float]] = {}
     for seed in range(1, 61):
@@ -202,7 +206,8 @@ def test_values_scatter_as_stated_when_generators_are_drawn(by: KvcBy) -> None:
     noisy = null_results(Drawn(61, 20e-6).points(settings), settings).uncertainty
     assert noisy is not None
     for name, values in drawn.items():
-        assert noisy.value(name).u == pytest.approx(np.std(values), rel=0.25), name
+        widest = 1.5 if name == "virtual.bias" and by is KvcBy.PLUS_MINUS else 1.25
+        assert 0.75 < noisy.value(name).u / np.std(values) < widest, name
     bounds = [each for each in noisy.not_in_u if each.startswith("virtual.nonlinearity: the curve took")]
     assert len(bounds) == (1 if by is KvcBy.CURVE else 0)
 
