@@ -33,6 +33,7 @@ ROLES: Final = ("power", "rate_source", "multimeter", "oscilloscope", "vibration
 """The places on a bench that an instrument model can fill; the rate table's place takes a language."""
 
 _GROUP = "vcfbench.models"
+NO_WATCHDOG: Final = "no command for it is known"
 HP_MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
 """The same instruments were sold under all three names, in any case of letters, with and without "Technologies"."""
 
@@ -67,6 +68,7 @@ class Model(Struct, frozen=True):
         answers: what it answers while it is at rest and well, by the beginning of the question; ``*IDN?`` at least.
         own: what tells it from the other models of its driver's class and its twin's, as ``{"sine_hz": 20e6}``; both
             then have a class method ``of_model(name, **own)``. None where it has classes of its own.
+        own_watchdog: what its manual says of a watchdog in it, and why none is armed.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Model(Struct, frozen=True):
     specifications: Any = None
     answers: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     own: Mapping[str, Any] | None = None
+    own_watchdog: str = NO_WATCHDOG
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -107,6 +110,7 @@ class TableLanguage(Struct, frozen=True):
         makers: how the maker's name in ``*IDN?`` may begin, for those that answer it.
         model_prefix: how the model there begins.
         reads_and_stops: pattern of what surely only reads or stops, for consoles; None lets nothing pass.
+        own_watchdog: what its manual says of a watchdog in it, and why none is armed.
     """
 
     name: str
@@ -116,6 +120,7 @@ class TableLanguage(Struct, frozen=True):
     makers: tuple[str, ...] = ()
     model_prefix: str = ""
     reads_and_stops: str | None = None
+    own_watchdog: str = NO_WATCHDOG
 
     def recognises(self, maker: str, model: str) -> bool:
         """Tell whether `maker` and `model`, the first fields of ``*IDN?``, are those of a table of this language."""
@@ -285,6 +290,7 @@ LANGUAGES: Final = (
         dialect="vcfbench.drivers.rate_table.acl:AclDialect",
         makers=("ACUTRONIC", "ACTIDYN"),
         model_prefix="AC",
+        own_watchdog="its time-out is for TRACK mode, a run uses rate mode",
     ),
     TableLanguage(
         "zaber",
@@ -308,7 +314,11 @@ LANGUAGES: Final = (
     ),
     TableLanguage("dd16", twin="simrack.rate_tables.dd16:Dd16Table"),
     TableLanguage("mn_as", twin="simrack.rate_tables.mn_as:MnAsTable"),
-    TableLanguage("ruya", twin="simrack.rate_tables.ruya:RuyaTable"),
+    TableLanguage(
+        "ruya",
+        twin="simrack.rate_tables.ruya:RuyaTable",
+        own_watchdog="it has none: a rate run goes on when the program has ended",
+    ),
     TableLanguage("aaaa", twin="simrack.rate_tables.aaaa:AaaaTable"),
 )
 """The languages of rate tables that come with the project."""
@@ -325,6 +335,12 @@ def resolve(reference: Any) -> Any:
 def driver_of(row: Model) -> Any:
     """Return the driver of a model: its class, or a whole :class:`~vcfbench.drivers.registry.Driver`."""
     return _of_model(row, resolve(row.driver))
+
+
+def own_watchdog(name: str, like: str | None = None) -> str:
+    """Return what is known of a watchdog in the model or table language `name`, which may speak as the model `like`."""
+    row = find_model(name) or find_language(name) or (find_model(like) if like else None)
+    return NO_WATCHDOG if row is None else row.own_watchdog
 
 
 def twin_of(row: Model) -> Any:

@@ -82,6 +82,46 @@ def test_check_reports_every_instrument(rack: Callable[..., FakeRack], bench_fil
     assert all(f"{role} errors" in fakes.log for role in fakes.instruments)
 
 
+def test_check_starts_the_watchdog_process_and_says_what_instruments_have(
+    rack: Callable[..., FakeRack], bench_file: str
+) -> None:
+    rack()
+    watchdog = json.loads(vcfbench("bench", "check", "--bench", bench_file, "--json").stdout)["watchdog"]
+    assert 0.0 < watchdog["ready_s"] < 10.0
+    assert {**watchdog, "ready_s": 0} == {
+        "ok": True,
+        "ready_s": 0,
+        "problem": None,
+        "instruments": {
+            "power": {"armed": False, "why": "no command for it is known"},
+            "rate_source": {"armed": False, "why": "no command for it is known"},
+            "rate_table": {"armed": False, "why": "its time-out is for TRACK mode, a run uses rate mode"},
+        },
+    }
+
+
+def test_check_says_that_the_watchdog_process_does_not_start(
+    rack: Callable[..., FakeRack], bench_file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rack()
+    monkeypatch.setattr("vcfbench.bench.watchdog._MAIN", "raise SystemExit")
+    done = vcfbench("bench", "check", "--bench", bench_file)
+    assert done.exit_code == 3
+    assert done.stderr == "vcfbench: not ready: watchdog\n"
+    [row] = [line for line in done.stdout.splitlines() if line.startswith("process")]
+    assert row.split(maxsplit=2)[1:] == [
+        "FAILED",
+        "the watchdog did not start: nobody would make the bench safe if this program died",
+    ]
+
+
+def test_check_of_a_bench_in_this_process_needs_no_watchdog() -> None:
+    done = vcfbench("bench", "check", "--bench", "ideal")
+    assert done.exit_code == 0
+    [row] = [line for line in done.stdout.splitlines() if line.startswith("process")]
+    assert row.split(maxsplit=2) == ["process", "none", "simulated in this process: nothing outlives it"]
+
+
 def test_check_shows_what_the_station_is_and_what_can_run_there(tmp_path: Path) -> None:
     bench = tmp_path / "small.toml"
     meter = '[multimeter]\nmodel = "34401A"\nresource = "GPIB0::22::INSTR"\ncalibration_due = 2020-01-01\n'

@@ -11,8 +11,11 @@ from vcfbench.bench.roles import filled_roles, require_still, safe_action
 from vcfbench.bench.safety import SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import StopSignals
 from vcfbench.bench.station import require_instruments_apart, station
-from vcfbench.clock import utc_now
+from vcfbench.bench.watchdog import Watchdog
+from vcfbench.clock import WallClock, utc_now
+from vcfbench.drivers.calls import Calls
 from vcfbench.errors import BenchError, InterlockError
+from vcfbench.models import own_watchdog
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
@@ -34,15 +37,30 @@ class CheckedInstrument:
 
 
 @dataclass(frozen=True, slots=True)
+class CheckedWatchdog:
+    """The watchdog process, started once, and what is known of watchdogs in the instruments, by role; none is armed.
+
+    `ready_s` is how long after its start it watches, wall time; None on a bench that is simulated in this process and
+    needs none, and where it has a `problem`.
+    """
+
+    ready_s: float | None
+    problem: str | None
+    instruments: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
 class BenchCheck:
-    """All instruments of a bench, and how making them safe afterwards ended."""
+    """All instruments of a bench, its watchdogs, and how making it safe afterwards ended."""
 
     instruments: list[CheckedInstrument]
+    watchdog: CheckedWatchdog
     safe_reports: list[SafeReport]
 
     def failure(self) -> BenchError | None:
         """Return the error that the check amounts to: NotSafe before all else, None when all is well."""
         bad = [each.role for each in self.instruments if each.problem is not None]
+        bad += ["watchdog"] if self.watchdog.problem else []
         return not_safe(self.safe_reports) or (BenchError(f"not ready: {', '.join(bad)}") if bad else None)
 
 
@@ -54,6 +72,7 @@ def check_bench(description: BenchDescription) -> BenchCheck:
         BenchError: another process has the bench.
     """
     require_instruments_apart(description)
+    watchdog = _check_watchdog(description)
     with StopSignals() as signals, station(description, None, None) as stand:
         safety = SafetyStack(stand.clock, patience=stand.patience)
         checked: list[CheckedInstrument] = []
@@ -67,7 +86,29 @@ def check_bench(description: BenchDescription) -> BenchCheck:
             reports += safety.make_safe()
             signals.close()
             safety.close()
-    return BenchCheck(checked, reports)
+    return BenchCheck(checked, watchdog, reports)
+
+
+def _check_watchdog(description: BenchDescription) -> CheckedWatchdog:
+    driving = [each.name for each in filled_roles(description) if each.stage is not Stage.REST]
+    parts = {role: getattr(description, role) for role in driving}
+    known = {
+        role: own_watchdog(part.dialect if role == "rate_table" else part.model, getattr(part, "like", None))
+        for role, part in parts.items()
+    }
+    if description.simulation is not None:
+        return CheckedWatchdog(None, None, known)
+    wall = WallClock()
+    try:
+        watchdog = Watchdog(description, lambda: None, Calls())
+        try:
+            watchdog.require_ready()
+            ready_s = wall.now()
+        finally:
+            watchdog.leave(safe=True)
+    except (BenchError, OSError) as error:
+        return CheckedWatchdog(None, str(error), known)
+    return CheckedWatchdog(ready_s, None, known)
 
 
 def _check(role: Role, description: BenchDescription, stand: UnopenedBench, safety: SafetyStack) -> CheckedInstrument:

@@ -13,7 +13,9 @@ from vcfbench.cli.discover import discover
 from vcfbench.cli.tracing import Trace_, tracing
 
 if TYPE_CHECKING:
-    from vcfbench.bench.check import BenchCheck, CheckedInstrument
+    from collections.abc import Iterator
+
+    from vcfbench.bench.check import BenchCheck, CheckedInstrument, CheckedWatchdog
     from vcfbench.bench.description import BenchDescription
 
 _CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificate", "overdue")
@@ -93,7 +95,13 @@ def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
         }
         for each, equipment in ((each, each.equipment.as_json()) for each in done.instruments)
     }
-    return {"bench": bench, "ok": done.failure() is None, "instruments": instruments}
+    watchdog = {
+        "ok": done.watchdog.problem is None,
+        "ready_s": done.watchdog.ready_s,
+        "problem": done.watchdog.problem,
+        "instruments": {role: {"armed": False, "why": why} for role, why in done.watchdog.instruments.items()},
+    }
+    return {"bench": bench, "ok": done.failure() is None, "watchdog": watchdog, "instruments": instruments}
 
 
 def _station_json(description: BenchDescription, procedures: dict[str, str | None]) -> dict[str, Any]:
@@ -141,6 +149,18 @@ def _print_check(title: str, done: BenchCheck) -> None:
     for each in done.instruments:
         if each.problem is not None:
             typer.echo(each.problem)
+    typer.echo(f"{left_table(('watchdog', 'state', ''), _watchdog_rows(done.watchdog))}\n")
+
+
+def _watchdog_rows(watchdog: CheckedWatchdog) -> Iterator[tuple[str, str, str]]:
+    if watchdog.problem is not None:
+        yield "process", "FAILED", watchdog.problem
+    elif watchdog.ready_s is None:
+        yield "process", "none", "simulated in this process: nothing outlives it"
+    else:
+        yield "process", "ok", f"watches {watchdog.ready_s:.2f} s after its start"
+    for role, why in watchdog.instruments.items():
+        yield f"of {role} itself", "none", why
 
 
 def _who(each: CheckedInstrument) -> str:
