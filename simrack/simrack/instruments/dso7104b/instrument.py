@@ -11,8 +11,8 @@ Here it is run, armed and stopped. What settings mean is made of them alone: how
 is shown by :mod:`.showing`. The commands, in the modules above this one whose names end so, act on it;
 :mod:`.commands` lists them.
 
-Inputs are taken as 1:1; with 50 ohm they load their node, with 1 Mohm they do not. Serial modes, single lines and
-fields of television are waited for in vain.
+Inputs are taken as 1:1; with 50 ohm they load their node, with 1 Mohm they do not. Single lines and fields of
+television never trigger.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from simrack.trace import Piece
 
 _RUN_BIT, _WAIT_BIT = 8, 32
-_MASK_TEST, _OVERLOAD, _HARDWARE = 9, 11, 12
+_OVERLOAD, _HARDWARE = 11, 12
 """Bits of the operation status that other registers feed (status chapter of the 6000 and 3000T guides)."""
 _PATIENCE_S = 0.1
 
@@ -99,7 +99,6 @@ class SimulatedDso7104B(ScpiTwin):
         self.triggered: Register = Register()
         self.triggered.enable = 1
         self.overload: Register = Register(self.operation, _OVERLOAD)
-        self.mask_test: Register = Register(self.operation, _MASK_TEST)
         self.hardware: Register = Register(self.operation, _HARDWARE)
         self.message = ""
         self.calibration_label = ""
@@ -119,7 +118,7 @@ class SimulatedDso7104B(ScpiTwin):
             world.clock,
             dialect=Dialect(queue_depth=30, out_of_range=_clip_plainly, input_limit=1 << 24),
             interface={"usb": USB, "gpib": GPIB, "lan": LAN}[interface],
-            status=Status({7: self.operation, 0: self.triggered}, (self.overload, self.mask_test, self.hardware)),
+            status=Status({7: self.operation, 0: self.triggered}, (self.overload, self.hardware)),
         )
         self.run()
 

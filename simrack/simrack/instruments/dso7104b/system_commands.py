@@ -111,7 +111,6 @@ ROOT_COMMANDS = (
     Command("OPERegister:CONDition", query=lambda model: model.operation.condition, reply=signed_integer),
     *registers("OPEE", "OPERegister[:EVENt]", lambda model: model.operation),
     *registers("OVLenable", "OVLRegister", lambda model: model.overload),
-    *registers("MTEenable", "MTERegister[:EVENt]", lambda model: model.mask_test),
     *registers("HWEenable", "HWERegister[:EVENt]", lambda model: model.hardware),
     Command("HWERegister:CONDition", query=lambda model: model.hardware.condition, reply=signed_integer),
     setting("AUToscale:CHANnels", "AUT:CHAN", Choice(("ALL", "DISPlayed"))),

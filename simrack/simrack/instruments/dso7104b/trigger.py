@@ -240,18 +240,17 @@ class TriggerSearch:
             highs = {channel: bool(follower.began_high) for channel, follower in self._followers.items()}
             self._condition.begin(highs, float(times[0]))
         self._reached_s = float(times[-1])
-        return self._fed(signals, merge(*changes, key=_instant), float(times[-1]))
+        return self._fed(signals, merge(*changes, key=_instant))
 
-    def _fed(self, signals: Signals, changes: Iterable[Change], stop_s: float) -> float | None:
+    def _fed(self, signals: Signals, changes: Iterable[Change]) -> float | None:
         def exactly(change: Change) -> float:
             return self._refined(signals, change)
 
         for change in changes:
-            waited = self._condition.until(change.at_s)
-            found = self._condition.feed(change, exactly) if waited is None else waited
+            found = self._condition.feed(change, exactly)
             if found is not None:
                 return found
-        return self._condition.until(stop_s)
+        return None
 
     def _refined(self, signals: Signals, change: Change) -> float:
         """Return the instant of a change: looked at closer twice, then straight."""

@@ -6,18 +6,7 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from simrack.instruments.dso7104b.conditions import (
-    Burst,
-    Condition,
-    Duration,
-    EdgeCondition,
-    NeverMet,
-    Pattern,
-    PulseCondition,
-    SequenceCondition,
-    SequenceStage,
-    Video,
-)
+from simrack.instruments.dso7104b.conditions import EdgeCondition, NeverMet, PulseCondition, Video
 from simrack.instruments.dso7104b.inputs import EXTERNAL, LINE
 from simrack.instruments.dso7104b.trigger import Comparator, SyncTips, Trigger
 
@@ -31,8 +20,7 @@ _HALF_DIVISION = 0.5
 
 def trigger_of(state: Mapping[str, Any]) -> Trigger:
     """Return the trigger that the settings mean."""
-    make = _MODES.get(state["TRIG:MODE"])
-    return Trigger({}, NeverMet) if make is None else make(state)
+    return _MODES[state["TRIG:MODE"]](state)
 
 
 def _input(source: str) -> int:
@@ -77,46 +65,6 @@ def _pulse(state: Mapping[str, Any]) -> Trigger:
     return Trigger({channel: comparator_of(state, source)}, make)
 
 
-def _wanted(value: int, mask: int) -> dict[int, bool]:
-    """Return what bits 0 to 3 say of channels 1 to 4, and bit 4 of EXTernal."""
-    return {bit + 1: bool(value >> bit & 1) for bit in range(5) if mask >> bit & 1}
-
-
-def _source_of(channel: int) -> str:
-    return "EXT" if channel == EXTERNAL else f"CHAN{channel}"
-
-
-def _comparators(state: Mapping[str, Any], channels: set[int]) -> dict[int, Comparator]:
-    return {channel: comparator_of(state, _source_of(channel)) for channel in sorted(channels)}
-
-
-def _pattern(state: Mapping[str, Any]) -> Trigger:
-    value, mask, source, slope = state["PATT"]
-    edge = None if source == "NONE" else (_input(source), slope == "POS")
-    wanted = _wanted(value, mask)
-    channels = set(wanted) | ({edge[0]} if edge else set())
-    return Trigger(_comparators(state, channels), partial(Pattern, wanted, edge))
-
-
-def _duration(state: Mapping[str, Any]) -> Trigger:
-    wanted = _wanted(*state["DUR:PATT"])
-    longest, shortest = state["DUR:RANG"]
-    make: Callable[[], Condition] = {
-        "GRE": partial(Duration, wanted, state["DUR:GRE"], math.inf),
-        "LESS": partial(Duration, wanted, 0.0, state["DUR:LESS"]),
-        "INR": partial(Duration, wanted, shortest, longest),
-        "OUTR": partial(Duration, wanted, shortest, longest, outside=True),
-        "TIM": partial(Duration, wanted, state["DUR:GRE"], math.inf, timeout=True),
-    }[state["DUR:QUAL"]]
-    return Trigger(_comparators(state, set(wanted)), make)
-
-
-def _burst(state: Mapping[str, Any]) -> Trigger:
-    channel, rising = _input(state["TRIG:SOUR"]), state["EBUR:SLOP"] == "POS"
-    make = partial(Burst, channel, rising=rising, count=state["EBUR:COUN"], idle_s=state["EBUR:IDLE"])
-    return Trigger({channel: comparator_of(state, state["TRIG:SOUR"])}, make)
-
-
 def _television(state: Mapping[str, Any]) -> Trigger:
     """Return the trigger on any line or any field; of a certain line or field it never knows."""
     mode, source = state["TV:MODE"], state["TV:SOUR"]
@@ -128,41 +76,8 @@ def _television(state: Mapping[str, Any]) -> Trigger:
     return Trigger({channel: comparator_of(state, source)}, make, SyncTips(negative, swing_v))
 
 
-def _stage(state: Mapping[str, Any], words: tuple[str, ...]) -> SequenceStage | None:
-    """Return the stage that words like `PATT1,AND,EDGE1` or `EDGE2,COUN` mean; None for NONE and TIMer."""
-    pattern = next((_wanted(*state[f"SEQ:{word}"]) for word in words if word.startswith("PATT")), None)
-    edge = next((state[f"SEQ:{word}"] for word in words if word.startswith("EDGE")), None)
-    if pattern is None and edge is None:
-        return None
-    return SequenceStage(pattern, "EXIT" not in words, None if edge is None else (_input(edge[0]), edge[1] == "POS"))
-
-
-def _sequence(state: Mapping[str, Any]) -> Trigger:
-    find, trigger, reset = (_stage(state, state[key]) for key in ("SEQ:FIND", "SEQ:TRIG", "SEQ:RES"))
-    if find is None or trigger is None:
-        return Trigger({}, NeverMet)
-    make = partial(
-        SequenceCondition,
-        find,
-        trigger,
-        reset,
-        count=state["SEQ:COUN"] if "COUN" in state["SEQ:TRIG"] else 1,
-        counts_anew="NREF" not in state["SEQ:TRIG"],
-        timer_s=state["SEQ:TIM"] if state["SEQ:RES"] == ("TIM",) else math.inf,
-    )
-    stages = [each for each in (find, trigger, reset) if each is not None]
-    channels = {channel for each in stages for channel in each.pattern or {}}
-    channels |= {each.edge[0] for each in stages if each.edge is not None}
-    return Trigger(_comparators(state, channels), make)
-
-
 _MODES: dict[str, Callable[[Mapping[str, Any]], Trigger]] = {
     "EDGE": _edge,
     "GLIT": _pulse,
-    "PATT": _pattern,
-    "DUR": _duration,
-    "EBUR": _burst,
-    "SEQ": _sequence,
     "TV": _television,
 }
-"""The other modes wait for frames of a serial bus, which nothing on this bench sends."""
