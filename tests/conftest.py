@@ -54,7 +54,6 @@ SLOW = (
 
 QUICK = (
     "analysis/",
-    "bench/guard/",
     "cli/test_paper_figures.py",
     "conformance/test_dialect.py",
     "conformance/test_errors.py",

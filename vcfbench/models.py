@@ -7,7 +7,7 @@ loads no driver and no simulation. Another package brings rows of its own as ent
     M1 = "acme.m1:MODEL"
 
 `MODEL` is a :class:`Model` (its classes may stand there themselves, not by name) or a :class:`TableLanguage`. What
-comes with the project and what comes with another package are treated alike: discovery, console, served wires, RS-232.
+comes with the project and what comes with another package are treated alike: discovery, served wires, RS-232.
 """
 
 from __future__ import annotations
@@ -58,7 +58,6 @@ class Model(Struct, frozen=True):
         driver: its :class:`~vcfbench.drivers.scpi_instrument.ScpiInstrument`, or a whole
             :class:`~vcfbench.drivers.registry.Driver`.
         twin: its simulated instrument with the class attribute `errors_class`; None leaves real benches only.
-        console: what may be typed to it, made from the bench description; None lets questions pass alone.
         makers: how the maker's name in ``*IDN?`` may begin, in capitals.
         wires: on which a served bench offers it by default: those of the real box, and TCP where labs put it on a
             converter.
@@ -75,7 +74,6 @@ class Model(Struct, frozen=True):
     roles: tuple[str, ...]
     driver: Any
     twin: Any = None
-    console: Any = None
     makers: tuple[str, ...] = HP_MAKERS
     wires: frozenset[Wire] = frozenset({"tcp", "pty"})
     rs232: bool = False
@@ -109,7 +107,6 @@ class TableLanguage(Struct, frozen=True):
         baud_rate: of its serial line, unless the bench file or its profile says otherwise.
         makers: how the maker's name in ``*IDN?`` may begin, for those that answer it.
         model_prefix: how the model there begins.
-        reads_and_stops: pattern of what surely only reads or stops, for consoles; None lets nothing pass.
         own_watchdog: what its manual says of a watchdog in it, and why none is armed.
     """
 
@@ -119,7 +116,6 @@ class TableLanguage(Struct, frozen=True):
     baud_rate: int = 9_600
     makers: tuple[str, ...] = ()
     model_prefix: str = ""
-    reads_and_stops: str | None = None
     own_watchdog: str = NO_WATCHDOG
 
     def recognises(self, maker: str, model: str) -> bool:
@@ -137,7 +133,6 @@ def _trueform(name: str, sine_hz: float) -> Model:
         driver="vcfbench.drivers.trueform:Trueform",
         twin="simrack.instruments.trueform:TrueformTwin",
         own={"sine_hz": sine_hz},
-        console="vcfbench.bench.guard.generator:trueform_rules",
         makers=("AGILENT", "KEYSIGHT"),
         wires=frozenset({"tcp", "vxi11", "hislip"}),
         specifications="vcfbench.specifications:KEYSIGHT_33500B",
@@ -153,7 +148,6 @@ def _x_series(name: str) -> Model:
         driver="vcfbench.drivers.infiniivision:InfiniiVisionX",
         twin="simrack.instruments.infiniivision:InfiniiVisionXTwin",
         own={},
-        console="vcfbench.bench.guard.rules:no_rules",
         makers=("AGILENT", "KEYSIGHT"),
         wires=frozenset({"tcp", "vxi11"}),
         answers={"*IDN?": f"KEYSIGHT TECHNOLOGIES,{name[:3]}-X {name[4:]},MY1,07.30.2019051434", ":OPER:COND?": "+0"},
@@ -166,7 +160,6 @@ MODELS: Final[tuple[Model, ...]] = (
         ("power",),
         driver="vcfbench.drivers.e3631a:E3631A",
         twin="simrack.instruments.e3631a:E3631ATwin",
-        console="vcfbench.bench.guard.supply:supply_rules",
         specifications="vcfbench.specifications:KEYSIGHT_E3631A",
         rs232=True,
         answers={"*IDN?": "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "OUTP?": "0", "MEAS:VOLT?": "+0.0"},
@@ -176,7 +169,6 @@ MODELS: Final[tuple[Model, ...]] = (
         ("power",),
         driver="vcfbench.drivers.e36312a:E36312A",
         twin="simrack.instruments.e36312a:E36312ATwin",
-        console="vcfbench.bench.guard.channels:channel_rules",
         makers=("KEYSIGHT",),
         wires=frozenset({"tcp", "vxi11", "hislip"}),
         specifications="vcfbench.specifications:KEYSIGHT_E36312A",
@@ -191,7 +183,6 @@ MODELS: Final[tuple[Model, ...]] = (
         ("rate_source", "vibration_source"),
         driver="vcfbench.drivers.agilent33220a:Agilent33220A",
         twin="simrack.instruments.agilent33220a:Agilent33220ATwin",
-        console="vcfbench.bench.guard.generator:generator_rules",
         makers=("AGILENT", "KEYSIGHT"),
         wires=frozenset({"tcp", "vxi11"}),
         specifications="vcfbench.specifications:AGILENT_33220A",
@@ -212,7 +203,6 @@ MODELS: Final[tuple[Model, ...]] = (
         ("multimeter",),
         driver="vcfbench.drivers.hp34401a:Hp34401A",
         twin="simrack.instruments.hp34401a:Hp34401ATwin",
-        console="vcfbench.bench.guard.meter:meter_rules",
         rs232=True,
         specifications="vcfbench.specifications:HP_34401A",
         answers={"*IDN?": "HEWLETT-PACKARD,34401A,0,10-5-2"},
@@ -222,7 +212,6 @@ MODELS: Final[tuple[Model, ...]] = (
         ("multimeter",),
         driver="vcfbench.drivers.truevolt:Keysight34461A",
         twin="simrack.instruments.truevolt:Keysight34461ATwin",
-        console="vcfbench.bench.guard.meter:meter_rules",
         makers=("KEYSIGHT", "AGILENT"),
         wires=frozenset({"tcp", "vxi11", "hislip"}),
         specifications="vcfbench.specifications:KEYSIGHT_34461A",
@@ -233,7 +222,6 @@ MODELS: Final[tuple[Model, ...]] = (
         ("multimeter",),
         driver="vcfbench.drivers.truevolt:Keysight34465A",
         twin="simrack.instruments.truevolt:Keysight34465ATwin",
-        console="vcfbench.bench.guard.meter:meter_rules",
         makers=("KEYSIGHT",),
         wires=frozenset({"tcp", "vxi11", "hislip"}),
         specifications="vcfbench.specifications:KEYSIGHT_34465A",
@@ -244,7 +232,6 @@ MODELS: Final[tuple[Model, ...]] = (
         ("multimeter",),
         driver="vcfbench.drivers.keithley:Keithley2000",
         twin="simrack.instruments.keithley:Keithley2000Twin",
-        console="vcfbench.bench.guard.meter:meter_rules",
         makers=("KEITHLEY",),
         rs232=True,
         specifications="vcfbench.specifications:KEITHLEY_2000",
@@ -255,7 +242,6 @@ MODELS: Final[tuple[Model, ...]] = (
         ("multimeter",),
         driver="vcfbench.drivers.keithley:KeithleyDMM6500",
         twin="simrack.instruments.keithley:KeithleyDMM6500Twin",
-        console="vcfbench.bench.guard.meter:meter_rules",
         makers=("KEITHLEY",),
         wires=frozenset({"tcp", "vxi11"}),
         specifications="vcfbench.specifications:KEITHLEY_DMM6500",
@@ -266,7 +252,6 @@ MODELS: Final[tuple[Model, ...]] = (
         ("oscilloscope",),
         driver="vcfbench.drivers.dso7104b:Dso7104B",
         twin="simrack.instruments.dso7104b:Dso7104BTwin",
-        console="vcfbench.bench.guard.rules:no_rules",
         makers=("AGILENT", "KEYSIGHT"),
         wires=frozenset({"tcp", "vxi11"}),
         answers={"*IDN?": "AGILENT TECHNOLOGIES,DSO7104B,MY1,06.00.0003", ":OPER:COND?": "+0"},
@@ -297,20 +282,17 @@ LANGUAGES: Final = (
         twin="simrack.rate_tables.zaber:ZaberTable",
         dialect="vcfbench.drivers.rate_table.zaber:ZaberDialect",
         baud_rate=115_200,
-        reads_and_stops=r"/(?:\d+ )*(?:get .*|stop|estop|warnings(?: clear)?|)",  # Zaber ASCII protocol manual
     ),
     TableLanguage(
         "atl",
         twin="simrack.rate_tables.atl:AtlTable",
         dialect="vcfbench.drivers.rate_table.atl:AtlDialect",
-        reads_and_stops="STO|PPO|PVE|STA",  # users' code of Aerosmith tables
     ),
     TableLanguage(
         "esp",
         twin="simrack.rate_tables.esp:EspTable",
         dialect="vcfbench.drivers.rate_table.esp:EspDialect",
         baud_rate=19_200,  # unverified
-        reads_and_stops=r"\d*(?:[A-Z]{2}\d*\?|ST|AB)",  # Newport ESP301 manual
     ),
     TableLanguage("dd16", twin="simrack.rate_tables.dd16:Dd16Table"),
     TableLanguage("mn_as", twin="simrack.rate_tables.mn_as:MnAsTable"),

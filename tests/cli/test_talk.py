@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 import select
 import signal
@@ -28,10 +29,15 @@ def talk(*arguments: str, typed: str | None = None) -> Result:
     return CliRunner().invoke(app, ["talk", *arguments], input=typed)
 
 
-def test_answers_on_stdout_the_rest_on_stderr() -> None:
-    done = talk("multimeter", "-c", "*IDN?", "-c", "CONF:VOLT:DC 10", "--command", "SYST:VERS?")
+def raw(runs: Path) -> list[str]:
+    return ["--raw", "--runs", str(runs)]
+
+
+def test_answers_on_stdout_the_rest_on_stderr(tmp_path: Path) -> None:
+    done = talk("multimeter", *raw(tmp_path), "-c", "*IDN?", "-c", "CONF:VOLT:DC 10", "--command", "SYST:VERS?")
     assert (done.exit_code, done.stdout) == (0, "HEWLETT-PACKARD,34401A,0,11-5-2\n1991.0\n")
-    assert done.stderr == "no error\n"
+    assert done.stderr.startswith("raw commands: nothing is compared with the limits")
+    assert done.stderr.endswith("raw.jsonl\nno error\n")
 
 
 def test_lines_come_from_stdin_and_some_are_the_consoles() -> None:
@@ -49,16 +55,10 @@ def test_lines_come_from_stdin_and_some_are_the_consoles() -> None:
             "power",
             "APPL P25V,12",
             3,
-            "rail window of 9.5 to 10.5 V, either sign, command 'APPL P25V,12'; nothing was sent",
+            "raw command is compared with no limit of the bench, command 'APPL P25V,12'; nothing was sent",
         ),
-        ("rate_source", "VOLT:OFFS 20", 3, "peak voltage"),
-        ("rate_table", ":Demand:Rate 1,400", 3, "rate 400 deg/s is beyond the bench's limit of 300 deg/s"),
-        (
-            "multimeter",
-            "FOO",
-            3,
-            "multimeter at GPIB0::22::INSTR: refused with -113 \"Undefined header\", command 'FOO'",
-        ),
+        ("rate_table", ":Demand:Rate? 1;:Mode:Rate 1", 3, "--raw sends it and writes it down"),
+        ("power", "*TST?", 3, "nothing was sent"),
         ("multimeter", "FOO?", 3, "no answer, command 'FOO?'"),
         ("multimeter", ".wait long", 2, ".wait long: expected seconds"),
         ("multimeter", ".what", 2, "there are .wait SECONDS"),
@@ -73,10 +73,22 @@ def test_the_first_line_that_is_refused_or_fails_ends_it(role: str, line: str, c
     assert done.stdout == ""
 
 
-def test_unguarded_says_so() -> None:
-    done = talk("power", "--unguarded", "-c", "APPL P25V,12", "-c", "APPL? P25V")
-    assert (done.exit_code, done.stdout) == (0, '"12.000000,1.000000"\n')
-    assert done.stderr.splitlines()[0].startswith("NOT guarded")
+def test_a_raw_command_is_written_down_before_it_is_sent(tmp_path: Path) -> None:
+    done = talk("power", *raw(tmp_path), "-c", "APPL P25V,12", "-c", "APPL? P25V", "-c", "FOO")
+    assert (done.exit_code, done.stdout) == (3, '"12.000000,1.000000"\n')
+    assert "power at GPIB0::5::INSTR: refused with -113" in done.stderr
+    lines = [json.loads(line) for line in (tmp_path / "raw.jsonl").read_text("utf-8").splitlines()]
+    assert [line["command"] for line in lines] == ["APPL P25V,12", "FOO"]
+    assert {(line["bench"], line["role"], line["resource"]) for line in lines} == {
+        ("paper", "power", "GPIB0::5::INSTR")
+    }
+
+
+def test_a_raw_command_that_cannot_be_written_down_is_not_sent(tmp_path: Path) -> None:
+    (tmp_path / "raw.jsonl").mkdir()
+    done = talk("power", *raw(tmp_path), "-c", "APPL P25V,12")
+    assert done.exit_code == 3
+    assert "raw.jsonl cannot be written: Is a directory" in done.stderr
 
 
 def test_the_seed_is_the_benchs() -> None:
@@ -89,7 +101,7 @@ def test_the_seed_is_the_benchs() -> None:
 def test_the_last_answer_is_saved(tmp_path: Path) -> None:
     block, line = tmp_path / "screen.bin", tmp_path / "line.txt"
     lines = [":DIG", ":WAV:POIN 1000", ":WAV:DATA?", f".save {block}", "*OPC?", f".save {line}"]
-    done = talk("oscilloscope", *(word for each in lines for word in ("-c", each)))
+    done = talk("oscilloscope", *raw(tmp_path), *(word for each in lines for word in ("-c", each)))
     assert done.exit_code == 0, done.stderr
     assert block.stat().st_size == 1000
     assert f"1000 bytes written to {block}" in done.stderr
@@ -137,12 +149,12 @@ def test_ctrl_c_breaks_off_what_is_awaited_and_goes_on(tmp_path: Path) -> None:
 def test_a_person_at_a_terminal(tmp_path: Path) -> None:
     """Refusals do not end it, typed lines are kept for the next time, Ctrl-D leaves."""
     with at_terminal(tmp_path, "power") as (process, ours):
-        lines = (b"VOLT 30\n", b"SYST:BEEP 5\n", b"*IDN?\n", b"\x04")
+        lines = (b"VOLT 30\n", b"FOO? 5\n", b"*IDN?\n", b"\x04")
         text = "".join(typed(ours, line, "power> ") for line in lines)
         assert process.wait(20) == 0
     assert "power at GPIB0::5::INSTR: HEWLETT-PACKARD E3631A" in text
-    assert "P6V 30 V: the output feeds no rail" in text
-    assert "-108" in text
+    assert "a raw command is compared with no limit" in text
+    assert "-113" in text
     assert "HEWLETT-PACKARD,E3631A,0" in text
     assert "*IDN?" in (tmp_path / "vcfbench" / "talk-history").read_text("utf-8")
 

@@ -68,8 +68,8 @@ def test_the_table_turns_and_stops_and_lines_go_to_instruments_as_they_are() -> 
         ("v_vc.set 11", 3, "rate_source: voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
         ("v_vc.sine 10 11", 3, "peak voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
         ("v_vc.set 1", 3, "the PCB has no power, nothing was sent; power.on comes first"),
-        ("power APPL P25V,12,0.1", 3, "outside the bench's rail window of 9.5 to 10.5 V"),
-        ("multimeter FOO", 3, 'refused with -113 "Undefined header"'),
+        ("power APPL P25V,12,0.1", 3, "a raw command is compared with no limit of the bench"),
+        ("multimeter FOO?", 3, "Undefined header"),
         ("multimeter", 2, "expected what is to be sent, as in multimeter *IDN?"),
         ("table.rate fast", 2, "table.rate DEG_S: DEG_S: expected a number, came 'fast'"),
         ("table.rate", 2, "expected 'table.rate DEG_S', came 'table.rate'"),
@@ -82,6 +82,13 @@ def test_what_is_refused_ends_it_with_the_reason(line: str, code: int, words: st
     done = talk(line, "multimeter *IDN?")
     assert (done.exit_code, done.stdout) == (code, "")
     assert words in done.stderr
+
+
+def test_a_raw_command_to_one_instrument_is_written_down(tmp_path: Path) -> None:
+    options = ("--raw", "--runs", str(tmp_path))
+    done = talk("power APPL P25V,9.8,0.1", "power APPL? P25V", options=options)
+    assert (done.exit_code, done.stdout) == (0, '"9.800000,0.100000"\n')
+    assert '"command":"APPL P25V,9.8,0.1"' in (tmp_path / "raw.jsonl").read_text("utf-8")
 
 
 def test_help_shows_the_words_of_this_bench() -> None:

@@ -1,4 +1,4 @@
-"""The 33500B and 33600A beside the 33220A: consoles, data sheet and drawn specimens."""
+"""The 33500B and 33600A beside the 33220A: data sheet and drawn specimens."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from tests.conformance import walk
 from tests.successors import BENCH
 from vcfbench.bench.discovery import recognise
 from vcfbench.bench.file import parse_bench
-from vcfbench.bench.guard.generator import trueform_rules
-from vcfbench.bench.guard.message import Unreadable
-from vcfbench.bench.guard.rules import BeyondLimit
 from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
@@ -24,47 +21,10 @@ from vcfbench.specifications import KEYSIGHT_33500B
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
 
-ANSWERS = {"FUNC?": "DC", "VOLT:UNIT?": "VPP", "VOLT?": "+1.0E-01", "VOLT:OFFS?": "+0.0E+00", "OUTP:LOAD?": "+9.9E+37"}
-
 
 @pytest.fixture(scope="module")
 def described() -> BenchDescription:
     return parse_bench(BENCH.read_text(encoding="utf-8").replace("max_v_vc_v = 10", "max_v_vc_v = 2"), "lab.toml")
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        *("SOUR1:VOLT:OFFS 1.9", "SOURCE1:VOLT:OFFS -2;:OUTP1 ON", "VOLT:OFFS 2", "OUTPUT1:STATE OFF", "OUTP1 OFF"),
-        *(
-            "SOUR1:FUNC TRI",
-            "SOUR1:VOLT:LIM:HIGH 1;STAT ON",
-            "SOUR1:FUNC:ARB:SRAT 1E6",
-            "TRIG1",
-            "SOUR1:APPL:SIN 1,1,0",
-        ),
-    ],
-)
-def test_the_console_takes_the_number_of_the_channel(message: str, described: BenchDescription) -> None:
-    trueform_rules(described).judge(message, ANSWERS.__getitem__)
-
-
-@pytest.mark.parametrize(
-    ("message", "refusal"),
-    [
-        *(
-            ("SOUR1:VOLT:OFFS 2.1", BeyondLimit),
-            ("FREQ 1;:SOUR1:VOLT:OFFS 2.1", BeyondLimit),
-            ("SOUR1:APPL:DC 1,1,3", BeyondLimit),
-        ),
-        *(("SOUR2:VOLT 1", Unreadable), ("OUTP2 ON", Unreadable), ("SOUR1:COMB:FEED CH2", Unreadable)),
-    ],
-)
-def test_the_console_refuses_too_much_and_the_other_channel(
-    message: str, refusal: type[Exception], described: BenchDescription
-) -> None:
-    with pytest.raises(refusal):
-        trueform_rules(described).judge(message, ANSWERS.__getitem__)
 
 
 def test_specimens_lie_within_the_sheet_that_the_uncertainties_use(described: BenchDescription) -> None:

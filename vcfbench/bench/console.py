@@ -1,18 +1,18 @@
-"""A conversation with one instrument of a bench: every message judged first, the bench left safe."""
+"""Conversation with one instrument of a bench: questions, raw commands on demand, the bench left safe."""
 
 from __future__ import annotations
 
+import re
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from vcfbench.bench.guard import guard_of
 from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import ROLES, filled_roles, require_still, safe_action
 from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import Interrupted, StopSignals
 from vcfbench.bench.station import station
-from vcfbench.errors import BenchError, ConfigError, InstrumentError, NotSafe, TransportError
+from vcfbench.errors import BenchError, ConfigError, InstrumentError, LimitError, NotSafe, TransportError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -20,15 +20,18 @@ if TYPE_CHECKING:
     from typing import Any
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.guard import Guard
     from vcfbench.bench.roles import Role
     from vcfbench.bench.station import UnopenedBench
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Identity, Instrument
+    from vcfbench.record.raw import RawRecord
 
 __all__ = ["Console", "ConsoleReply", "Interrupted", "data_of", "open_console", "summary"]
 
 _SHOWN_BYTES = 16
+
+_ACTING_QUESTION = re.compile(r":?(\*?(TST|CAL)|MEAS\w*:(SCAL\w*:)?(F?RES|CONT|DIOD))", re.IGNORECASE)
+"""Questions that do something: self-tests, calibrations, and measurements that send a current into the PCB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +48,7 @@ class Console:
     Args:
         instrument: its driver, which says who answers and reads the error queue.
         identity: who answered.
-        guard: who judges messages before they are sent; None sends everything.
+        raw: record of raw commands; None lets questions pass alone.
         clock: bench time.
         signals: what stops it.
         timeout_s: what an exchange may take.
@@ -56,7 +59,7 @@ class Console:
         instrument: Instrument,
         identity: Identity,
         *,
-        guard: Guard | None,
+        raw: RawRecord | None,
         clock: Clock,
         signals: StopSignals,
         timeout_s: float,
@@ -68,7 +71,7 @@ class Console:
         self.resource = instrument.resource
         self._instrument = instrument
         self._plain = plain(instrument, timeout_s)
-        self._guard = guard
+        self._raw = raw
         self._clock = clock
         self._signals = signals
 
@@ -81,14 +84,23 @@ class Console:
         """Send `message`, take the answer if it asks something, and read the error queue.
 
         Raises:
-            LimitError: it may not be sent.
+            LimitError: it is a command, and raw commands were not asked for.
             TransportError: the answer did not come, or the connection is gone.
         """
         self._signals.safe_point()
         if not (message.isascii() and message.isprintable()):
             raise ConfigError(f"{message!r} has characters that instruments do not know; nothing was sent")
-        if self._guard is not None:
-            self._guard.judge(message, lambda question: self._plain.ask(question).decode("latin-1").strip())
+        if not self._is_question(message):
+            if self._raw is None:
+                raise LimitError(
+                    "a raw command is compared with no limit of the bench",
+                    instrument=self.role,
+                    resource=self.resource,
+                    command=message,
+                    hint="nothing was sent; a question ends in '?', the words of `vcfbench talk` keep the limits, "
+                    "--raw sends it and writes it down",
+                )
+            self._raw.add(self.role, self.resource, message)
         if not self._answered(message):
             return ConsoleReply(None, self._refusal_of(message) or self.errors())
         try:
@@ -102,6 +114,17 @@ class Console:
         from vcfbench.drivers.plain import PlainLine  # noqa: PLC0415  # the drivers are loaded when a bench is opened
 
         return isinstance(self._plain, PlainLine) or _asks(message)
+
+    def _is_question(self, message: str) -> bool:
+        """Tell whether a message is one question that changes no output: its header ends in a question mark.
+
+        In the tables' own languages a question mark does not make a question.
+        """
+        from vcfbench.drivers.plain import PlainLine  # noqa: PLC0415  # as above
+
+        header = "".join(message.split(maxsplit=1)[:1])
+        one = header.endswith("?") and ";" not in message and not isinstance(self._plain, PlainLine)
+        return one and _ACTING_QUESTION.match(header) is None
 
     def _refusal_of(self, message: str) -> str | None:
         try:
@@ -154,7 +177,7 @@ def open_console(
     *,
     seed: int | None = None,
     timeout_s: float | None = None,
-    guarded: bool = True,
+    raw: RawRecord | None = None,
 ) -> Iterator[Console]:
     """Open the instrument of `role` alone; make it safe when left, however it is left.
 
@@ -170,9 +193,8 @@ def open_console(
         under_way: BaseException | None = None
         try:
             instrument, identity = _opened(place, description, stand, safety)
-            guard = guard_of(role, description) if guarded else None
             allowed_s = getattr(description, role).timeout_s if timeout_s is None else timeout_s
-            yield Console(instrument, identity, guard=guard, clock=stand.clock, signals=signals, timeout_s=allowed_s)
+            yield Console(instrument, identity, raw=raw, clock=stand.clock, signals=signals, timeout_s=allowed_s)
         except BaseException as error:
             under_way = error
             raise

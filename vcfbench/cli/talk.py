@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from vcfbench.bench.console import Console
 
 _HELP = """\
-Each line is sent as typed. What would leave the limits of the bench file is refused before it is sent.
+Each line is sent as typed: questions; with --raw commands too, which are compared with no limit and written down.
 .wait SECONDS   let bench time pass
 .errors         read the error queue
 .clear          device clear: end what the instrument is doing; Ctrl-C while an answer is awaited does the same
 .save FILE      write the last answer to a file, of a block its data
 .quit           leave; the instrument is made safe"""
 
-_UNGUARDED = "NOT guarded: nothing is compared with the limits of the bench file"
+_RAW = "raw commands: nothing is compared with the limits of the bench file; each is written to {}"
 
 
 class _Stop(Exception):
@@ -56,13 +56,14 @@ def talk(
     ] = None,
     *,
     trace: Trace_ = None,
-    unguarded: Annotated[
-        bool, typer.Option("--unguarded", help="Send everything, even beyond the limits of the bench file.")
+    raw: Annotated[
+        bool, typer.Option("--raw", help="Send commands too, compared with no limit; each is written to raw.jsonl.")
     ] = False,
+    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where raw.jsonl goes.")] = Path("runs"),
 ) -> None:
     """Talk to the bench, or to one instrument in its own language. All that was opened is left safe.
 
-    power.on, multimeter.read, table.rate 10, v_vc.set 0.1, help; multimeter *IDN? goes to the instrument as typed.
+    power.on, multimeter.read, table.rate 10, v_vc.set 0.1, help; multimeter *IDN? is a question to one instrument.
 
     Answers go to stdout, everything else to stderr. Lines come from -c, else from stdin. The first that is refused or
     fails ends the command with exit code 3, unless a person types them.
@@ -70,21 +71,23 @@ def talk(
     if role is None:
         from vcfbench.cli.talk_bench import talk_to_bench  # noqa: PLC0415
 
-        if unguarded:
-            _remark(_UNGUARDED)
+        if raw:
+            _remark(_RAW.format(runs / "raw.jsonl"))
         with tracing(trace):
-            talk_to_bench(bench, seed, command, guarded=not unguarded, timeout_s=timeout)
+            talk_to_bench(bench, seed, command, raw=runs if raw else None, timeout_s=timeout)
         return
     from vcfbench.bench.console import open_console  # noqa: PLC0415
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
+    from vcfbench.record.raw import RawRecord  # noqa: PLC0415
 
     lines = iter(command) if command else None
     interactive = lines is None and sys.stdin.isatty()
     described = load_bench(bench)
-    opened = open_console(role, described, seed=seed, timeout_s=timeout, guarded=not unguarded)
+    record = RawRecord(runs, described.name) if raw else None
+    opened = open_console(role, described, seed=seed, timeout_s=timeout, raw=record)
     with tracing(trace), opened as console:
-        if unguarded:
-            _remark(_UNGUARDED)
+        if record is not None:
+            _remark(_RAW.format(record.path))
         if interactive:
             _greet(console)
             _converse(console)

@@ -26,15 +26,20 @@ class _Stop(Exception):
 
 
 def talk_to_bench(
-    bench: Path | None, seed: int | None, lines: Iterable[str] | None, *, guarded: bool, timeout_s: float | None
+    bench: Path | None, seed: int | None, lines: Iterable[str] | None, *, raw: Path | None, timeout_s: float | None
 ) -> None:
-    """Open the whole bench and do the lines typed, or `lines`; it is made safe when it is left, however it is left."""
+    """Open the whole bench and do the lines typed, or `lines`; it is made safe however it is left.
+
+    Raw commands are recorded in the directory `raw`; None refuses them.
+    """
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+    from vcfbench.record.raw import RawRecord  # noqa: PLC0415
     from vcfbench.runs.by_hand import ByHand  # noqa: PLC0415
 
     with StopSignals() as signals, open_bench(bench, seed=seed, signals=signals) as opened:
-        by_hand = ByHand(opened, signals, _remark, guarded=guarded, timeout_s=timeout_s)
+        record = None if raw is None else RawRecord(raw, opened.description.name)
+        by_hand = ByHand(opened, signals, _remark, raw=record, timeout_s=timeout_s)
         if lines is None and sys.stdin.isatty():
             _remark(f"{opened.description.title}: {', '.join(opened.instruments)}")
             _remark("help shows the words, TAB completes them; Ctrl-D and Ctrl-C leave, and make the bench safe")
@@ -121,7 +126,10 @@ def _unknown(by_hand: ByHand, name: str) -> PlanError:
 
 def _help(by_hand: ByHand) -> str:
     shown = [(" ".join((word.name, *word.takes)), word.means) for word in by_hand.words.values()]
-    shown += [("ROLE LINE", f"send a line as it is, judged first: {', '.join(by_hand.consoles)}"), ("quit", "leave")]
+    shown += [
+        ("ROLE LINE", f"send a question as it is, with --raw anything: {', '.join(by_hand.consoles)}"),
+        ("quit", "leave"),
+    ]
     width = max(len(usage) for usage, _ in shown)
     return "\n".join(f"{usage:<{width}}  {means}" for usage, means in shown)
 

@@ -1,7 +1,8 @@
 """The whole bench by hand: a line of words each, carried out by the steps that procedures are made of.
 
 So the PCB is powered in the right order, every level and rate is held against the limits of the bench, and every answer
-comes as a run would get it. What follows the name of a role goes to that instrument as it is, judged first.
+comes as a run would get it. What follows the name of a role goes to that instrument as it is: a question, or, where raw
+commands are recorded, anything.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from msgspec import Struct, structs
 
 from vcfbench.bench.console import Console
-from vcfbench.bench.guard import guard_of
 from vcfbench.bench.limits import LimitChecks, driver_of
 from vcfbench.bench.settings import Station
 from vcfbench.clock import sleep
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.console import ConsoleReply
     from vcfbench.bench.signals import StopSignals
     from vcfbench.plans.step import Routine, Step
+    from vcfbench.record.raw import RawRecord
 
 _T = TypeVar("_T")
 
@@ -104,7 +105,7 @@ class ByHand:
     Args:
         bench: the bench.
         signals: what stops it.
-        guarded: whether lines to single instruments are judged before they are sent.
+        raw: record of raw commands to single instruments; None lets questions pass alone.
         timeout_s: what an exchange of such a line may take; None is the bench file's.
         tell: is told what is done, step by step.
     """
@@ -115,7 +116,7 @@ class ByHand:
         signals: StopSignals,
         tell: Callable[[str], None],
         *,
-        guarded: bool = True,
+        raw: RawRecord | None = None,
         timeout_s: float | None = None,
     ) -> None:
         description = bench.description
@@ -129,7 +130,7 @@ class ByHand:
             role: Console(
                 driver_of(instrument),
                 bench.identities[role],
-                guard=guard_of(role, description) if guarded else None,
+                raw=raw,
                 clock=bench.clock,
                 signals=signals,
                 timeout_s=getattr(description, role).timeout_s if timeout_s is None else timeout_s,
@@ -145,14 +146,10 @@ class ByHand:
         return sorted({*self.words, *self.consoles, *short})
 
     def raw(self, name: str, message: str) -> ConsoleReply:
-        """Send `message` to the instrument called `name` as it is, in the limits of the bench."""
+        """Send `message` to the instrument called `name` as it is."""
         role = ALIASES.get(name, name)
         self._ready.discard(role)  # what it is set to is not known any more
-        try:
-            return self.consoles[role].say(message)
-        except LimitError as error:
-            error.hint = error.hint or "the limits are those of [limits] in the bench file"
-            raise
+        return self.consoles[role].say(message)
 
     def perform(self, name: str, values: list[str]) -> str:
         """Do a word and return its answer; empty where it has none.
