@@ -35,9 +35,9 @@ from simrack.faults import Fault, FaultInjector
 import vcfbench
 from vcfbench.bench.simulated import SimulatedBench, physical_parameters
 from vcfbench.errors import BenchError
-from vcfbench.plans.executor import StepFinished
-from vcfbench.plans.steps import Acquire, Window
 from vcfbench.procedures.measurand import Measurand
+from vcfbench.steps import Acquire, Window
+from vcfbench.steps.executor import StepFinished
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -54,7 +54,7 @@ import numpy, numpy.fft, numpy.ma, numpy.polynomial, numpy.random, pyvisa, pyvis
 import vcfbench, vcfbench.bench.bench, vcfbench.bench.file, vcfbench.drivers.registry, vcfbench.record.export
 import vcfbench.procedures.virtual_coriolis.plan, vcfbench.runs.conduct, vcfbench.runs.resumed
 import vcfbench.drivers.visa_wire as visa_wire, vcfbench.drivers.rate_table.line as line
-from vcfbench.plans.executor import StepFinished
+from vcfbench.steps.executor import StepFinished
 
 armed = {}
 

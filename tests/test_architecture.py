@@ -25,7 +25,7 @@ FLOORS = [
     {"runs"},
     {"procedures"},
     {"report"},
-    {"plans"},
+    {"steps"},
     {"bench"},
     {"drivers", "record", "analysis", "sim"},
     {"interfaces", "models", "specifications", "files", "extras", "typed", "errors", "clock", "version"},

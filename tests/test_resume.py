@@ -220,8 +220,8 @@ OWN = '''
 from pathlib import Path
 from vcfbench import Note, Outcome, Procedure, ProcedureSettings, Step, energised, take
 from vcfbench.errors import MeasurementError
-from vcfbench.plans.step import Effect
-from vcfbench.plans.steps import Done
+from vcfbench.steps.step import Effect
+from vcfbench.steps import Done
 from dataclasses import dataclass
 from typing import ClassVar
 

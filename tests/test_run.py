@@ -17,7 +17,7 @@ import pytest
 import vcfbench
 from tests import warm
 from vcfbench.bench.file import embedded_text, template
-from vcfbench.plans.steps import SetRate, Settle
+from vcfbench.steps import SetRate, Settle
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -30,10 +30,10 @@ from vcfbench.interfaces import (
     SetsVoltage,
     lacking,
 )
-from vcfbench.plans.executor import ReadingTaken
-from vcfbench.plans.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle
 from vcfbench.procedures.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
 from vcfbench.record.schema import Status
+from vcfbench.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle
+from vcfbench.steps.executor import ReadingTaken
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.plans.executor import Event
-    from vcfbench.plans.step import Plan, Routine
+    from vcfbench.steps.executor import Event
+    from vcfbench.steps.step import Plan, Routine
     from vcfbench.testing import ServedLab
 
 PAPER = vcfbench.load_bench()
@@ -210,7 +210,7 @@ from vcfbench import Procedure
 from vcfbench.interfaces import PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.routines import energised, set_v_vc, take, v_vc_on
 from vcfbench.bench.settings import ProcedureSettings
-from vcfbench.plans.steps import Outcome
+from vcfbench.steps import Outcome
 
 
 def levels(settings):

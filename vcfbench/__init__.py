@@ -59,20 +59,6 @@ if TYPE_CHECKING:
         SwitchesOutput,
         Waveform,
     )
-    from vcfbench.plans.dry_run import PlannedStep
-    from vcfbench.plans.executor import (
-        Event,
-        Observer,
-        Paused,
-        ReadingTaken,
-        StepFailed,
-        StepFinished,
-        StepStarted,
-        WentOn,
-    )
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Context, Outcome, Plan, Routine, Step, StepResult
-    from vcfbench.plans.steps import Note, Settle
     from vcfbench.procedures.catalogue import PROCEDURES
     from vcfbench.procedures.procedure import Procedure
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
@@ -95,6 +81,20 @@ if TYPE_CHECKING:
     from vcfbench.runs.started import StartedRun, start
     from vcfbench.runs.summary import RunSummary
     from vcfbench.runs.written import write_certificate, write_report
+    from vcfbench.steps import Note, Settle
+    from vcfbench.steps.dry_run import PlannedStep
+    from vcfbench.steps.executor import (
+        Event,
+        Observer,
+        Paused,
+        ReadingTaken,
+        StepFailed,
+        StepFinished,
+        StepStarted,
+        WentOn,
+    )
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Context, Outcome, Plan, Routine, Step, StepResult
     from vcfbench.studies.conduct import study
     from vcfbench.studies.result import StudyResult, load_study
 
@@ -329,8 +329,8 @@ _HOMES = {
         "Verdict",
     ),
     "procedures.catalogue": ("PROCEDURES",),
-    "plans.dry_run": ("PlannedStep",),
-    "plans.executor": (
+    "steps.dry_run": ("PlannedStep",),
+    "steps.executor": (
         "Event",
         "Observer",
         "Paused",
@@ -340,7 +340,7 @@ _HOMES = {
         "StepStarted",
         "WentOn",
     ),
-    "plans.measured": ("Measured",),
+    "steps.measured": ("Measured",),
     "procedures.procedure": ("Procedure",),
     "procedures.routines": (
         "energised",
@@ -354,7 +354,7 @@ _HOMES = {
     "procedures.turntable": ("TurntableResult",),
     "procedures.virtual_coriolis.results": ("VirtualCoriolisResult",),
     "bench.settings": ("ProcedureSettings",),
-    "plans.step": (
+    "steps.step": (
         "Context",
         "Outcome",
         "Plan",
@@ -362,7 +362,7 @@ _HOMES = {
         "Step",
         "StepResult",
     ),
-    "plans.steps": (
+    "steps": (
         "Note",
         "Settle",
     ),

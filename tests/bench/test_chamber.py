@@ -17,8 +17,8 @@ from vcfbench.bench.safing import safe_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.bench.writing import bench_text
 from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, MeasurementError
-from vcfbench.plans.step import Context
-from vcfbench.plans.steps import AwaitTemperature, SetTemperature, StopFlow, TemperatureReading, set_air_by_hand
+from vcfbench.steps import AwaitTemperature, SetTemperature, StopFlow, TemperatureReading, set_air_by_hand
+from vcfbench.steps.step import Context
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import pytest
 from vcfbench.bench.signals import StopSignals
 from vcfbench.cli.person import at_the_terminal
 from vcfbench.errors import Aborted
-from vcfbench.plans.step import Request
+from vcfbench.steps.step import Request
 
 if TYPE_CHECKING:
     from collections.abc import Callable

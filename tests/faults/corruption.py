@@ -15,13 +15,13 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import BenchError
-from vcfbench.plans.executor import Executor
-from vcfbench.plans.measured import Measured
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TurntableResult
 from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
 from vcfbench.record.schema import Status
+from vcfbench.steps.executor import Executor
+from vcfbench.steps.measured import Measured
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -16,7 +16,7 @@ from vcfbench.runs.asked import Beginning, dry_run
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.plans.executor import Event
+    from vcfbench.steps.executor import Event
 
 
 class Watching:

@@ -268,7 +268,7 @@ class FakeTable(FakeInstrument):
 
 
 class FakeBench:
-    """What :class:`vcfbench.plans.step.OpenBench` asks for; `calls` holds (bench time, instrument, call)."""
+    """What :class:`vcfbench.steps.step.OpenBench` asks for; `calls` holds (bench time, instrument, call)."""
 
     def __init__(self, gyro: Gyro | None = None) -> None:
         self.clock = VirtualClock()

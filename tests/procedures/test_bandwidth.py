@@ -14,7 +14,7 @@ import vcfbench
 from vcfbench.bench.description import BenchDescription, Limits
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import LimitError
-from vcfbench.plans.steps import CaptureSines, SetSine
+from vcfbench.steps import CaptureSines, SetSine
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:

@@ -14,7 +14,14 @@ import vcfbench
 from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.settings import Sources, Station
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.plans.steps import (
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.characterize.data_sheet import sheet_rows
+from vcfbench.procedures.characterize.plan import PARTS, BeginPart, CharacterizeSettings, _kept_on, _Session
+from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.measurand import UncertaintyPart as Source
+from vcfbench.procedures.measurand import measurand
+from vcfbench.procedures.zero.results import NoiseCoefficient
+from vcfbench.steps import (
     Acquire,
     AskOperator,
     DisableSupply,
@@ -26,17 +33,10 @@ from vcfbench.plans.steps import (
     Settle,
     Step,
 )
-from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.characterize.data_sheet import sheet_rows
-from vcfbench.procedures.characterize.plan import PARTS, BeginPart, CharacterizeSettings, _kept_on, _Session
-from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.measurand import UncertaintyPart as Source
-from vcfbench.procedures.measurand import measurand
-from vcfbench.procedures.zero.results import NoiseCoefficient
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.plans.step import Plan
+    from vcfbench.steps.step import Plan
 
 FIELD = Path(__file__).parents[2] / "examples" / "field-bench.toml"
 QUICK: dict[str, Any] = {

@@ -16,7 +16,6 @@ from tests.procedures.test_self_calibration import aged
 from vcfbench.bench.settings import PlacedInstrument
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import MeasurementError
-from vcfbench.plans.steps import AcMeasured, MeasureAc
 from vcfbench.procedures.health.by_meter import carrier_over_drive
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.health.found import Health
@@ -27,6 +26,7 @@ from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders
 from vcfbench.record.devices import Characteristics
 from vcfbench.record.devices import Measured as Kept
 from vcfbench.sim.gyro.warm_output import warm_output
+from vcfbench.steps import AcMeasured, MeasureAc
 
 if TYPE_CHECKING:
     from pathlib import Path

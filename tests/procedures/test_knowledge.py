@@ -17,11 +17,11 @@ from typer.testing import CliRunner
 import vcfbench
 from vcfbench.bench.file import checked_bench, embedded_text
 from vcfbench.cli.main import app
-from vcfbench.plans.measured import Measured
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
 from vcfbench.record.plain import plain
 from vcfbench.runs.results import evaluate
+from vcfbench.steps.measured import Measured
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

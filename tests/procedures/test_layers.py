@@ -15,12 +15,12 @@ from vcfbench.bench.settings import Match
 from vcfbench.cli.set_option import asked_by_command
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
-from vcfbench.plans.steps import Note, Outcome, Plan
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.keys import settable_keys
 from vcfbench.procedures.layers import asked_in_python, recorded_settings, settings_of, with_settings
 from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
+from vcfbench.steps import Note, Outcome, Plan
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription

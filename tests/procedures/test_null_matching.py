@@ -17,14 +17,14 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.bench.settings import PAPER_RATES_DEG_S, Match, Sources, Station
 from vcfbench.bench.simulated import physical_parameters
-from vcfbench.plans.dry_run import walk
-from vcfbench.plans.steps import Acquire
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.sweep.schedule import KvcBy
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, null_results
 from vcfbench.record.schema import Point
 from vcfbench.report.text import text_of
+from vcfbench.steps import Acquire
+from vcfbench.steps.dry_run import walk
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

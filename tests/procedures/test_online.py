@@ -18,7 +18,12 @@ from tests.procedures.test_self_calibration import looked_after
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.plans.steps import (
+from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.online.plan import ONLINE
+from vcfbench.procedures.online.results import online_results
+from vcfbench.record.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
+from vcfbench.report.document import Figure, Table
+from vcfbench.steps import (
     AskOperator,
     CheckRails,
     EnableTable,
@@ -27,11 +32,6 @@ from vcfbench.plans.steps import (
     SetRate,
     SetSine,
 )
-from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.online.plan import ONLINE
-from vcfbench.procedures.online.results import online_results
-from vcfbench.record.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
-from vcfbench.report.document import Figure, Table
 
 if TYPE_CHECKING:
     from pathlib import Path

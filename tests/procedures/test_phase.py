@@ -16,9 +16,9 @@ from vcfbench.bench.simulated import true_output
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import Waveform
-from vcfbench.plans.steps import CaptureSines, ConfigureScope, SineRecord
 from vcfbench.procedures.phase.results import CaptureSense
 from vcfbench.procedures.phase.settings import PhaseSettings
+from vcfbench.steps import CaptureSines, ConfigureScope, SineRecord
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:

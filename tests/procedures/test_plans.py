@@ -10,8 +10,8 @@ from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.bench.settings import PAPER_RATES_DEG_S
 from vcfbench.errors import PlanError
-from vcfbench.plans.dry_run import walk
-from vcfbench.plans.steps import (
+from vcfbench.procedures.catalogue import PROCEDURES, procedure
+from vcfbench.steps import (
     Acquire,
     AwaitRate,
     CheckRails,
@@ -28,10 +28,10 @@ from vcfbench.plans.steps import (
     SetVvc,
     VerifyZero,
 )
-from vcfbench.procedures.catalogue import PROCEDURES, procedure
+from vcfbench.steps.dry_run import walk
 
 if TYPE_CHECKING:
-    from vcfbench.plans.steps import Step
+    from vcfbench.steps import Step
 
 K_VC = 40.0
 

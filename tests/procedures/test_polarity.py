@@ -18,13 +18,13 @@ from vcfbench.bench.parts import OscilloscopeWiring
 from vcfbench.bench.settings import DriveWindow, Expected, PlacedInstrument, Station
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
-from vcfbench.plans.executor import Executor
-from vcfbench.plans.measured import Measured
-from vcfbench.plans.steps import AwaitRate, ConfigureScope, DriveReading, SetRate, SetVvc
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.polarity import CAUSES, DRIVEN, POLARITY, TURNED, PolaritySettings, results
 from vcfbench.record.schema import Point
 from vcfbench.sim.gyro.warm_output import warm_output
+from vcfbench.steps import AwaitRate, ConfigureScope, DriveReading, SetRate, SetVvc
+from vcfbench.steps.executor import Executor
+from vcfbench.steps.measured import Measured
 from vcfbench.testing import open_simulated, simulated
 
 if TYPE_CHECKING:

@@ -11,17 +11,17 @@ import vcfbench
 from vcfbench.bench.description import Limits
 from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError
-from vcfbench.plans.dry_run import walk
-from vcfbench.plans.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
 from vcfbench.procedures.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
 from vcfbench.procedures.power.results import valid_output
 from vcfbench.procedures.power.settings import PowerSettings
 from vcfbench.record.devices import Characteristics
+from vcfbench.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
+from vcfbench.steps.dry_run import walk
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
-    from vcfbench.plans.step import Step
+    from vcfbench.steps.step import Step
 
 ON_STATION = Limits(
     max_rate_deg_s=300.0,

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
-from vcfbench.plans.executor import Executor
-from vcfbench.plans.measured import Measured
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.report.document import Figure
 from vcfbench.report.text import text_of
+from vcfbench.steps.executor import Executor
+from vcfbench.steps.measured import Measured
 
 if TYPE_CHECKING:
     from vcfbench.report.document import Report

@@ -13,11 +13,11 @@ from benchmarks.beliefs import Case, Windows, faults_of, run, spoilt, with_fault
 from tests.procedures.fakes import make_settings
 from vcfbench.bench.settings import PAPER_RATES_DEG_S, Expected, Sources, Station
 from vcfbench.errors import MeasurementError
-from vcfbench.plans.steps import Acquire, Window
 from vcfbench.procedures.steady.jumps import require_no_jump
 from vcfbench.procedures.steady.walk import Limits, Walk
 from vcfbench.procedures.sweep.schedule import Order, Zeros
 from vcfbench.record.schema import Point
+from vcfbench.steps import Acquire, Window
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

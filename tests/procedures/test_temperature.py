@@ -13,8 +13,14 @@ import vcfbench
 from vcfbench.bench.description import Limits
 from vcfbench.bench.settings import PlacedInstrument, Station
 from vcfbench.errors import ConfigError, LimitError
-from vcfbench.plans.dry_run import walk
-from vcfbench.plans.steps import (
+from vcfbench.procedures.known.scale_factor import ScaleFactorBy
+from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
+from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
+from vcfbench.procedures.temperature.settings import TemperatureSettings
+from vcfbench.record.devices import Characteristics
+from vcfbench.record.schema import Point
+from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.steps import (
     Acquire,
     AskOperator,
     AwaitTemperature,
@@ -25,21 +31,15 @@ from vcfbench.plans.steps import (
     SetTemperature,
     StopFlow,
 )
-from vcfbench.procedures.known.scale_factor import ScaleFactorBy
-from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
-from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
-from vcfbench.procedures.temperature.settings import TemperatureSettings
-from vcfbench.record.devices import Characteristics
-from vcfbench.record.schema import Point
-from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.steps.dry_run import walk
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.plans.step import Step
     from vcfbench.sim.parameters import SenseMode
+    from vcfbench.steps.step import Step
 
 PAPER = paper_bench()
 REFERENCE_C = 25.0

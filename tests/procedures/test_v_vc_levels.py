@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import vcfbench
-from vcfbench.plans.steps import AcquireWithVvc, ConfigureVvcMeter
 from vcfbench.procedures.known.levels import at_measured_levels, standing_for
 from vcfbench.record.schema import Point
 from vcfbench.report.document import Table
+from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter
 from vcfbench.studies.truth import truth_of
 
 if TYPE_CHECKING:

@@ -17,12 +17,12 @@ from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.settings import Station
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import ConfigError
-from vcfbench.plans.dry_run import walk
-from vcfbench.plans.steps import Acquire, DisableSupply, EnableTable
 from vcfbench.procedures.known.scale_factor import ScaleFactor
 from vcfbench.procedures.warmup.plan import WARMUP, SwitchedOn, SwitchOnAndLog, WarmupSettings
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_results
 from vcfbench.record.schema import Point
+from vcfbench.steps import Acquire, DisableSupply, EnableTable
+from vcfbench.steps.dry_run import walk
 
 if TYPE_CHECKING:
     from pathlib import Path

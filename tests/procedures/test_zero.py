@@ -20,14 +20,14 @@ from vcfbench.bench.description import Limits
 from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
-from vcfbench.plans.dry_run import walk
-from vcfbench.plans.executor import Executor
-from vcfbench.plans.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.procedures.known.scale_factor import ScaleFactor, scale_factor_of
 from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
 from vcfbench.procedures.zero.results import ZeroResult, with_what_is_let_through, zero_report, zero_results
 from vcfbench.record import journal
 from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
+from vcfbench.steps.dry_run import walk
+from vcfbench.steps.executor import Executor
 
 if TYPE_CHECKING:
     from pathlib import Path

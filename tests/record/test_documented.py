@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.plans.test_long_window import acquire, plan
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
+from tests.steps.test_long_window import acquire, plan
 from tests.test_pause import Presser
-from vcfbench.plans.decode import result_of, step_of
-from vcfbench.plans.executor import Executor
-from vcfbench.plans.replay import start_up_again
-from vcfbench.plans.step import Step, StepResult
-from vcfbench.plans.steps import Acquire, ConfigureMeter, ConfigureRail, RailReading, Reading, SetVvc, VvcSetting
 from vcfbench.record.journal import read_journal
 from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S, FORMAT, READABLE, Point, Status
+from vcfbench.steps import Acquire, ConfigureMeter, ConfigureRail, RailReading, Reading, SetVvc, VvcSetting
+from vcfbench.steps.decode import result_of, step_of
+from vcfbench.steps.executor import Executor
+from vcfbench.steps.replay import start_up_again
+from vcfbench.steps.step import Step, StepResult
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -70,7 +70,7 @@ def _fields(kind: type[Any]) -> list[str]:
 
 @pytest.mark.parametrize(("title", "kinds"), [("Steps", Step.kinds), ("Results", StepResult.kinds)])
 def test_each_kind_is_described_with_its_fields_and_their_units(title: str, kinds: Mapping[str, type[Any]]) -> None:
-    shipped = {name: kind for name, kind in kinds.items() if kind.__module__.startswith("vcfbench.plans.steps")}
+    shipped = {name: kind for name, kind in kinds.items() if kind.__module__.startswith("vcfbench.steps")}
     described = rows(title)
     assert set(described) == set(shipped)
     for name, kind in shipped.items():

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
-from vcfbench.plans.executor import Event, Executor, StepFinished, StepStarted
-from vcfbench.plans.steps import ConfigureGenerator, EnableVvc, SetSine, SetVvc, VvcSetting, Window
-from vcfbench.plans.steps.wait import Done
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.report.bench_state import BenchState
+from vcfbench.steps import ConfigureGenerator, EnableVvc, SetSine, SetVvc, VvcSetting, Window
+from vcfbench.steps.executor import Event, Executor, StepFinished, StepStarted
+from vcfbench.steps.wait import Done
 
 
 class States:

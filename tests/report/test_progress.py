@@ -10,16 +10,16 @@ import pyte
 import pytest
 
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
-from vcfbench.plans.executor import Executor, ReadingTaken, StepFinished, StepStarted
-from vcfbench.plans.steps import Done, Note, Settle
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.record.schema import Point, Status
 from vcfbench.report.progress import LineProgress, LiveProgress
+from vcfbench.steps import Done, Note, Settle
+from vcfbench.steps.executor import Executor, ReadingTaken, StepFinished, StepStarted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.plans.executor import Event
+    from vcfbench.steps.executor import Event
 
 
 class Terminal(io.StringIO):

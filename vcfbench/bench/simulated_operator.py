@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class _Request(Protocol):
-    """A request to the operator, as :class:`vcfbench.plans.step.Request`."""
+    """A request to the operator, as :class:`vcfbench.steps.step.Request`."""
 
     @property
     def takes_s(self) -> float: ...

@@ -11,7 +11,7 @@ from vcfbench.errors import Aborted
 if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
     from vcfbench.cli.keys import Keys
-    from vcfbench.plans.step import Operator, Request
+    from vcfbench.steps.step import Operator, Request
 
 
 def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Operator | None:

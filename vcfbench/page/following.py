@@ -11,17 +11,17 @@ from msgspec import Struct
 
 from vcfbench.files import shown
 from vcfbench.page.view import View
-from vcfbench.plans.decode import result_of, step_of
-from vcfbench.plans.executor import Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
-from vcfbench.plans.steps import Note
+from vcfbench.steps import Note
+from vcfbench.steps.decode import result_of, step_of
+from vcfbench.steps.executor import Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from vcfbench.plans.executor import Event
     from vcfbench.runs.asked import Beginning
+    from vcfbench.steps.executor import Event
 
 _AT_ONCE = 1 << 22
 """Bytes of a journal that are read at once: a long one must not hold up readers of another."""

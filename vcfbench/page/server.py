@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.control import RunControl
     from vcfbench.page.app import PageContent
-    from vcfbench.plans.executor import Event
     from vcfbench.runs.asked import Beginning
     from vcfbench.runs.run import Run
+    from vcfbench.steps.executor import Event
 
 LOOPBACK: Final = "127.0.0.1"
 _WHAT: Final = "the page in a browser"

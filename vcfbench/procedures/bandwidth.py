@@ -21,9 +21,15 @@ from vcfbench.interfaces import (
     Rotates,
     SamplesVoltage,
 )
-from vcfbench.plans.measured import Foreseen
-from vcfbench.plans.step import answer
-from vcfbench.plans.steps import (
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.kept_characteristics import Keeps, KeptSettings
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
+from vcfbench.procedures.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
+from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
+from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.steps import (
     CaptureSines,
     CheckRails,
     ConfigureMeter,
@@ -37,23 +43,17 @@ from vcfbench.plans.steps import (
     SineRecords,
     SineResponse,
 )
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import Keeps, KeptSettings
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
-from vcfbench.procedures.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
-from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.steps.measured import Foreseen
+from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from vcfbench.analysis.rate_band import Known, RateBand, Tone
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Routine
     from vcfbench.record.devices import Characteristics
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Routine
 
 _TIME_BASE = 20e-6
 """33220A: frequency within 20 ppm a year (data sheet, unverified), rectangular."""

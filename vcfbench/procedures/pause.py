@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct
 
-from vcfbench.plans.executor import Moved
-from vcfbench.plans.replay import set_again
-from vcfbench.plans.step import Effect, answer
-from vcfbench.plans.steps import (
+from vcfbench.procedures.routines import window_of
+from vcfbench.procedures.steady.walk import Limits, sigmas
+from vcfbench.steps import (
     Acquire,
     AwaitRate,
     ConfigureMeter,
@@ -30,15 +29,16 @@ from vcfbench.plans.steps import (
     VerifyZero,
     Window,
 )
-from vcfbench.procedures.routines import window_of
-from vcfbench.procedures.steady.walk import Limits, sigmas
+from vcfbench.steps.executor import Moved
+from vcfbench.steps.replay import set_again
+from vcfbench.steps.step import Effect, answer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from collections.abc import Set as AbstractSet
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Routine, Step
+    from vcfbench.steps.step import Routine, Step
 
 _AT_REST: Final = frozenset(
     {

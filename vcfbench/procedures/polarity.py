@@ -19,19 +19,6 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
-from vcfbench.plans.drive_check import check_drive
-from vcfbench.plans.step import LOOK_AT_SIGNALS, answer
-from vcfbench.plans.steps import (
-    AcquireWithVvc,
-    ConfigureVvcMeter,
-    DisableVvc,
-    DriveReading,
-    Note,
-    Outcome,
-    Plan,
-    Settle,
-    Window,
-)
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import (
@@ -46,13 +33,26 @@ from vcfbench.procedures.routines import (
 )
 from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
 from vcfbench.report.document import Column, Report, Table, Text
+from vcfbench.steps import (
+    AcquireWithVvc,
+    ConfigureVvcMeter,
+    DisableVvc,
+    DriveReading,
+    Note,
+    Outcome,
+    Plan,
+    Settle,
+    Window,
+)
+from vcfbench.steps.drive_check import check_drive
+from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Routine
 
 AT_REST, TURNED, DRIVEN = 1, 2, 3
 """The steps, as in its points: at rest, on the table, with V_Vc."""

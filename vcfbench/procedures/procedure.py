@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from datetime import datetime
 
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Plan
     from vcfbench.record.devices import NewEntry
     from vcfbench.report.document import Report
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Plan
 
 S = TypeVar("S", bound=ProcedureSettings)
 R = TypeVar("R")

@@ -22,8 +22,16 @@ from vcfbench.interfaces import (
     Rotates,
     SamplesVoltage,
 )
-from vcfbench.plans.step import Effect, Step, StepResult, answer
-from vcfbench.plans.steps import (
+from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, characteristics, sweep
+from vcfbench.procedures.bandwidth import results as band_of
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.kept_characteristics import Keeps
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
+from vcfbench.procedures.tones import SCOPE_TIME_BASE
+from vcfbench.report.document import Column, Report, Table, Text
+from vcfbench.steps import (
     Amplitudes,
     CheckRails,
     ConfigureScope,
@@ -36,24 +44,16 @@ from vcfbench.plans.steps import (
     Settle,
     SetVvc,
 )
-from vcfbench.plans.steps.scope import scale_v_per_div
-from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, characteristics, sweep
-from vcfbench.procedures.bandwidth import results as band_of
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import Keeps
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
-from vcfbench.procedures.tones import SCOPE_TIME_BASE
-from vcfbench.report.document import Column, Report, Table, Text
+from vcfbench.steps.scope import scale_v_per_div
+from vcfbench.steps.step import Effect, Step, StepResult, answer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Context, Routine
     from vcfbench.record.devices import Characteristics
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Context, Routine
 
 _SENSE_RECORD, _DRIVE_RECORD = (0.05, 20_000), (0.02, 50_000)
 """Time base (s/div) and points of the records: half a second and a fifth."""

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
-from vcfbench.plans.steps import (
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.report.document import Axis, Column, Figure, Series, Table
+from vcfbench.steps import (
     CaptureSines,
     ConfigureScope,
     Note,
@@ -20,15 +22,13 @@ from vcfbench.plans.steps import (
     SineRecords,
     SineResponse,
 )
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.report.document import Axis, Column, Figure, Series, Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Routine
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Routine
 
 RECORDS = 4
 _PERIODS = 4.0

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vcfbench.errors import MeasurementError
-from vcfbench.plans.drive_check import check_drive
-from vcfbench.plans.step import LOOK_AT_SIGNALS, answer
-from vcfbench.plans.steps import (
+from vcfbench.procedures.sweep.schedule import window_grid
+from vcfbench.steps import (
     Acquire,
     AwaitRate,
     CheckRails,
@@ -30,12 +29,13 @@ from vcfbench.plans.steps import (
     VvcSetting,
     Window,
 )
-from vcfbench.procedures.sweep.schedule import window_grid
+from vcfbench.steps.drive_check import check_drive
+from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
 
 if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
+    from vcfbench.steps.step import Routine
 
 T = TypeVar("T")
 

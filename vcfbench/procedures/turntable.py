@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from msgspec.structs import asdict
 
 from vcfbench.analysis.column import CalibrationColumn
-from vcfbench.plans.steps import Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.column.report import line_words, outputs_figure, residuals_figure, statement_tables, sweep_text
 from vcfbench.procedures.column.results import (
@@ -30,15 +29,16 @@ from vcfbench.procedures.sweep.schedule import (
     window_grid,
 )
 from vcfbench.report.document import Column, Report, Table, Text
+from vcfbench.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Routine
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.sweep.found import SweepFound
     from vcfbench.record.schema import Point
+    from vcfbench.steps.step import Routine
 
 STEP = 1
 """The number that the points of this procedure carry: it has one step."""

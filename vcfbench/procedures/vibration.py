@@ -18,24 +18,6 @@ from msgspec import Meta
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.bench.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
-from vcfbench.plans.step import answer
-from vcfbench.plans.steps import (
-    AcquireWithVvc,
-    CheckRails,
-    ConfigureMeter,
-    ConfigureVvcMeter,
-    DisableVibration,
-    EnableVibration,
-    ModulatedRecord,
-    Note,
-    Outcome,
-    Plan,
-    SampleModulated,
-    Settle,
-    SetVibration,
-    SetVvc,
-    Window,
-)
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
@@ -55,13 +37,31 @@ from vcfbench.procedures.steady.watched import watched
 from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.steps import (
+    AcquireWithVvc,
+    CheckRails,
+    ConfigureMeter,
+    ConfigureVvcMeter,
+    DisableVibration,
+    EnableVibration,
+    ModulatedRecord,
+    Note,
+    Outcome,
+    Plan,
+    SampleModulated,
+    Settle,
+    SetVibration,
+    SetVvc,
+    Window,
+)
+from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.analysis.rate_band import Tone
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Routine
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Routine
 
 _STATIC = 1
 """The step of its points: V_Vc direct."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.plans.steps import (
+from vcfbench.steps import (
     ConfigureGenerator,
     DisableSupply,
     DisableTable,
@@ -26,7 +26,7 @@ from vcfbench.plans.steps import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.plans.steps import RailReading
+    from vcfbench.steps import RailReading
 
 
 class BenchState(Struct, frozen=True):

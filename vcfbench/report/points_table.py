@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from vcfbench.analysis.regression import LineFit
-    from vcfbench.plans.steps import Window
     from vcfbench.record.schema import Point
+    from vcfbench.steps import Window
 
 _GAP = "  "
 _LEAST_MV = 1e-3

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from vcfbench.bench.control import RunState
 from vcfbench.clock import WallClock, utc_now
-from vcfbench.plans.executor import Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
-from vcfbench.plans.step import Effect
-from vcfbench.plans.steps import Acquire, Note, Window
 from vcfbench.report.bench_state import BenchState
 from vcfbench.report.outlet import Outlet
 from vcfbench.report.points_table import PointRow, PointsSoFar, head, row_text, span
 from vcfbench.report.shielded import NoProgress
+from vcfbench.steps import Acquire, Note, Window
+from vcfbench.steps.executor import Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.steps.step import Effect
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from rich.console import Console, Group
     from rich.text import Text
 
-    from vcfbench.plans.executor import Event
-    from vcfbench.plans.step import Step, StepResult
     from vcfbench.record.schema import Point
+    from vcfbench.steps.executor import Event
+    from vcfbench.steps.step import Step, StepResult
 
 _REDRAW_S = 0.1
 _REDRAWS_PER_S = 2.0

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from vcfbench.bench.control import RunState
-    from vcfbench.plans.executor import Event, Observer
+    from vcfbench.steps.executor import Event, Observer
 
 
 class NoProgress:

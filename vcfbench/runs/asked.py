@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.bench.station import Builder
-    from vcfbench.plans.dry_run import PlannedStep
-    from vcfbench.plans.executor import Event, Execution, Executor, Observer
-    from vcfbench.plans.step import Operator, Plan
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.schema import Point
     from vcfbench.runs.expected import Expectation
+    from vcfbench.steps.dry_run import PlannedStep
+    from vcfbench.steps.executor import Event, Execution, Executor, Observer
+    from vcfbench.steps.step import Operator, Plan
 
     Display = Callable[["Beginning"], AbstractContextManager[Observer]]
     """Makes a display, told what is about to begin."""
@@ -126,7 +126,7 @@ class Prepared(Struct, frozen=True):
     def planned(self) -> DryRun:
         """Walk the plan; raises LimitError when a step of it would leave a limit of the bench."""
         from vcfbench.bench.limits import LimitChecks  # noqa: PLC0415
-        from vcfbench.plans.dry_run import dry_run as walked  # noqa: PLC0415
+        from vcfbench.steps.dry_run import dry_run as walked  # noqa: PLC0415
 
         with blamed_on(self.procedure):
             steps = walked(self.plan(), self.settings.expected_gyro(), LimitChecks.of(self.description))

@@ -18,8 +18,8 @@ from vcfbench.bench.limits import LimitChecks, driver_of
 from vcfbench.bench.settings import Station
 from vcfbench.clock import sleep
 from vcfbench.errors import BenchError, ConfigError, InterlockError, LimitError
-from vcfbench.plans.step import Context
-from vcfbench.plans.steps import (
+from vcfbench.procedures.routines import look_at_drive, rails_of
+from vcfbench.steps import (
     AwaitRate,
     CheckRails,
     ConfigureGenerator,
@@ -34,7 +34,7 @@ from vcfbench.plans.steps import (
     SetSine,
     SetVvc,
 )
-from vcfbench.procedures.routines import look_at_drive, rails_of
+from vcfbench.steps.step import Context
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.console import ConsoleReply
     from vcfbench.bench.signals import StopSignals
-    from vcfbench.plans.step import Routine, Step
     from vcfbench.record.raw import RawRecord
+    from vcfbench.steps.step import Routine, Step
 
 _T = TypeVar("_T")
 

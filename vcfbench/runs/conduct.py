@@ -15,8 +15,6 @@ from msgspec import Struct, field, structs, to_builtins
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import shown
-from vcfbench.plans.executor import Executor, Paused, StepStarted
-from vcfbench.plans.step import LOOK_AT_SIGNALS
 from vcfbench.record.export import points_csv, result_text, write_text
 from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.record.schema import Status
@@ -26,6 +24,8 @@ from vcfbench.runs.asked import Asked, Beginning, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
 from vcfbench.runs.results import evaluate, nothing
 from vcfbench.runs.run import Run, breaks
+from vcfbench.steps.executor import Executor, Paused, StepStarted
+from vcfbench.steps.step import LOOK_AT_SIGNALS
 from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     from vcfbench.bench.signals import StopSignals
     from vcfbench.bench.watchdog import Watchdog
     from vcfbench.interfaces import Identity, SafeReport
-    from vcfbench.plans.executor import Event, Execution, Observer
-    from vcfbench.plans.step import Operator
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import Journal
@@ -48,6 +46,8 @@ if TYPE_CHECKING:
     from vcfbench.runs.asked import DryRun, Prepared
     from vcfbench.runs.pausing import Pausing
     from vcfbench.runs.results import Evaluation
+    from vcfbench.steps.executor import Event, Execution, Observer
+    from vcfbench.steps.step import Operator
 
     Preparing = Callable[[Asked, Checked], Prepared]
 
@@ -533,7 +533,7 @@ class _Record(Struct):
             course.directory = None
 
     def _compute(self) -> None:
-        from vcfbench.plans.measured import Measured  # noqa: PLC0415
+        from vcfbench.steps.measured import Measured  # noqa: PLC0415
 
         course, settings = self.course, self.prepared.settings
         assert self.journal is not None  # noqa: S101  # the plan was performed

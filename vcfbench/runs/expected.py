@@ -17,8 +17,8 @@ from msgspec import Struct, field, structs, to_builtins
 
 from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.errors import BenchError
-from vcfbench.plans.step import Reading
-from vcfbench.plans.steps import ConfigureMeter, ModulatedRecord, Window
+from vcfbench.steps import ConfigureMeter, ModulatedRecord, Window
+from vcfbench.steps.step import Reading
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Step, StepResult
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.schema import Point
+    from vcfbench.steps.step import Step, StepResult
 
 PAPER_WALK_DEG_SQRT_H: Final = 0.21
 """Angle random walk of the paper's gyroscope: assumed where the noise is not told."""
@@ -192,9 +192,9 @@ def _stated(
     procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]
 ) -> tuple[tuple[ExpectedValue, ...], tuple[tuple[str, str], ...]]:
     """Return the results with their U95, and the names of those with one that nobody can expect, with the reason."""
-    from vcfbench.plans.measured import Foreseen  # noqa: PLC0415
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
     from vcfbench.runs.quantities import named_values  # noqa: PLC0415
+    from vcfbench.steps.measured import Foreseen  # noqa: PLC0415
 
     lines, points, gyro = [], [], _gyro(settings)
     for line, point in _lines(steps, gyro, settings.station.mains_hz):
@@ -232,7 +232,7 @@ def _lines(steps: Iterable[Step], gyro: _Scattering, mains_hz: float) -> Iterato
 
 def _long_window(step: Any, result: Window, gyro: _Scattering, t_s: float) -> tuple[list[Any], Window]:
     """Return the readings of a window that are in the journal alone, and the window with their mean and scatter."""
-    from vcfbench.plans.tally import Tally  # noqa: PLC0415
+    from vcfbench.steps.tally import Tally  # noqa: PLC0415
 
     at = [number * step.interval_s for number in range(step.samples)]
     readings = [Reading(t_s + each, result.point.output_v + gyro.noise_v(each)) for each in at]

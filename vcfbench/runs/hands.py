@@ -9,8 +9,8 @@ from vcfbench.errors import PlanError
 if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.plans.step import Operator
     from vcfbench.runs.asked import Asked, DryRun
+    from vcfbench.steps.step import Operator
 
 
 def require_operator(asked: Asked, description: BenchDescription, planned: DryRun) -> None:
@@ -19,7 +19,7 @@ def require_operator(asked: Asked, description: BenchDescription, planned: DryRu
     Raises:
         PlanError: the bench is real and nobody is.
     """
-    from vcfbench.plans.steps import AskOperator  # noqa: PLC0415
+    from vcfbench.steps import AskOperator  # noqa: PLC0415
 
     if description.simulated or asked.operator is not None or asked.person is not None:
         return
@@ -35,6 +35,6 @@ def require_operator(asked: Asked, description: BenchDescription, planned: DryRu
 def operator_of(asked: Asked, bench: Bench) -> Operator:
     """Return the operator: the caller's own, on a simulated bench the simulation, else a person if any."""
     from vcfbench.bench.simulated_operator import simulated_operator  # noqa: PLC0415
-    from vcfbench.plans.step import nobody  # noqa: PLC0415
+    from vcfbench.steps.step import nobody  # noqa: PLC0415
 
     return asked.operator or simulated_operator(bench) or asked.person or nobody

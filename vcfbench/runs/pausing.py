@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.control import RunControl
-    from vcfbench.plans.executor import Moved
-    from vcfbench.plans.step import Routine, Step
-    from vcfbench.plans.steps import Window
     from vcfbench.runs.asked import Prepared
+    from vcfbench.steps import Window
+    from vcfbench.steps.executor import Moved
+    from vcfbench.steps.step import Routine, Step
 
 
 class Pausing(Struct, frozen=True):

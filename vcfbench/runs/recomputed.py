@@ -37,11 +37,11 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     Raises:
         BenchError: procedure or settings are not known here, or the procedure gives no result of these points any more.
     """
-    from vcfbench.plans.measured import Measured  # noqa: PLC0415
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
     from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
     from vcfbench.record.journal import lines_of  # noqa: PLC0415
     from vcfbench.runs.results import evaluate  # noqa: PLC0415
+    from vcfbench.steps.measured import Measured  # noqa: PLC0415
 
     name = record.header.get("procedure")
     if not isinstance(name, str) or name not in PROCEDURES:

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from vcfbench.plans.measured import WindowReadings
     from vcfbench.record.amendments import Amendment
     from vcfbench.record.metadata import Equipment
     from vcfbench.report.document import Part
     from vcfbench.runs.run import Run
+    from vcfbench.steps.measured import WindowReadings
 
 _LONG: Final = 50
 """A window of so many readings is drawn reading by reading."""

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.acceptance import Acceptance
     from vcfbench.bench.settings import Limit
-    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.schema import Point
+    from vcfbench.steps.measured import Measured
 
 
 class Evaluation(Struct, frozen=True):

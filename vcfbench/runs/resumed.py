@@ -11,11 +11,11 @@ from vcfbench.bench.description import CALIBRATION_KEYS
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
-from vcfbench.plans.step import Effect, Outcome
 from vcfbench.record.amendments import amended, amendments_of
 from vcfbench.record.metadata import metadata_from
 from vcfbench.record.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
+from vcfbench.steps.step import Effect, Outcome
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.interfaces import Identity
-    from vcfbench.plans.executor import Execution, Executor, Observer
-    from vcfbench.plans.replay import TakenOver
-    from vcfbench.plans.step import Operator, Plan, Routine
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.directory import RunDirectory
     from vcfbench.record.journal import JournalRecord
     from vcfbench.record.schema import Point
     from vcfbench.runs.run import Run
+    from vcfbench.steps.executor import Execution, Executor, Observer
+    from vcfbench.steps.replay import TakenOver
+    from vcfbench.steps.step import Operator, Plan, Routine
 
 _MAY_DIFFER = {
     *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate", "laboratory", "notify", "safety"),
@@ -158,11 +158,11 @@ class BrokenOff:
     def prepare(self, asked: Asked, checked: Checked) -> Prepared:
         """Check the request against the record; nothing is opened."""
         from vcfbench.bench.station import checked_pace  # noqa: PLC0415
-        from vcfbench.plans.replay import taken_over  # noqa: PLC0415
         from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
         from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
         from vcfbench.runs.conduct import other_versions  # noqa: PLC0415
         from vcfbench.runs.needs import require_needs  # noqa: PLC0415
+        from vcfbench.steps.replay import taken_over  # noqa: PLC0415
 
         header = self.record.header
         _require_shape(header, shown(self.directory.journal))
@@ -272,7 +272,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             ConfigError: the plan ends by itself where the record ends: what was measured is refused.
         """
         from vcfbench.bench.limits import LimitChecks  # noqa: PLC0415
-        from vcfbench.plans.dry_run import PlannedStep, dry_run  # noqa: PLC0415
+        from vcfbench.steps.dry_run import PlannedStep, dry_run  # noqa: PLC0415
 
         whole = Prepared.planned(self)
         if not self._is_left():
@@ -345,7 +345,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
 
     def perform(self, executor: Executor) -> Execution:
         """Take over the steps done, restore the bench as it was, and go on; no more than that if nothing is left."""
-        from vcfbench.plans.replay import rest_of  # noqa: PLC0415
+        from vcfbench.steps.replay import rest_of  # noqa: PLC0415
 
         executor.take_over(self.taken)
         if not self._is_left():
@@ -354,7 +354,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
         return executor.execute(rest_of(self.plan(), self.taken))
 
     def _is_left(self) -> bool:
-        from vcfbench.plans.replay import is_left, rest_of  # noqa: PLC0415
+        from vcfbench.steps.replay import is_left, rest_of  # noqa: PLC0415
 
         rest = rest_of(self.plan(), self.taken)
         try:
@@ -371,7 +371,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
         return Outcome("started up")
 
     def _start_up(self) -> Routine[None]:
-        from vcfbench.plans.replay import start_up_again  # noqa: PLC0415
+        from vcfbench.steps.replay import start_up_again  # noqa: PLC0415
 
         return start_up_again([each.step for each in self.taken], self.settings)
 

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.acceptance import Acceptance
     from vcfbench.errors import BenchError
-    from vcfbench.plans.measured import Measured
     from vcfbench.record.amendments import Amendment
     from vcfbench.record.journal import JournalRecord
     from vcfbench.record.metadata import Equipment
     from vcfbench.record.schema import Point, Status
+    from vcfbench.steps.measured import Measured
 
 
 class RawReading(NamedTuple):
@@ -98,8 +98,8 @@ class Run(Struct, frozen=True, eq=False):
     @property
     def measured(self) -> Measured:
         """Measured data, as results are made of them; readings are read from the record when asked for."""
-        from vcfbench.plans.measured import Measured  # noqa: PLC0415
         from vcfbench.record.journal import lines_of  # noqa: PLC0415
+        from vcfbench.steps.measured import Measured  # noqa: PLC0415
 
         if self._measured is not None:
             kept: Measured = self._measured

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.plans.executor import Observer
-    from vcfbench.plans.step import Operator
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.record.metadata import RunMetadata
     from vcfbench.runs.run import Run
+    from vcfbench.steps.executor import Observer
+    from vcfbench.steps.step import Operator
 
 
 class StartedRun(RunControl):

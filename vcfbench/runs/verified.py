@@ -14,14 +14,14 @@ from msgspec import Struct, field
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import read_file, shown
-from vcfbench.plans.decode import Recorded, result_of, step_of
-from vcfbench.plans.step import Step, StepResult
 from vcfbench.record.amendments import amendments_of
 from vcfbench.record.directory import RunDirectory
 from vcfbench.record.export import points_csv
 from vcfbench.record.plain import plain
 from vcfbench.record.schema import Point, Status
 from vcfbench.runs.recomputed import evaluation_of
+from vcfbench.steps.decode import Recorded, result_of, step_of
+from vcfbench.steps.step import Step, StepResult
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:

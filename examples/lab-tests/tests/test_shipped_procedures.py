@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from vcfbench.errors import MeasurementError
-from vcfbench.plans.executor import Execution, Executor
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.record.schema import Status
+from vcfbench.steps.executor import Execution, Executor
 
 if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench

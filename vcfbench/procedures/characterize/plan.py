@@ -29,13 +29,13 @@ from vcfbench.interfaces import (
     lacking,
 )
 from vcfbench.models import driver_of, find_model, resolve
-from vcfbench.plans.step import Step
-from vcfbench.plans.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
+from vcfbench.steps.step import Step
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
@@ -44,12 +44,12 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.bench.settings import PlacedInstrument
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Context, StepResult
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
     from vcfbench.record.devices import NewEntry
     from vcfbench.report.document import Report
     from vcfbench.specifications import VoltmeterSpecification
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Context, StepResult
 
 _CERTIFIES = "kvc"
 _OFF_S = 10.0

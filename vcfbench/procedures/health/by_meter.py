@@ -10,8 +10,13 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.plans.step import answer
-from vcfbench.plans.steps import (
+from vcfbench.procedures.bandwidth import tones_of
+from vcfbench.procedures.known.k_vc_change import ASSUMED
+from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.routines import rails_of, v_vc_level_again, v_vc_on
+from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
+from vcfbench.specifications import AC_VOLTS_U
+from vcfbench.steps import (
     AcMeasured,
     CheckRails,
     ConfigureMeter,
@@ -25,18 +30,13 @@ from vcfbench.plans.steps import (
     SineResponse,
     move_leads,
 )
-from vcfbench.procedures.bandwidth import tones_of
-from vcfbench.procedures.known.k_vc_change import ASSUMED
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.routines import rails_of, v_vc_level_again, v_vc_on
-from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
-from vcfbench.specifications import AC_VOLTS_U
+from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Routine
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
     from vcfbench.record.devices import Characteristics
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Routine
 
 _OF_SPLIT, _SINE_V, _SAMPLES = (0.1, 0.6, 0.94, 1.0, 1.06, 1.4), 0.1, 512
 """Frequencies of the sines over the split that was, their peak, and readings of each."""

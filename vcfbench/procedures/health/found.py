@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, TypeAlias
 from msgspec import Struct, structs
 
 from vcfbench.errors import MeasurementError
-from vcfbench.plans.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
 from vcfbench.procedures.health.by_meter import carrier_over_drive, found_by_sines
 from vcfbench.procedures.health.modes import Modes, middle_of, modes_of
 from vcfbench.procedures.health.plan import CaptureFar, level_v
@@ -20,6 +19,7 @@ from vcfbench.procedures.resonance import SenseDecay
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
 from vcfbench.record.devices import Characteristics
 from vcfbench.record.devices import Measured as Kept
+from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
+    from vcfbench.steps.measured import Measured
 
     Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -14,9 +14,13 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from vcfbench.interfaces import AveragesWaveforms
-from vcfbench.plans.drive_check import one_two_five
-from vcfbench.plans.step import answer
-from vcfbench.plans.steps import (
+from vcfbench.procedures.health.by_meter import split_by_meter
+from vcfbench.procedures.health.modes import Modes, modes_of
+from vcfbench.procedures.health.way import way_of
+from vcfbench.procedures.phase.results import CaptureSense
+from vcfbench.procedures.resonance import CaptureDecay, RingingMode, SenseDecay
+from vcfbench.procedures.routines import rails_of, v_vc_level_again, v_vc_on
+from vcfbench.steps import (
     Amplitudes,
     CaptureMeanSines,
     CaptureRotations,
@@ -33,20 +37,16 @@ from vcfbench.plans.steps import (
     SetVvc,
     SineRecord,
 )
-from vcfbench.procedures.health.by_meter import split_by_meter
-from vcfbench.procedures.health.modes import Modes, modes_of
-from vcfbench.procedures.health.way import way_of
-from vcfbench.procedures.phase.results import CaptureSense
-from vcfbench.procedures.resonance import CaptureDecay, RingingMode, SenseDecay
-from vcfbench.procedures.routines import rails_of, v_vc_level_again, v_vc_on
+from vcfbench.steps.drive_check import one_two_five
+from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.bench.parts import Node
     from vcfbench.interfaces import Oscilloscope
-    from vcfbench.plans.step import Routine
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
     from vcfbench.record.devices import Characteristics
+    from vcfbench.steps.step import Routine
 
 _LEVEL_V = 0.7
 _LARGEST_V = 10.0

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 from msgspec.structs import replace
 
 from vcfbench.models import find_model, resolve
-from vcfbench.plans.step import answer
-from vcfbench.plans.steps import AcquireWithVvc, ConfigureVvcMeter, Window
 from vcfbench.procedures.routines import take, window_of
 from vcfbench.specifications import AGILENT_33220A, LevelSpecification
+from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter, Window
+from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
+    from vcfbench.steps.step import Routine
 
 K_VC_UNIT = "(deg/s)/V"
 """Unit of the rate that a volt of V_Vc stands for."""

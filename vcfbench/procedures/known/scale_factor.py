@@ -13,14 +13,14 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import DeviceSettings
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
-from vcfbench.plans.step import Step, StepResult
+from vcfbench.steps.step import Step, StepResult
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Context, Routine
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Context, Routine
 
 
 class ScaleFactorBy(Enum):

@@ -18,21 +18,21 @@ from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import DeviceSettings
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
-from vcfbench.plans.measured import Measured
-from vcfbench.plans.steps import MeasureVvc, VvcMeasured, move_leads
 from vcfbench.procedures.flicker import flicker_sources, with_flicker
 from vcfbench.procedures.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.procedures.routines import take
 from vcfbench.record.devices import Conditions, DeviceStore
+from vcfbench.steps import MeasureVvc, VvcMeasured, move_leads
+from vcfbench.steps.measured import Measured
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from typing import Self
 
     from vcfbench.bench.settings import PlacedInstrument, ProcedureSettings
-    from vcfbench.plans.step import Routine
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.schema import Point
+    from vcfbench.steps.step import Routine
 
 READINGS = "readings"
 METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"

@@ -14,7 +14,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from vcfbench.interfaces import ReadsVoltage
-from vcfbench.plans.steps import Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.by_meter import compared_amplitudes
 from vcfbench.procedures.health.plan import examined
@@ -25,9 +24,10 @@ from vcfbench.procedures.null_comparison.plan import NullTerms, nulled
 from vcfbench.procedures.procedure import PAPER_NEEDS, PAPER_USES, Procedure
 from vcfbench.procedures.routines import powered, v_vc_on
 from vcfbench.procedures.steady.watched import watched
+from vcfbench.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
-    from vcfbench.plans.step import Routine
+    from vcfbench.steps.step import Routine
 
 
 def k_vc(settings: KVcSettings) -> Plan:

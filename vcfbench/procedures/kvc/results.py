@@ -65,11 +65,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.kvc.settings import KVcSettings
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.devices import Sensitivity
     from vcfbench.record.schema import Point
+    from vcfbench.steps.measured import Measured
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -16,16 +16,16 @@ from vcfbench.bench.bounds import LEAST_V_VC_V
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.bench.settings import rate_words
 from vcfbench.errors import MeasurementError
-from vcfbench.plans.steps import DisableVvc, Note, Settle
 from vcfbench.procedures.routines import go_to_rate, set_v_vc, take, v_vc_on
 from vcfbench.procedures.sweep.agreement import require_expected_k_vc
+from vcfbench.steps import DisableVvc, Note, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Routine
     from vcfbench.record.schema import Point
+    from vcfbench.steps.step import Routine
 
 _CLOSE = 1e-3
 """Largest residual of the search, relative to the output's span; it is interpolated, with a slope good to 1e-3."""

@@ -11,17 +11,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
-from vcfbench.plans.steps import (
-    CheckRails,
-    ConfigureGenerator,
-    Note,
-    Outcome,
-    Plan,
-    SampleModulated,
-    SetSine,
-    Settle,
-    move_leads,
-)
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.v_vc import ready_meters
 from vcfbench.procedures.online.report import online_report
@@ -36,9 +25,20 @@ from vcfbench.procedures.routines import (
     under_servo,
     v_vc_on,
 )
+from vcfbench.steps import (
+    CheckRails,
+    ConfigureGenerator,
+    Note,
+    Outcome,
+    Plan,
+    SampleModulated,
+    SetSine,
+    Settle,
+    move_leads,
+)
 
 if TYPE_CHECKING:
-    from vcfbench.plans.step import Routine
+    from vcfbench.steps.step import Routine
 
 
 def online(settings: OnlineSettings) -> Plan:

@@ -12,9 +12,9 @@ from vcfbench.procedures.measurand import budget_table, said_of
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
-    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.online.results import OnlineResult, WindowFactor
     from vcfbench.procedures.online.settings import OnlineSettings
+    from vcfbench.steps.measured import Measured
 
 
 def online_report(settings: OnlineSettings, _measured: Measured, results: OnlineResult) -> Report:

@@ -18,7 +18,6 @@ import numpy as np
 from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.plans.steps import ModulatedRecord, SampleModulated
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.unmeasured import gaps_of, missing_of, unmeasured
 from vcfbench.procedures.known.certificate import Drift, drift_of, shares_of
@@ -32,14 +31,15 @@ from vcfbench.procedures.known.v_vc import (
     v_vc_error,
 )
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.steps import ModulatedRecord, SampleModulated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.online.settings import OnlineSettings
+    from vcfbench.steps.measured import Measured
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -8,9 +8,15 @@ from statistics import fmean
 from typing import TYPE_CHECKING, TypeAlias
 
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates
-from vcfbench.plans.drive_check import one_two_five
-from vcfbench.plans.step import answer
-from vcfbench.plans.steps import (
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.kept_characteristics import Keeps
+from vcfbench.procedures.phase.report import phase_report
+from vcfbench.procedures.phase.results import CaptureSense, Phases, phase_results, phases_of
+from vcfbench.procedures.phase.settings import LEAST_CYCLES, PhaseSettings
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
+from vcfbench.procedures.tones import SCOPE_TIME_BASE
+from vcfbench.steps import (
     Amplitudes,
     CaptureRotations,
     CaptureSines,
@@ -27,19 +33,13 @@ from vcfbench.plans.steps import (
     SineRecord,
     SineRecords,
 )
-from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import Keeps
-from vcfbench.procedures.phase.report import phase_report
-from vcfbench.procedures.phase.results import CaptureSense, Phases, phase_results, phases_of
-from vcfbench.procedures.phase.settings import LEAST_CYCLES, PhaseSettings
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
-from vcfbench.procedures.tones import SCOPE_TIME_BASE
+from vcfbench.steps.drive_check import one_two_five
+from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from vcfbench.bench.parts import Node
-    from vcfbench.plans.step import Routine
     from vcfbench.record.devices import Characteristics
+    from vcfbench.steps.step import Routine
 
 _Amplitudes: TypeAlias = tuple[float, float, float]
 _LARGEST_V = 10.0

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.plans.steps import SineRecords
 from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.steps import SineRecords
 
 if TYPE_CHECKING:
-    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.measurand import Measurand
     from vcfbench.procedures.phase.results import Phases
     from vcfbench.procedures.phase.settings import PhaseSettings
+    from vcfbench.steps.measured import Measured
 
 NOT_HELD = (
     "The uncertainties hold the scatter of the records and, against the drive signal, the skew of the oscilloscope's "

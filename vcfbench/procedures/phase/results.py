@@ -15,16 +15,16 @@ from statistics import fmean, stdev, variance
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
-from vcfbench.plans.step import LOOK_AT_SIGNALS
-from vcfbench.plans.steps import CaptureSines, Rotations, SineRecord, SineRecords
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.steps import CaptureSines, Rotations, SineRecord, SineRecords
+from vcfbench.steps.step import LOOK_AT_SIGNALS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.steps import RotationRecord
     from vcfbench.procedures.phase.settings import PhaseSettings
+    from vcfbench.steps import RotationRecord
+    from vcfbench.steps.measured import Measured
 
 _LARGEST_SCATTER_DEG = 5.0
 """Largest scatter of the demodulator's phase between records: mere noise scatters by 52 deg, a gyroscope by 0.01."""

@@ -15,19 +15,6 @@ from msgspec import structs
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
-from vcfbench.plans.step import Effect, Reading, Step
-from vcfbench.plans.steps import (
-    CheckRails,
-    ConfigureMeter,
-    ConfigureRail,
-    DisableSupply,
-    DisableVvc,
-    EnableSupply,
-    Note,
-    Outcome,
-    Plan,
-    Settle,
-)
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.known.scale_factor import ScaleFactorBy, read_scale_factor
@@ -47,12 +34,25 @@ from vcfbench.procedures.routines import (
 )
 from vcfbench.procedures.steady.walk import require_answer
 from vcfbench.procedures.steady.watched import watched
+from vcfbench.steps import (
+    CheckRails,
+    ConfigureMeter,
+    ConfigureRail,
+    DisableSupply,
+    DisableVvc,
+    EnableSupply,
+    Note,
+    Outcome,
+    Plan,
+    Settle,
+)
+from vcfbench.steps.step import Effect, Reading, Step
 
 if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.plans.step import Context, Routine
     from vcfbench.procedures.power.results import PowerResult
     from vcfbench.record.devices import Characteristics
+    from vcfbench.steps.step import Context, Routine
 
 _QUICK_NPLC = 1.0
 _ROUND_S = 0.05

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_model, resolve
-from vcfbench.plans.step import Reading, StepResult
-from vcfbench.plans.steps import Acquire, Window
 from vcfbench.procedures.known.scale_factor import scale_factor_used
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
+from vcfbench.steps import Acquire, Window
+from vcfbench.steps.step import Reading, StepResult
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.chopped import BlockNoise
     from vcfbench.bench.settings import Sources
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Step
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.power.settings import PowerSettings
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Step
 
 _A_STATE = 3
 """Windows on one setting of the rails: at rest, at the rate, at the opposite rate."""

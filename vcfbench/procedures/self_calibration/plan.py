@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
-from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.by_meter import compared_amplitudes, same_oscilloscope
 from vcfbench.procedures.health.plan import examined
@@ -29,9 +28,10 @@ from vcfbench.procedures.self_calibration.results import (
 )
 from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
 from vcfbench.procedures.steady.watched import watched
+from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
-    from vcfbench.plans.step import Routine
+    from vcfbench.steps.step import Routine
 
 
 def self_calibration(settings: SelfCalibrationSettings) -> Plan:

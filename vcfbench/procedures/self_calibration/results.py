@@ -17,7 +17,6 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
-from vcfbench.plans.measured import Foreseen
 from vcfbench.procedures.budget import phases
 from vcfbench.procedures.budget.at_rest import as_rate
 from vcfbench.procedures.health.check import (
@@ -73,6 +72,7 @@ from vcfbench.procedures.self_calibration.shape import (
 from vcfbench.record.devices import Characteristics, NewEntry, SelfCalibration
 from vcfbench.record.devices import Measured as Kept
 from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.steps.measured import Foreseen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -80,11 +80,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.column import CalibrationColumn
-    from vcfbench.plans.measured import Measured
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
     from vcfbench.record.devices import KvcCurve
     from vcfbench.record.schema import Point
+    from vcfbench.steps.measured import Measured
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 from msgspec import Struct, field
 
 from vcfbench.errors import MeasurementError
-from vcfbench.plans.step import LOOK_AT_SIGNALS
-from vcfbench.plans.steps import Acquire, DisableVvc, EnableVvc, VerifyZero, Window
 from vcfbench.procedures.sweep.schedule import Order, SweepSettings
+from vcfbench.steps import Acquire, DisableVvc, EnableVvc, VerifyZero, Window
+from vcfbench.steps.step import LOOK_AT_SIGNALS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Step, StepResult
     from vcfbench.record.schema import Point
+    from vcfbench.steps.step import Step, StepResult
 
 _SIGMAS = 6.0
 """Two means of one setting may differ by so many standard uncertainties: 1000 runs of 100 comparisons, one in 5000."""

@@ -8,7 +8,7 @@ from vcfbench.procedures.steady.walk import Limits, Walk
 
 if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.plans.step import Routine
+    from vcfbench.steps.step import Routine
 
 T = TypeVar("T")
 

@@ -22,25 +22,6 @@ from vcfbench.interfaces import (
     Rotates,
     SetsVoltage,
 )
-from vcfbench.plans.step import answer
-from vcfbench.plans.steps import (
-    Acquire,
-    AwaitTemperature,
-    CaptureSines,
-    ConfigureGenerator,
-    ConfigureMeter,
-    DisableVvc,
-    NotChecked,
-    Outcome,
-    Plan,
-    SetTemperature,
-    Settle,
-    SineRecord,
-    StopFlow,
-    TemperatureReading,
-    Window,
-    set_air_by_hand,
-)
 from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.kept_characteristics import Keeps
@@ -60,14 +41,33 @@ from vcfbench.procedures.steady.walk import require_answer
 from vcfbench.procedures.steady.watched import watched
 from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
+from vcfbench.steps import (
+    Acquire,
+    AwaitTemperature,
+    CaptureSines,
+    ConfigureGenerator,
+    ConfigureMeter,
+    DisableVvc,
+    NotChecked,
+    Outcome,
+    Plan,
+    SetTemperature,
+    Settle,
+    SineRecord,
+    StopFlow,
+    TemperatureReading,
+    Window,
+    set_air_by_hand,
+)
+from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.plans.step import Routine
     from vcfbench.procedures.temperature.results import TemperatureResult
     from vcfbench.record.devices import Characteristics
     from vcfbench.record.schema import Point
+    from vcfbench.steps.step import Routine
 
 __all__ = ["TEMPERATURE", "AtTemperature", "plan"]
 

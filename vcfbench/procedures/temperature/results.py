@@ -13,8 +13,6 @@ from msgspec import Struct
 from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.errors import ConfigError
-from vcfbench.plans.step import Step
-from vcfbench.plans.steps import Done, SineRecords, SineResponse, TemperatureReading
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.known.scale_factor import scale_factor_used
@@ -22,6 +20,8 @@ from vcfbench.procedures.known.v_vc import meter_error
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
 from vcfbench.report.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
+from vcfbench.steps import Done, SineRecords, SineResponse, TemperatureReading
+from vcfbench.steps.step import Step
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.chopped import BlockNoise
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Context
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.temperature.settings import TemperatureSettings
     from vcfbench.record.schema import Point
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Context
 
     Floats = NDArray[np.float64]
 

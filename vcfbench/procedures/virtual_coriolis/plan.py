@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from vcfbench.bench.settings import V_VC_RANGE_V
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
-from vcfbench.plans.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.levels import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
 from vcfbench.procedures.procedure import PAPER_USES, Procedure
@@ -40,13 +39,14 @@ from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.report import virtual_coriolis_report
 from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult, null_results, virtual_coriolis_results
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
+from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from vcfbench.plans.step import Routine
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
     from vcfbench.record.schema import Point
+    from vcfbench.steps.step import Routine
 
 
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:

@@ -15,18 +15,6 @@ from msgspec import Meta
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
-from vcfbench.plans.measured import Foreseen
-from vcfbench.plans.step import Reading, StepResult, answer
-from vcfbench.plans.steps import (
-    Acquire,
-    CheckRails,
-    ConfigureMeter,
-    EnableSupply,
-    Note,
-    Outcome,
-    Plan,
-    Window,
-)
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.procedure import Procedure
@@ -39,6 +27,18 @@ from vcfbench.procedures.routines import (
     source_off,
 )
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_report, warmup_results
+from vcfbench.steps import (
+    Acquire,
+    CheckRails,
+    ConfigureMeter,
+    EnableSupply,
+    Note,
+    Outcome,
+    Plan,
+    Window,
+)
+from vcfbench.steps.measured import Foreseen
+from vcfbench.steps.step import Reading, StepResult, answer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,10 +46,10 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.bench.settings import Sources
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Context, Routine, Step
     from vcfbench.record.schema import Point
     from vcfbench.report.document import Report
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Context, Routine, Step
 
 _QUICK_NPLC = 1.0
 _QUICK_INTERVAL_S = 0.1

@@ -17,18 +17,6 @@ from msgspec import Meta
 
 from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
-from vcfbench.plans.measured import Foreseen
-from vcfbench.plans.step import answer
-from vcfbench.plans.steps import (
-    Acquire,
-    AcquireGapless,
-    ConfigureMeter,
-    Note,
-    Outcome,
-    Plan,
-    Settle,
-    Window,
-)
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.kept_characteristics import require_room
 from vcfbench.procedures.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
@@ -43,14 +31,26 @@ from vcfbench.procedures.routines import (
     source_off,
 )
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
+from vcfbench.steps import (
+    Acquire,
+    AcquireGapless,
+    ConfigureMeter,
+    Note,
+    Outcome,
+    Plan,
+    Settle,
+    Window,
+)
+from vcfbench.steps.measured import Foreseen
+from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.plans.measured import Measured
-    from vcfbench.plans.step import Routine
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.record.devices import NewEntry
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Routine
 
 _LEAST_READINGS = 200
 """Fewer have no averaging times for four coefficients."""

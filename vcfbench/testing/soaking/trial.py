@@ -21,11 +21,11 @@ import vcfbench.record.journal
 from vcfbench.bench.signals import StopSignals
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import Aborted, BenchError, ConfigError
-from vcfbench.plans.executor import StepFinished
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.runs.asked import Asked, prepare
 from vcfbench.runs.conduct import conduct
 from vcfbench.runs.resumed import broken_off
+from vcfbench.steps.executor import StepFinished
 from vcfbench.testing.disk import Disk, DiskState
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
-    from vcfbench.plans.executor import Event
     from vcfbench.runs.run import Run
+    from vcfbench.steps.executor import Event
     from vcfbench.testing.soaking.draw import Draw, Happening
 
 _STILL = 100_000

@@ -1,0 +1,332 @@
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from tests.procedures.fakes import CALIBRATIONS, FakeBench, Gyro, MemoryJournal, make_settings
+from vcfbench.bench.linear_gyro import LinearGyro
+from vcfbench.bench.settings import PAPER_RATES_DEG_S, Match
+from vcfbench.errors import Aborted, BenchError, InterlockError, LinkLost, MeasurementError
+from vcfbench.interfaces import Regulation
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.record.schema import Status
+from vcfbench.steps.dry_run import walk
+from vcfbench.steps.executor import Execution, Executor, ReadingTaken, StepFailed, StepFinished, StepStarted
+from vcfbench.steps.measured import Measured
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.steps.executor import Event
+
+WINDOW_S, SETTLE_S = 10.0, 2.0
+
+
+def run(name: str, bench: FakeBench, journal: MemoryJournal | None = None, **changes: Any) -> Execution:
+    settings = make_settings(**changes)
+    return Executor(bench, journal or MemoryJournal()).execute(PROCEDURES[name].plan(settings))
+
+
+class Watcher:
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+
+    def handle(self, event: Event) -> None:
+        self.events.append(event)
+
+
+def test_readings_come_on_an_exact_grid_of_one_second() -> None:
+    journal = MemoryJournal()
+    run("virtual-coriolis", FakeBench(), journal)
+    windows = [line for line in journal.lines if line["step_kind"] == "Acquire"]
+    for line in windows:
+        times = [reading["t_s"] for reading in line["result"]["readings"]]
+        assert times == [line["t_s"] + k for k in range(10)]
+        assert line["end_s"] == line["t_s"] + 10.0
+    assert len(windows) == 4 + 4 + 4 + 1 + 4 + 17 + 17
+
+
+def test_bench_time_is_windows_ramps_and_settling_to_the_microsecond() -> None:
+    """A bench that answers at once leaves nothing but physics."""
+    bench = FakeBench()
+    execution = run("virtual-coriolis", bench)
+    ramps_s = (4 * 10.0 + 200.0 + 400.0 + 200.0) / 100.0
+    states, windows = 5 + 7 + 19 + 20, 8 + 9 + 19 + 20  # a reference before each sweep, one or two after
+    by_hand_s = SETTLE_S + states * SETTLE_S + windows * WINDOW_S + ramps_s
+    assert execution.physical_minimum_s == pytest.approx(by_hand_s, abs=1e-6)
+    # the fake's AGC is settled at the first look, so nothing comes on top
+    assert execution.bench_seconds == pytest.approx(by_hand_s, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", CALIBRATIONS)
+def test_estimate_is_within_five_per_cent_of_the_run(name: str) -> None:
+    settings = make_settings()
+    planned = list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess_deg_s_per_v)))
+    estimate_s = planned[-1].t_s + planned[-1].step.duration_s
+    assert estimate_s == pytest.approx(run(name, FakeBench()).bench_seconds, rel=0.05)
+
+
+def test_walking_a_plan_touches_nothing() -> None:
+    bench = FakeBench()
+    settings = make_settings()
+    for name in CALIBRATIONS:
+        assert len(list(walk(PROCEDURES[name].plan(settings), LinearGyro(settings.k_vc_guess_deg_s_per_v)))) > 80
+    assert bench.calls == []
+    assert bench.clock.now() == 0.0
+
+
+def test_turntable_gives_seventeen_points_on_the_line() -> None:
+    execution = run("turntable", FakeBench())
+    assert execution.status is Status.COMPLETE
+    assert [point.rate_deg_s for point in execution.points] == list(PAPER_RATES_DEG_S)
+    for point in execution.points:
+        assert point.output_v == pytest.approx(-0.042 - 0.0125 * point.rate_deg_s, abs=1e-12)
+        assert (point.step, point.v_vc_v, point.n) == (1, 0.0, 10)
+
+
+def test_virtual_coriolis_finds_k_vc_and_the_same_scale_factor() -> None:
+    settings = make_settings()
+    procedure = PROCEDURES["virtual-coriolis"]
+    execution = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings))
+    results = procedure.results(settings, Measured(execution.points))
+    assert results.k_vc.value == pytest.approx(40.0, rel=1e-9)
+    assert results.v_vc10_v == pytest.approx(0.25, rel=1e-9)
+    assert abs(results.scale_factor_error_percent) < 1e-9
+    assert results.virtual.bias.value - results.turntable.bias.value == pytest.approx(0.0517)
+    steps = [point.step for point in execution.points]
+    assert [steps.count(step) for step in (1, 2, 3, 4)] == [8, 9, 17, 17]
+    assert steps == sorted(steps)
+
+
+def test_match_absolute_shows_the_trap() -> None:
+    """51.7 mV between the zeros go into K_Vc: the virtual scale factor comes out 41 % high (gyro-metrology 6.2)."""
+    settings = make_settings(match=Match.ABSOLUTE)
+    procedure = PROCEDURES["virtual-coriolis"]
+    execution = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings))
+    results = procedure.results(settings, Measured(execution.points))
+    assert results.scale_factor_error_percent == pytest.approx(100.0 * 0.0517 / 0.125, rel=1e-4)
+    assert results.match is Match.ABSOLUTE
+
+
+@pytest.mark.exhaustive
+def test_error_is_bounded_by_its_own_uncertainty() -> None:
+    """Of 40 noisy runs about one in twenty is beyond two standard uncertainties; 12 or more would be one in 1e6."""
+    settings = make_settings()
+    procedure = PROCEDURES["virtual-coriolis"]
+    beyond = 0
+    for seed in range(40):
+        gyro = Gyro(noise_v=1e-4, rng=np.random.default_rng(seed))
+        execution = Executor(FakeBench(gyro), MemoryJournal()).execute(procedure.plan(settings))
+        results = procedure.results(settings, Measured(execution.points))
+        beyond += abs(results.scale_factor_error_percent) > 2.0 * results.scale_factor_error_u_readings_percent
+    assert beyond < 12
+
+
+def test_uncertainty_has_the_meters_resolution_where_there_is_no_noise() -> None:
+    settings = make_settings()
+    procedure = PROCEDURES["virtual-coriolis"]
+    execution = Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings))
+    results = procedure.results(settings, Measured(execution.points))
+    assert results.u_output_v == pytest.approx(10e-6 / math.sqrt(12.0), rel=1e-6)
+
+
+def _overload(bench: FakeBench) -> None:
+    bench.multimeter.overload_at = 44
+
+
+def _current_limit(bench: FakeBench) -> None:
+    bench.power.regulation_now = Regulation.CONSTANT_CURRENT
+
+
+def _sag(bench: FakeBench) -> None:
+    bench.power.sag_v = 0.2
+
+
+def _sag_by_a_little(bench: FakeBench) -> None:
+    bench.power.sag_v = 0.1004
+
+
+def _fault(bench: FakeBench) -> None:
+    bench.rate_table.fault_at_s = 72.0
+
+
+def _slow(bench: FakeBench) -> None:
+    bench.rate_table.ceiling_deg_s = 150.0
+
+
+def _no_drive(bench: FakeBench) -> None:
+    bench.oscilloscope.amplitude_v = 0.01
+
+
+def _off_frequency(bench: FakeBench) -> None:
+    bench.oscilloscope.frequency_hz = 3300.0
+
+
+def _slow_meter(bench: FakeBench) -> None:
+    bench.multimeter.reading_s = 1.6
+
+
+def _lost(bench: FakeBench) -> None:
+    bench.multimeter.lost = True
+
+
+@pytest.mark.parametrize(
+    ("spoil", "kind", "words", "points"),
+    [
+        (_overload, MeasurementError, r"multimeter at FAKE::22: overload .* step 32 \(average 10 readings", 3),
+        (
+            _current_limit,
+            MeasurementError,
+            r"power at FAKE::5: P25V is in current limit: 0.03 A .* step 9 \(read back",
+            0,
+        ),
+        (_sag, MeasurementError, r"power at FAKE::5: P25V reads \+9.8 V, expected \+10 V within 0.1 V, step 9", 0),
+        (_sag_by_a_little, MeasurementError, r"P25V reads \+9.8996 V, expected \+10 V within 0.1 V", 0),
+        (_fault, InterlockError, r"rate_table at FAKE::COM1: fault: over-speed trip, step", 4),
+        (
+            _slow,
+            MeasurementError,
+            r"rate_table at FAKE::COM1: not at \+200 deg/s within 14 s: reads \+150 deg/s.* step",
+            0,
+        ),
+        (
+            _no_drive,
+            MeasurementError,
+            r"oscilloscope at FAKE::7: drive signal .* after 5 s: amplitude 0.01 V, .* step the check of the drive",
+            0,
+        ),
+        (
+            _off_frequency,
+            MeasurementError,
+            r"frequency 3300 Hz, expected 3480...3498 Hz, step the check of the drive",
+            0,
+        ),
+        (_slow_meter, MeasurementError, r"multimeter at FAKE::22: reading 2 of 10 began 0.6 s late", 0),
+        (_lost, LinkLost, r"multimeter at FAKE::22: the connection broke, step 2 \(multimeter: DC 10 V range", 0),
+    ],
+)
+def test_errors_name_instrument_resource_and_step_and_bring_the_bench_to_rest(
+    spoil: Callable[[FakeBench], None], kind: type[BenchError], words: str, points: int
+) -> None:
+    bench = FakeBench()
+    spoil(bench)
+    execution = run("turntable", bench)
+    assert execution.status is Status.ABORTED
+    assert isinstance(execution.error, kind)
+    with pytest.raises(kind, match=words):
+        raise execution.error
+    assert len(execution.points) == points
+    assert not bench.power.enabled
+    assert not bench.rate_source.enabled
+    assert bench.rate_table.demand_deg_s == 0.0
+
+
+@pytest.mark.parametrize(("phase_deg", "fits"), [(-175.0, True), (175.0, True), (160.0, False), (0.0, False)])
+def test_a_phase_window_may_hold_180_degrees(phase_deg: float, *, fits: bool) -> None:
+    bench = FakeBench()
+    bench.oscilloscope.phase_deg = phase_deg
+    drive = replace(make_settings().drive, phase_deg=(170.0, 190.0))
+    assert (run("turntable", bench, drive=drive).status is Status.COMPLETE) == fits
+
+
+def test_a_window_that_fails_leaves_its_readings_in_the_journal() -> None:
+    bench, journal = FakeBench(), MemoryJournal()
+    bench.multimeter.overload_at = 6
+    run("turntable", bench, journal)
+    error = next(line for line in journal.lines if line["type"] == "error")
+    assert len(error["readings"]) == 5
+    assert error["error_kind"] == "MeasurementError"
+    assert error["step"]["rate_deg_s"] == 0.0
+
+
+def test_a_table_that_comes_to_rest_late_does_not_keep_the_supply_on() -> None:
+    """The error of the shut-down is a consequence: the first one stays, and the remaining steps are done."""
+    bench, journal = FakeBench(), MemoryJournal()
+    bench.rate_table.fault_at_s = 30.0
+    execution = run("turntable", bench, journal)
+    kinds = [(line["type"], line["step_kind"]) for line in journal.lines][-4:]
+    assert kinds == [("step", "SetRate"), ("error", "AwaitRate"), ("step", "DisableVvc"), ("step", "DisableSupply")]
+    assert "Acquire" in type(execution.error).__name__ or "average 10 readings" in str(execution.error)
+
+
+def test_a_dead_v_vc_lead_ends_step_2() -> None:
+    bench = FakeBench(Gyro(k_vc=0.0))
+    execution = run("virtual-coriolis", bench)
+    assert str(execution.error).startswith("rate_source at FAKE::10: the output does not answer to V_Vc")
+    assert [point.step for point in execution.points] == [1] * 8 + [2] * 2
+
+
+def test_a_generator_whose_relay_sticks_is_found_out() -> None:
+    bench = FakeBench()
+    bench.rate_source.stuck = True
+    execution = run("virtual-coriolis", bench)
+    assert "switched on but reads back off" in str(execution.error)
+
+
+class StopAfter:
+    """Stops the run as a person does, when `count` readings have been taken."""
+
+    def __init__(self, count: int) -> None:
+        self.left = count
+
+    def handle(self, event: Event) -> None:
+        self.left -= isinstance(event, ReadingTaken)
+        if self.left == 0 and isinstance(event, ReadingTaken):
+            raise KeyboardInterrupt
+
+
+def test_a_persons_stop_keeps_the_points_and_leaves_the_rest_to_the_safety_stack() -> None:
+    bench, journal = FakeBench(), MemoryJournal()
+    executor = Executor(bench, journal, [StopAfter(35)])
+    execution = executor.execute(PROCEDURES["turntable"].plan(make_settings()))
+    assert isinstance(execution.error, Aborted)
+    assert execution.status is Status.ABORTED
+    assert len(execution.points) == 2
+    assert journal.lines[-1]["type"] == "error"
+    assert bench.power.enabled  # the safety stack's business from here on
+
+
+def test_an_observer_whose_terminal_is_gone_does_not_stop_the_run() -> None:
+    class Gone:
+        def handle(self, event: Event) -> None:
+            raise BrokenPipeError(event)
+
+    watcher = Watcher()
+    execution = Executor(FakeBench(), MemoryJournal(), [Gone(), watcher]).execute(
+        PROCEDURES["turntable"].plan(make_settings())
+    )
+    assert execution.status is Status.COMPLETE
+    kinds = [type(event) for event in watcher.events]
+    assert kinds.count(StepStarted) == kinds.count(StepFinished) == execution_steps(watcher)
+    assert kinds.count(ReadingTaken) == 190  # 17 windows and the zero before and after
+    assert StepFailed not in kinds
+
+
+def execution_steps(watcher: Watcher) -> int:
+    return max(event.number for event in watcher.events if isinstance(event, StepStarted))
+
+
+def test_a_disk_that_is_full_ends_the_run_but_not_the_shut_down() -> None:
+    class Full(MemoryJournal):
+        def step(self, values: Any) -> None:
+            if values["n"] == 20:
+                raise BenchError("the record cannot be written: no space left on device")
+            super().step(values)
+
+        def error(self, values: Any) -> None:
+            super().error(values)
+            raise BenchError("the record cannot be written: no space left on device")
+
+    bench = FakeBench()
+    execution = run("turntable", bench, Full())
+    assert "no space left" in str(execution.error)
+    assert not bench.power.enabled
+
+
+def test_same_seed_gives_the_same_points() -> None:
+    first, second = (run("virtual-coriolis", FakeBench(Gyro(noise_v=1e-4))) for _ in range(2))
+    assert first == second

@@ -1,0 +1,105 @@
+"""Faults of leads, instruments and surroundings in the middle of a run on the simulated bench: none is complete."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from simrack_tests.cells import few
+
+from tests.procedures.fakes import MemoryJournal
+from vcfbench.errors import MeasurementError
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import settings_of
+from vcfbench.steps.executor import Execution, Executor, StepStarted
+from vcfbench.testing import SimulatedLab, open_simulated
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.steps.executor import Event
+
+
+class At:
+    """Changes something at the first step that begins after `at_s`."""
+
+    def __init__(self, lab: SimulatedLab, at_s: float, change: Callable[[SimulatedLab], None]) -> None:
+        self.lab, self.at_s, self.change, self.done = lab, at_s, change, False
+
+    def handle(self, event: Event) -> None:
+        if not self.done and isinstance(event, StepStarted) and event.t_s >= self.at_s:
+            self.done = True
+            self.change(self.lab)
+
+
+def run(name: str, at_s: float, change: Callable[[SimulatedLab], None]) -> Execution:
+    with open_simulated(seed=3) as lab:
+        procedure = PROCEDURES[name]
+        plan = procedure.plan(settings_of(procedure, lab.bench.description))
+        return Executor(lab.bench, MemoryJournal(), [At(lab, at_s, change)]).execute(plan)
+
+
+def lead_off(lab: SimulatedLab) -> None:
+    lab.world.leads["multimeter"].connect("input", None)
+
+
+def swapped(lab: SimulatedLab) -> None:
+    lab.world.leads["multimeter"].turn("input", reversed_=True)
+
+
+def warmer(lab: SimulatedLab) -> None:
+    lab.world.set_ambient_c(65.0)
+
+
+def offset(lab: SimulatedLab) -> None:
+    lab.fault("multimeter", "offset", offset=0.5)
+
+
+def short(lab: SimulatedLab) -> None:
+    lab.fault("power", "current_limit", at_s=lab.bench.clock.now() + 10.0, duration_s=600.0)
+
+
+def burst(lab: SimulatedLab) -> None:
+    lab.fault("multimeter", "offset", offset=5.0, at_s=lab.bench.clock.now() + 3.0, duration_s=0.9)
+
+
+FAULTS = [
+    *(("virtual-coriolis", at_s, change) for at_s, change in ((200.0, lead_off), (200.0, swapped), (100.0, warmer))),
+    *(("virtual-coriolis", at_s, change) for at_s, change in ((200.0, offset), (450.0, swapped), (200.0, burst))),
+    *(("turntable", at_s, change) for at_s, change in ((60.0, lead_off), (20.0, swapped), (20.0, warmer))),
+    *(("turntable", at_s, change) for at_s, change in ((150.0, offset), (5.0, burst))),
+]
+CASES = few(FAULTS, ("virtual-coriolis", 200.0, burst), *(fault for fault in FAULTS if fault[0] == "turntable"))
+
+
+@pytest.mark.parametrize(("name", "at_s", "change"), CASES, ids=lambda value: getattr(value, "__name__", str(value)))
+def test_a_fault_in_mid_run_ends_it_with_instrument_step_and_numbers(
+    name: str, at_s: float, change: Callable[[SimulatedLab], None]
+) -> None:
+    error = run(name, at_s, change).error
+    assert isinstance(error, MeasurementError)
+    assert (error.instrument, error.resource) == ("multimeter", "GPIB0::22::INSTR")
+    assert error.step
+    assert " V" in error.what
+
+
+def test_a_supply_that_failed_while_the_meter_sampled_by_itself_ends_the_run() -> None:
+    """A record of a gyroscope without its rails is one of no response, and would be fitted as one."""
+    error = run("bandwidth", 1830.0, short).error
+    assert isinstance(error, MeasurementError)
+    assert error.instrument == "power"
+    assert "current limit" in error.what
+
+
+@pytest.mark.parametrize(
+    ("name", "at_s"),
+    few(
+        [("phase", 60.0), ("warmup", 400.0), ("zero", 1801.0), ("resonance", 2080.0)], ("phase", 60.0), ("zero", 1801.0)
+    ),
+)
+def test_a_supply_in_current_limit_is_named_and_not_what_it_does(name: str, at_s: float) -> None:
+    """Without rails there is no sine, another scatter, nothing that decays: another instrument sees that."""
+    error = run(name, at_s, short).error
+    assert isinstance(error, MeasurementError)
+    assert error.instrument == "power", error
+    assert "current limit" in error.what

@@ -1,0 +1,133 @@
+"""What every step must be able to do, and plans that are held against the limits before anything is opened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import pytest
+
+from tests.procedures.fakes import CALIBRATIONS, make_settings
+from vcfbench import steps
+from vcfbench.bench.description import Limits, RailWiring
+from vcfbench.bench.limits import LimitChecks
+from vcfbench.errors import LimitError, PlanError
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.steps import Done, SetRate, Settle
+from vcfbench.steps.dry_run import dry_run
+from vcfbench.steps.step import _OF_PROCEDURES, Effect, Outcome, Step, StepResult
+
+if TYPE_CHECKING:
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.steps.step import Context, Plan
+
+LIMITS = Limits(
+    max_rate_deg_s=300.0,
+    max_acceleration_deg_s2=200.0,
+    max_v_vc_v=10.0,
+    min_rail_v=9.5,
+    max_rail_v=10.5,
+    max_rail_current_a=0.2,
+)
+CHECKS = LimitChecks(LIMITS, RailWiring())
+SETTINGS = make_settings()
+SHIPPED = [kind for kind in Step.kinds.values() if kind.__module__.startswith("vcfbench.steps")]
+
+
+@dataclass(frozen=True, slots=True)
+class Blink(Step):
+    """A step of somebody's own: it does nothing but is known by its name."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "lamp"
+    times: int
+
+    def describe(self) -> str:
+        return f"lamp blinks {self.times} times"
+
+    def perform(self, context: Context) -> Done:
+        del context
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        del gyro
+        return Done()
+
+
+def test_every_step_says_what_it_does_to_what() -> None:
+    assert len(SHIPPED) >= 29
+    for kind in SHIPPED:
+        assert kind.effect in Effect
+        assert kind.subject or kind.effect in {Effect.NOTHING, Effect.WAITS}, kind
+        assert kind.perform is not Step.perform, kind
+        assert kind.predict is not Step.predict, kind
+
+
+def test_what_sets_something_that_has_limits_is_held_against_them() -> None:
+    limited = {kind.__name__ for kind in SHIPPED if kind.within is not Step.within}
+    sources = {"ConfigureGenerator", "SetVvc", "SetSine", "SetVibration"}
+    assert limited == {"ConfigureRail", *sources, "SetRate", "SetTemperature"}
+
+
+def test_a_step_of_ones_own_needs_nothing_but_itself() -> None:
+    def plan() -> Plan:
+        yield Blink(3)
+        return Outcome("blinked")
+
+    (planned,) = dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)
+    assert planned.step.describe() == "lamp blinks 3 times"
+    assert Step.kinds["Blink"] is Blink
+
+
+@pytest.mark.parametrize(("base", "name"), [(Step, "Settle"), (StepResult, "Window"), (StepResult, "SwitchedOn")])
+def test_a_class_of_ones_own_cannot_take_the_name_of_one_that_comes_along(
+    base: type[Step | StepResult], name: str
+) -> None:
+    before = {**base.kinds}
+    with pytest.raises(PlanError, match=f"a step or result called {name} comes along"):
+        type(name, (base,), {})
+    assert base.kinds == before
+
+
+def test_the_names_that_come_along_with_procedures_are_all_of_them() -> None:
+    for procedure in PROCEDURES:
+        assert PROCEDURES[procedure]
+    kinds = [*Step.kinds.values(), *StepResult.kinds.values()]
+    ours = {kind.__name__ for kind in kinds if kind.__module__.startswith("vcfbench.procedures")}
+    assert ours == _OF_PROCEDURES
+
+
+@pytest.mark.parametrize("name", CALIBRATIONS)
+def test_each_kind_of_step_and_result_is_known_by_name(name: str) -> None:
+    for planned in dry_run(PROCEDURES[name].plan(SETTINGS), SETTINGS.expected_gyro(), CHECKS):
+        assert Step.kinds[type(planned.step).__name__] is type(planned.step)
+        result = planned.step.predict(SETTINGS.expected_gyro())
+        assert StepResult.kinds[type(result).__name__] is type(result)
+
+
+def test_a_plan_that_would_leave_a_limit_in_its_third_hour_is_refused() -> None:
+    def plan() -> Plan:
+        yield SetRate(100.0, 100.0, 0.0)
+        yield Settle(3.0 * 3600.0, "a long time")
+        yield SetRate(301.0, 100.0, 100.0)
+        return Outcome("never")
+
+    with pytest.raises(LimitError) as caught:
+        dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)
+    assert str(caught.value).startswith(
+        "rate 301 deg/s is beyond the bench's limit of 300 deg/s, "
+        "step 3 (table to +301 deg/s at 100 deg/s^2, 3:00:00 into the plan)"
+    )
+
+
+def test_an_adaptive_plan_is_walked_with_predicted_answers() -> None:
+    """The second level hangs on the answer to the first."""
+
+    def plan() -> Plan:
+        found = yield steps.SetVvc(6.0)
+        assert isinstance(found, steps.VvcSetting)
+        yield steps.SetVvc(2.0 * found.v_vc_v)
+        return Outcome("never")
+
+    with pytest.raises(LimitError, match=r"voltage 12 V is beyond the bench's limit of 10 V, step 2 \(V_Vc = \+12 V"):
+        dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)

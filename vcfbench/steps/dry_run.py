@@ -1,0 +1,78 @@
+"""Walk a plan without a bench: every step with the time at which it would begin, nothing opened or sent."""
+
+from __future__ import annotations
+
+import math
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from vcfbench.errors import LimitError, PlanError
+from vcfbench.steps.step import Step, abandon
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+    from vcfbench.bench.limits import LimitChecks
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.steps.step import Plan, Routine
+
+
+class PlannedStep(Struct, frozen=True):
+    """A step of a plan that was walked: its number from 1, its beginning (s from that of the plan) and the step."""
+
+    number: int
+    t_s: float
+    step: Step
+
+
+def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None, None]:
+    """Yield the steps of `plan` as `gyro` would let it go; their durations add up to the estimate of the bench time."""
+    t_s, number = 0.0, 0
+    try:
+        step = next(plan)
+        while True:
+            number += 1
+            if not isinstance(step, Step):
+                raise PlanError(f"step {number}: expected a step, the plan yields {step!r}")
+            _require_duration(number, step)
+            yield PlannedStep(number, t_s, step)
+            t_s += step.duration_s
+            step = plan.send(step.predict(gyro))
+    except StopIteration:
+        return
+    finally:
+        abandon(plan)
+
+
+def _require_duration(number: int, step: Step) -> None:
+    """Refuse a step that is never over, or takes time back: all times behind it would be nonsense."""
+    if not 0.0 <= step.duration_s < math.inf:
+        raise PlanError(f"step {number} ({step.describe()}): expected to last 0 s or more, came {step.duration_s:g} s")
+
+
+def dry_run(plan: Plan, gyro: LinearGyro, limits: LimitChecks) -> list[PlannedStep]:
+    """Walk `plan` and hold every step against the limits of the bench.
+
+    Raises:
+        LimitError: a step would leave a limit; it names step, limit and the time in the plan.
+    """
+    with closing(walk(plan, gyro)) as planned:
+        return [_checked(each, limits) for each in planned]
+
+
+def _checked(planned: PlannedStep, limits: LimitChecks) -> PlannedStep:
+    try:
+        planned.step.within(limits)
+    except LimitError as error:
+        error.step = f"{planned.number} ({planned.step.describe()}, {_clock_time(planned.t_s)} into the plan)"
+        error.hint = "nothing was opened; change the procedure, or the limits if the bench can bear it"
+        raise
+    return planned
+
+
+def _clock_time(t_s: float) -> str:
+    minutes, seconds = divmod(round(t_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{seconds:02}"

@@ -1,0 +1,542 @@
+"""The executor: the only place that acts. It performs each step of a plan, writes it to the journal, and goes on.
+
+When a step fails, the failure is written down and thrown into the plan, whose `finally` clauses then bring table,
+generator and supply to rest, step by step; what was measured is kept. A person's stop ends the plan at once. Either way
+the bench's safety stack makes all safe once more, and proves it.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import nullcontext, suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from msgspec import Struct, to_builtins
+
+from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError
+from vcfbench.record.schema import Status
+from vcfbench.steps.step import LOOK_AT_SIGNALS, Context, Effect, abandon, nobody
+from vcfbench.steps.supply import supply_behind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Set as AbstractSet
+    from contextlib import AbstractContextManager
+
+    from vcfbench.record.schema import Point
+    from vcfbench.steps import Window
+    from vcfbench.steps.replay import TakenOver
+    from vcfbench.steps.step import OpenBench, Operator, Plan, Reading, Routine, Step, StepResult
+
+_T = TypeVar("_T")
+
+_AGAIN = "starting up again"
+
+
+class StepStarted(Struct, frozen=True):
+    """Step `number` begins at bench time `t_s` (s since the run began)."""
+
+    number: int
+    t_s: float
+    step: Step
+
+
+class ReadingTaken(Struct, frozen=True):
+    """The multimeter gave a reading."""
+
+    t_s: float
+    reading: Reading
+
+
+class StepFinished(Struct, frozen=True):
+    """Step `number` is done and on the disk; `asked_again` says which answers in it could not be believed."""
+
+    number: int
+    t_s: float
+    step: Step
+    result: StepResult
+    asked_again: tuple[str, ...] = ()
+
+
+class StepFailed(Struct, frozen=True):
+    """Step `number` failed; the plan now brings the bench to rest."""
+
+    number: int
+    t_s: float
+    step: Step
+    error: BenchError
+
+
+class Moved(Struct, frozen=True):
+    """By how much the output at rest moved in a pause: read before and after, V; `u_v` is the u of the difference.
+
+    More than `allowed_v` is no drift; None where the procedure is about drift itself, and nothing ends it.
+    """
+
+    before_v: float
+    after_v: float
+    u_v: float
+    allowed_v: float | None
+
+    @property
+    def moved_v(self) -> float:
+        """After less before, V."""
+        return self.after_v - self.before_v
+
+    def describe(self) -> str:
+        """Say by how much, and by how many u."""
+        return (
+            f"the output at rest moved by {self.moved_v:+.2g} V, {abs(self.moved_v) / self.u_v:.1f} u "
+            f"(from {self.before_v:+.6g} to {self.after_v:+.6g} V)"
+        )
+
+
+class Paused(Struct, frozen=True):
+    """After step `number` the run pauses, as `by` wanted: table at rest, V_Vc 0, rails on."""
+
+    number: int
+    t_s: float
+    by: str
+
+
+class WentOn(Struct, frozen=True):
+    """The run goes on, as `by` wanted; all is as it was before the pause.
+
+    `waited_s` is how long somebody had it wait, wall time, `pause_s` what all of the pause took, bench time. `moved` is
+    None where nothing had been measured that would show it.
+    """
+
+    number: int
+    t_s: float
+    by: str
+    waited_s: float
+    pause_s: float
+    moved: Moved | None
+
+    def describe(self) -> str:
+        """Name the person, the time waited, and the shift of the output."""
+        moved = "nothing had been measured to compare" if self.moved is None else self.moved.describe()
+        return f"goes on ({self.by}) after {self.waited_s:.0f} s; {moved}"
+
+
+Event = StepStarted | ReadingTaken | StepFinished | StepFailed | Paused | WentOn
+"""Events that observers are told."""
+
+
+class Observer(Protocol):
+    """Gets the events of a run, as a progress line or a page does."""
+
+    def handle(self, event: Event) -> None:
+        """Take notice; an OSError (a closed terminal) drops the observer, nothing else may be raised."""
+        ...
+
+
+class StepJournal(Protocol):
+    """Journal of steps, each written before the next one begins, and of the readings of a long one as they come."""
+
+    def readings(self, values: Mapping[str, Any]) -> None:
+        """Write a chunk of the readings of the step under way."""
+        ...
+
+    def step(self, values: Mapping[str, Any]) -> None:
+        """Write one performed step."""
+        ...
+
+    def error(self, values: Mapping[str, Any]) -> None:
+        """Write one failed step."""
+        ...
+
+    def restored(self, values: Mapping[str, Any]) -> None:
+        """Write one step that brings the bench to rest for a pause, or to where it was before a break or a pause."""
+        ...
+
+    def paused(self, values: Mapping[str, Any]) -> None:
+        """Write that the run is to pause, and at whose wish."""
+        ...
+
+    def went_on(self, values: Mapping[str, Any]) -> None:
+        """Write that the run goes on, and by how much the output moved."""
+        ...
+
+
+class Pauses(Protocol):
+    """Pauses of a run: the wish for one, the steps before and after it, and its length."""
+
+    @property
+    def by(self) -> str:
+        """Name of the person asking for a pause after the step under way; empty: nobody."""
+        ...
+
+    def wait(self) -> tuple[str, float]:
+        """Wait until somebody wants the run to go on; return that name and the time waited, s of wall time."""
+        ...
+
+    def to_rest(self, done: Sequence[Step]) -> Routine[Window | None]:
+        """Bring the bench to rest after the steps `done`, and look at the output, where that can be compared."""
+        ...
+
+    def looked_at(self, done: Sequence[Step]) -> Routine[Window]:
+        """Look at the output again."""
+        ...
+
+    def moved(self, done: Sequence[Step], before: Window, after: Window) -> Moved:
+        """Return by how much it moved."""
+        ...
+
+    def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
+        """Bring the bench to where it was before the pause, in which `disturbed` was set."""
+        ...
+
+
+class Execution(Struct, frozen=True):
+    """Outcome of a plan: status, the points kept, the first error, and times in bench seconds.
+
+    `physical_minimum_s` is the sum of the averaging windows, ramps and settling of the steps performed: the time
+    below which no controller can come with this table and this settling. `asked_again` says which answers could not be
+    believed, and in which step, so that they were asked for once more. `not_checked` says what the plan would have
+    checked on another bench. `bench_seconds` has no pauses in it; `pauses` says what came of each.
+    """
+
+    status: Status
+    points: tuple[Point, ...]
+    error: BenchError | None
+    bench_seconds: float
+    physical_minimum_s: float
+    asked_again: tuple[str, ...] = ()
+    not_checked: tuple[str, ...] = ()
+    pauses: tuple[str, ...] = ()
+
+
+class Executor:
+    """Performs plans on one open bench; `began_s` is the bench time at which they began, None: now.
+
+    What is done in `undivided` no signal breaks off: a line of the journal and what is counted of it. `pausing` is who
+    may have the run pause.
+    """
+
+    def __init__(
+        self,
+        bench: OpenBench,
+        journal: StepJournal,
+        observers: Sequence[Observer] = (),
+        operator: Operator = nobody,
+        began_s: float | None = None,
+        *,
+        undivided: Callable[[], AbstractContextManager[None]] = nullcontext,
+        pausing: Pauses | None = None,
+    ) -> None:
+        self.bench = bench
+        self.journal = journal
+        self.observers = list(observers)
+        self.operator = operator
+        self._undivided = undivided
+        self._context = Context(bench, self._heard, operator=operator, undivided=undivided)
+        self._started_s = bench.clock.now() if began_s is None else began_s
+        self._number = self._written = 0
+        self._owed: list[dict[str, Any]] = []
+        self._points: list[Point] = []
+        self._asked_again: list[str] = []
+        self._not_checked: list[str] = []
+        self._physical_s = 0.0
+        self._error: BenchError | None = None
+        self._walked = False
+        self._pausing = pausing
+        self._performed: list[Step] = []
+        self._moved: tuple[float, float] | None = None  # by how much the output did in pauses, and its u, V
+        self._disturbed: set[str] = set()  # what was set beside the plan
+        self._pauses: list[str] = []
+        self._paused_s = 0.0
+
+    def execute(self, plan: Plan) -> Execution:
+        """Perform `plan` to its end or to its first error, and tell how it went.
+
+        Errors of the bench are in the result, not raised: what was measured must not be lost with them.
+        """
+        try:
+            self._walk(plan)
+            self._walked = True
+        finally:
+            abandon(plan)
+        return self.so_far()
+
+    def take_over(self, taken: Iterable[TakenOver]) -> None:
+        """Write down, and count as this run's, the steps performed before the run was broken off. Nothing is done."""
+        for each in taken:
+            for chunk in each.chunks:
+                self.journal.readings(chunk)
+            for readings_v in each.readings_v():
+                each.step.recall(readings_v, self._context)
+            with self._undivided():
+                self.journal.step(each.line)
+                self._number = self._written = self._number + 1
+                self._physical_s += each.step.physical_s
+                self._performed.append(each.step)
+                self._count(each.step, each.result, each.line.get("asked_again", ()))
+                if (point := each.result.recorded_point) is not None and point.moved_u_v:
+                    self._moved = point.moved_v, point.moved_u_v
+
+    def restore(self, steps: Routine[None]) -> None:
+        """Perform the steps that restore the bench as it was when the run broke off; they are not steps of the run.
+
+        Raises:
+            BenchError: it did not come to that; what brings it to rest is up to the safety stack.
+        """
+        try:
+            self._beside(steps, _AGAIN, self._context)
+        except BenchError as error:
+            self._keep(error)
+            raise
+
+    def _beside(self, steps: Routine[_T], why: str, context: Context) -> _T:
+        """Perform `steps` outside the run; return their result."""
+        advance: Callable[[], Step] = partial(next, steps)
+        try:
+            while True:
+                step = advance()
+                try:
+                    result = self._again(step, why, context)
+                except BenchError as error:
+                    if error.step is None:
+                        error.step = f"{why} ({step.describe()})"
+                    raise
+                advance = partial(steps.send, result)
+        except StopIteration as end:
+            done: _T = end.value
+            return done
+
+    def _again(self, step: Step, why: str, context: Context) -> StepResult:
+        start_s = self._now()
+        self._tell(StepStarted(self._number, start_s, step))
+        context.begin()
+        result = step.perform(context)
+        self._disturbed.update(step.sets)
+        self._physical_s += step.physical_s
+        self.journal.restored({**self._done(step, result, start_s), **({} if why == _AGAIN else {"why": why})})
+        self._asked_again += (f"{why}: {said}" for said in context.asked_again)
+        self._tell(StepFinished(self._number, self._now(), step, result, tuple(context.asked_again)))
+        return result
+
+    def _pause_if_wanted(self) -> None:
+        """Pause, where somebody wants that: the bench at rest until somebody wants the run to go on, then as it was.
+
+        Raises:
+            BenchError: something did not let it, or the output is not where it was.
+        """
+        pausing = self._pausing
+        if pausing is None or not pausing.by or self._error is not None:
+            return
+        why, done, begun_s = f"pause after step {self._number}", self._performed, self._now()
+        context, physical_s = Context(self.bench, self._heard, undivided=self._undivided), self._physical_s
+        self._disturbed.clear()
+        self.journal.paused({"n": self._number, "t_s": begun_s, "by": pausing.by})
+        before = self._beside(pausing.to_rest(done), why, context)
+        self._tell(Paused(self._number, self._now(), pausing.by))
+        try:
+            by, waited_s = pausing.wait()
+        except BenchError as error:
+            error.step = f"{self._number}, in the pause after it"
+            raise
+        moved = None
+        if before is not None:
+            moved = pausing.moved(done, before, self._beside(pausing.looked_at(done), why, context))
+        line = {"n": self._number, "t_s": self._now(), "by": by, "waited_s": waited_s}
+        self.journal.went_on({**line, **({} if moved is None else {"moved": to_builtins(moved)})})
+        self._count_from(moved)
+        self._beside(pausing.as_before(done, frozenset(self._disturbed)), why, context)
+        pause_s = self._now() - begun_s
+        self._paused_s, self._physical_s = self._paused_s + pause_s, physical_s
+        went_on = WentOn(self._number, self._now(), by, waited_s, pause_s, moved)
+        self._pauses.append(f"after step {self._number}: {went_on.describe()}")
+        self._tell(went_on)
+
+    def _count_from(self, moved: Moved | None) -> None:
+        """Count later measurements from the present output.
+
+        Raises:
+            MeasurementError: it is not where noise and drift could have brought it.
+        """
+        if moved is None or moved.allowed_v is None:
+            return
+        if abs(moved.moved_v) > moved.allowed_v:
+            raise MeasurementError(
+                f"{moved.describe()}; at most {moved.allowed_v:.2g} V are noise and drift",
+                instrument="multimeter",
+                step=f"{self._number}, in the pause after it",
+                hint="look at leads and contacts, and at what was done in the pause; expected.zero_drift_v of the "
+                "bench file is what may drift",
+            )
+        before_v, before_u_v = self._moved or (0.0, 0.0)
+        self._moved = before_v + moved.moved_v, math.hypot(before_u_v, moved.u_v)
+
+    def so_far(self) -> Execution:
+        """Tell how far it has come: after :meth:`execute`, or after something that it does not catch."""
+        return Execution(
+            Status.COMPLETE if self._walked and self._error is None else Status.ABORTED,
+            tuple(self._points),
+            self._error,
+            self._now() - self._paused_s,
+            self._physical_s,
+            tuple(self._asked_again),
+            tuple(self._not_checked),
+            tuple(self._pauses),
+        )
+
+    def _walk(self, plan: Plan) -> None:
+        advance: Callable[[], Step] = partial(next, plan)
+        while True:
+            try:
+                step = advance()
+            except StopIteration:
+                return
+            except BenchError as error:
+                self._keep(error)
+                return
+            advance = self._perform(plan, step)
+
+    def _perform(self, plan: Plan, step: Step) -> Callable[[], Step]:
+        """Do one step, after a pause if one is wanted; return how the plan goes on: with the result, or the error."""
+        pausing = True
+        try:
+            self._pause_if_wanted()
+            self._number, pausing = self._number + 1, False
+            result = self._act(step)
+        except (BenchError, KeyboardInterrupt) as problem:
+            self._number += pausing
+            error = self._failed(step, problem)
+            return _stop if isinstance(error, Aborted) else partial(plan.throw, error)
+        return partial(plan.send, result.referred())
+
+    def _act(self, step: Step) -> StepResult:
+        start_s = self._now()
+        self._tell(StepStarted(self._number, start_s, step))
+        self._context.begin(partial(self._write_chunk, step, start_s))
+        result = step.perform(self._context)
+        if self._moved is not None:
+            result = result.counted_from(*self._moved)
+        self._physical_s += step.physical_s
+        self._write(step, result, start_s)
+        if self._pausing is not None:
+            self._performed.append(step)
+        self._tell(StepFinished(self._number, self._now(), step, result, tuple(self._context.asked_again)))
+        return result
+
+    def _write_chunk(self, step: Step, start_s: float, readings: Sequence[Reading]) -> None:
+        """Write readings of the step under way; the step stands with them, for its own line may never come."""
+        chunk = {
+            **self._line(step),
+            "t_s": start_s,
+            "end_s": self._now(),
+            "chunk": self._context.chunks + 1,
+            "readings": readings,
+        }
+        self._write_owed()
+        self.journal.readings(chunk)
+
+    def _write_owed(self) -> None:
+        """Write the failures that the disk did not take when they came, so that later lines leave no gap."""
+        while self._owed:
+            self.journal.error(self._owed[0])
+            del self._owed[0]
+
+    def _write(self, step: Step, result: StepResult, start_s: float) -> None:
+        if self._context.chunks:
+            self._context.rest()
+        line = self._done(step, result, start_s)
+        if step.not_checked:
+            line["not_checked"] = step.not_checked
+        point = result.recorded_point
+        if point is not None:
+            line["point"] = point.as_json()
+        with self._undivided():
+            self._write_owed()
+            self.journal.step(line)
+            self._written = self._number
+            self._count(step, result, self._context.asked_again)
+
+    def _done(self, step: Step, result: StepResult, start_s: float) -> dict[str, Any]:
+        return {
+            **self._line(step),
+            "t_s": start_s,
+            "end_s": self._now(),
+            "result_kind": type(result).__name__,
+            "result": result.as_json(),
+            **self._seen(),
+        }
+
+    def _count(self, step: Step, result: StepResult, asked_again: Sequence[str]) -> None:
+        """Keep the point and the notes of a performed step for the end of the run."""
+        self._asked_again += (f"step {self._number}: {said}" for said in asked_again)
+        if step.not_checked and step.not_checked not in self._not_checked:  # parts of one run may leave out the same
+            self._not_checked.append(step.not_checked)
+        point = result.recorded_point
+        if point is not None:
+            self._points.append(point)
+
+    def _line(self, step: Step) -> dict[str, Any]:
+        return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": to_builtins(step)}
+
+    def _seen(self) -> dict[str, Any]:
+        """Return the optional fields of a line: chunks before it, answers not believed."""
+        context = self._context
+        chunks = {"chunks": context.chunks} if context.chunks else {}
+        return {**chunks, "asked_again": list(context.asked_again)} if context.asked_again else chunks
+
+    def _failed(self, step: Step, problem: BaseException) -> BenchError:
+        """Put the step into the error and both into the journal."""
+        error = problem if isinstance(problem, BenchError) else Aborted("stopped by the operator")
+        error = Aborted.behind(error) or error
+        if step.effect in {Effect.MEASURES, Effect.CHECKS}:
+            error = _as_measured(supply_behind(error, self._context))
+        if error.step is None:
+            error.step = f"{self._number} ({step.describe()})"
+        self._keep(error)
+        readings = to_builtins(self._context.readings)
+        line = {**self._line(step), "t_s": self._now(), **_error_fields(error), "readings": readings, **self._seen()}
+        if self._written < self._number:  # else it is done and on the disk: the stop came while it was told
+            self._owed.append(line)
+            with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
+                self._write_owed()
+        self._tell(StepFailed(self._number, self._now(), step, error))
+        return error
+
+    def _keep(self, error: BenchError) -> None:
+        """Keep the first error: those that follow while the bench comes to rest are consequences.
+
+        A plan knows roles only; where an instrument answers is added here.
+        """
+        if error.instrument is not None and error.resource is None:
+            with suppress(BenchError):  # the instrument that the error is about may be one that the bench has not
+                error.resource = getattr(getattr(self.bench, error.instrument, None), "resource", None)
+        self._error = self._error or error
+
+    def _heard(self, reading: Reading) -> None:
+        self._tell(ReadingTaken(self._now(), reading))
+
+    def _tell(self, event: Event) -> None:
+        for observer in tuple(self.observers):
+            try:
+                observer.handle(event)
+            except OSError:
+                self.observers = [other for other in self.observers if other is not observer]
+
+    def _now(self) -> float:
+        return self.bench.clock.now() - self._started_s
+
+
+def _stop() -> Step:
+    """End the walk here: after a person's stop nothing more is done for the plan, the safety stack takes over."""
+    raise StopIteration
+
+
+def _error_fields(error: BenchError) -> dict[str, Any]:
+    return {"error_kind": type(error).__name__, "error": str(error)}
+
+
+def _as_measured(error: BenchError) -> BenchError:
+    """Return an analysis' failure to find a signal as a MeasurementError: a bench that does not answer."""
+    if not isinstance(error, ConfigError):
+        return error
+    failed = MeasurementError(f"nothing answers: {error.what}", step=error.step, hint=error.hint or LOOK_AT_SIGNALS)
+    failed.__cause__ = error.__cause__
+    return failed

@@ -1,0 +1,234 @@
+"""Measured data of a run, as the results of a procedure see it: its points, and all else that the journal keeps.
+
+A run keeps its points in memory and nothing more; readings and what steps have found are in the journal, and are read
+from there when they are asked for. So it is the same for a run that has just ended and for its record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from vcfbench.record.schema import Point
+from vcfbench.steps.decode import Recorded, result_of, step_of
+from vcfbench.steps.step import Step, StepResult
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from vcfbench.bench.settings import Sources
+
+_Found = TypeVar("_Found", bound=StepResult)
+_Mark = TypeVar("_Mark", bound=Step)
+_Lines = Callable[[], Iterable[Mapping[str, Any]]]
+
+
+class WindowReadings(Struct, frozen=True, eq=False):
+    """The raw readings of one window: bench times at which they were asked for (s), and voltages (V), both (n,).
+
+    `number` is that of the step in the run, from 1; `step` the step that took them.
+    """
+
+    number: int
+    step: Step | Recorded
+    t_s: NDArray[np.float64]
+    voltage_v: NDArray[np.float64]
+
+
+class Readings(Struct, frozen=True, eq=False):
+    """All raw readings of a run, window after window."""
+
+    windows: tuple[WindowReadings, ...]
+
+    @property
+    def t_s(self) -> NDArray[np.float64]:
+        """Bench times of all readings, s, shape (n,)."""
+        return _joined([window.t_s for window in self.windows])
+
+    @property
+    def voltage_v(self) -> NDArray[np.float64]:
+        """Voltages of all readings, V, shape (n,)."""
+        return _joined([window.voltage_v for window in self.windows])
+
+
+class Measured(Sequence[Point]):
+    """The points of a run, in the order of measurement, and the other contents of its journal.
+
+    Args:
+        points: the averaged points, as they were measured.
+        lines: begins to read the journal: its lines, as :func:`vcfbench.record.journal.lines_of` gives them.
+        known: whose certificates correct what is given out, points and readings alike; points count from one reference
+            then, wherever the run paused. None gives out what was read.
+    """
+
+    def __init__(self, points: Iterable[Point], lines: _Lines = tuple, known: Sources | None = None) -> None:
+        self._raw = tuple(points)
+        self._lines = lines
+        self._known = known if known is not None and (known.corrects or self._paused) else None
+        if self._known is None:
+            self._points = self._raw
+        else:
+            self._points = tuple(self._known.corrected_point(point.referred()) for point in self._raw)
+
+    def read_again_from(self, lines: _Lines) -> None:
+        """Read the journal from `lines` from now on; data read already is kept."""
+        self._lines = lines
+
+    @overload
+    def __getitem__(self, index: int) -> Point: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Point, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Point | tuple[Point, ...]:
+        return self._points[index]
+
+    def corrected(self, known: Sources) -> Measured:
+        """Return the run with the corrections of the meters' certificates, and with no others."""
+        if self._known is None and not known.corrects and not self._paused:
+            return self
+        return self._with(self._raw, self._lines, known)
+
+    @property
+    def _paused(self) -> bool:
+        """True if some points count from another reference than the rest."""
+        return any(point.moved_v for point in self._raw)
+
+    def _with(self, points: Iterable[Point], lines: _Lines, known: Sources | None) -> Self:
+        return type(self)(points, lines, known)
+
+    def __len__(self) -> int:
+        return len(self._points)
+
+    def __repr__(self) -> str:
+        return f"<Measured: {len(self)} points>"
+
+    @property
+    def readings(self) -> Readings:
+        """Every reading of every window that came to its end; read from the journal when first asked for.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        return self._kept[0]
+
+    def found(self, kind: type[_Found]) -> tuple[tuple[Step, _Found], ...]:
+        """Return the results of `kind` or a subclass, each with its step, in the order of the run.
+
+        Of a window too long for one line of the journal the result holds the point; its readings are in `readings`.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        return tuple((step, result) for step, result in self._kept[1] if isinstance(result, kind))
+
+    @property
+    def broken_off(self) -> bool:
+        """True if the run was broken off and resumed: some of its steps are those of an earlier record.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        return len({line.get("taken_over") for line in self._lines() if line.get("type") == "step"}) > 1
+
+    def parted(self, kind: type[_Mark]) -> tuple[tuple[_Mark, Measured], ...]:
+        """Return each step of `kind` with the data measured from it to the next of them, or to the end of the run.
+
+        So each part of a run in parts can be evaluated like a run.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        marks: list[tuple[_Mark, int, int]] = []
+        points = 0
+        for line in self._lines():
+            if line.get("type") != "step":
+                continue
+            if line["step_kind"] == kind.__name__:
+                step = step_of(line)
+                if isinstance(step, kind):
+                    marks.append((step, line["n"], points))
+            points += "point" in line
+        ends: list[tuple[int | None, int]] = [*((begin, first) for _, begin, first in marks[1:]), (None, len(self))]
+        return tuple(
+            (step, self._with(self._raw[first:last], partial(_between, self._lines, begin, end), self._known))
+            for (step, begin, first), (end, last) in zip(marks, ends, strict=False)  # without marks there is an end
+        )
+
+    @cached_property
+    def _kept(self) -> tuple[Readings, tuple[tuple[Step, StepResult], ...]]:
+        """Go through the journal once: one window's readings are in memory as they stand there, the rest as arrays."""
+        windows, found, known = [], [], self._known
+        for line, readings in _steps(self._lines()):
+            step, result = step_of(line), result_of(line)
+            if readings:
+                window = _window(line["n"], step, readings)
+                if known is not None:
+                    window = replace(window, voltage_v=known.corrected(window.voltage_v))
+                windows.append(window)
+            if isinstance(step, Step) and isinstance(result, StepResult):
+                found.append((step, result if known is None else result.referred().corrected(step, known)))
+        return Readings(tuple(windows)), tuple(found)
+
+
+class Foreseen(Measured):
+    """The points that a dry run foresees, with the noise that they may have; records of sines are foreseen without.
+
+    `white_v_sqrt_s` is the random walk of the integrated output at rest.
+    """
+
+    def __init__(
+        self, points: Iterable[Point], lines: _Lines, known: Sources | None = None, white_v_sqrt_s: float = 0.0
+    ) -> None:
+        super().__init__(points, lines, known)
+        self.white_v_sqrt_s = white_v_sqrt_s
+
+    def _with(self, points: Iterable[Point], lines: _Lines, known: Sources | None) -> Self:
+        return type(self)(points, lines, known, self.white_v_sqrt_s)
+
+
+def _between(lines: _Lines, begin: int, end: int | None) -> Iterator[Mapping[str, Any]]:
+    """Yield the lines of steps from number `begin` on, before `end`; None is that of all others."""
+    for line in lines():
+        number = line.get("n")
+        if number is not None and begin <= number and (end is None or number < end):
+            yield line
+
+
+def _steps(lines: Iterable[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, Any], list[NDArray[np.float64]]]]:
+    """Yield the line of each step that was performed, with its readings, a row each, in the pieces that are there."""
+    chunks: list[NDArray[np.float64]] = []
+    for line in lines:
+        if line.get("type") == "readings":
+            chunks.append(_rows(line["readings"]))
+        elif line.get("type") in ("step", "error"):
+            taken, chunks = chunks, []
+            if line["type"] == "step":
+                own = line["result"].get("readings", ())
+                yield line, [*taken, _rows(own)] if own else taken
+
+
+def _rows(readings: Sequence[Mapping[str, float]]) -> NDArray[np.float64]:
+    import numpy as np  # noqa: PLC0415  # most results need points alone
+
+    columns = [np.fromiter(map(itemgetter(name), readings), np.float64, len(readings)) for name in ("t_s", "voltage_v")]
+    return np.column_stack(columns)
+
+
+def _window(number: int, step: Step | Recorded, pieces: Sequence[NDArray[np.float64]]) -> WindowReadings:
+    import numpy as np  # noqa: PLC0415  # as above
+
+    rows = np.concatenate(pieces)
+    return WindowReadings(number, step, rows[:, 0].copy(), rows[:, 1].copy())
+
+
+def _joined(arrays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    import numpy as np  # noqa: PLC0415  # as above
+
+    return np.concatenate(arrays) if arrays else np.empty(0)

@@ -1,0 +1,344 @@
+"""Everything about the multimeter: its range, and averaging windows."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from vcfbench.errors import ConfigError
+from vcfbench.interfaces import ReadsAcVoltage
+from vcfbench.record.schema import Point, fits_one_chunk
+from vcfbench.steps.scatter import NoiseSeen
+from vcfbench.steps.step import Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
+from vcfbench.steps.table import read_rate
+from vcfbench.steps.tally import Tally
+from vcfbench.steps.wait import Done
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Self
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import Sources
+    from vcfbench.steps.step import Context
+
+
+class Window(StepResult, Struct, frozen=True):
+    """One averaging window: its readings, and the state of the bench read back at its end.
+
+    `readings` are all of a window that fits one chunk; those of a longer one are in the journal only, and it has none.
+    `table_rate_deg_s` is the read-back of the table, None where none was asked, `rails` that of the supply, `point`
+    what the readings come to.
+    """
+
+    readings: tuple[Reading, ...]
+    table_rate_deg_s: float | None
+    rails: tuple[RailReading, ...]
+    point: Point
+
+    @property
+    def mean_v(self) -> float:
+        """Mean of the readings, V."""
+        return self.point.output_v
+
+    @property
+    def std_v(self) -> float:
+        """Sample standard deviation of the readings (n - 1), V."""
+        return self.point.std_v
+
+    @property
+    def recorded_point(self) -> Point | None:
+        """The point that the window adds to the run."""
+        return self.point
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return the window with the corrections of the meters' certificates to its readings and its point."""
+        del step
+        readings = tuple(each.corrected(known) for each in self.readings)
+        return replace(self, readings=readings, point=known.corrected_point(self.point))
+
+    def as_json(self) -> dict[str, Any]:
+        """Return readings and read-backs; the point too, where it cannot be made from the readings beside it."""
+        values = StepResult.as_json(self)
+        if self.readings and not self.point.moved_u_v:
+            del values["point"]
+        else:
+            values["point"] = self.point.as_json()
+        return values
+
+    def counted_from(self, moved_v: float, u_v: float) -> Self:
+        """Return the window with its point counted from where the output was before."""
+        return replace(self, point=replace(self.point, moved_v=moved_v, moved_u_v=u_v))
+
+    def referred(self) -> Self:
+        """Return the window with its mean as it would be, had the output not moved in pauses."""
+        return replace(self, point=self.point.referred()) if self.point.moved_v else self
+
+    def describe(self) -> str:
+        """Name mean and scatter."""
+        return f"{self.mean_v:+.5f} V, s {self.std_v:.1e} V"
+
+
+class ZeroWindow(Window, frozen=True):
+    """A window that is compared with earlier ones, and is no point of the run."""
+
+    @property
+    def recorded_point(self) -> None:
+        """None: the window is for comparison alone."""
+        return
+
+
+class ConfigureMeter(Step, Struct, frozen=True):
+    """Select the multimeter's fixed DC range and integration time."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "multimeter"
+    overhead_s: ClassVar[float] = 0.1
+
+    range_v: float
+    nplc: float
+
+    def describe(self) -> str:
+        """Name range and integration time."""
+        return f"multimeter: DC {self.range_v:g} V range, {self.nplc:g} power-line cycles, autozero on"
+
+    def perform(self, context: Context) -> Done:
+        """Select both."""
+        context.bench.multimeter.configure_dc_voltage(self.range_v, self.nplc)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that they are selected."""
+        del gyro
+        return Done()
+
+
+class AcMeasured(StepResult, Struct, frozen=True):
+    """Readings of an alternating voltage, rms, and the range that they were taken on, V."""
+
+    voltages_v: tuple[float, ...]
+    range_v: float
+
+    def describe(self) -> str:
+        """Name their mean."""
+        return f"{math.fsum(self.voltages_v) / len(self.voltages_v):.5f} V rms, {self.range_v:g} V range"
+
+
+class MeasureAc(Step, Struct, frozen=True):
+    """Read the alternating voltage of `node`, where the leads of the multimeter are, `count` times.
+
+    `range_v` is that of the meter, None: what fits. `expected_v` is what a dry run answers with, V rms. The multimeter
+    has to be configured again afterwards.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "an alternating voltage"
+
+    node: str
+    count: int
+    expected_v: float
+    range_v: float | None = None
+
+    def describe(self) -> str:
+        """Name node and range."""
+        on = "" if self.range_v is None else f" on the {self.range_v:g} V range"
+        return f"multimeter: AC volts of the {self.node}{on}, {self.count} readings"
+
+    @property
+    def physical_s(self) -> float:
+        """Approximate time of the readings, s."""
+        return 1.1 * self.count + 1.0
+
+    def perform(self, context: Context) -> AcMeasured:
+        """Read it.
+
+        Raises:
+            ConfigError: the meter reads none.
+        """
+        meter = context.bench.multimeter
+        if not isinstance(meter, ReadsAcVoltage):
+            raise ConfigError("the multimeter reads no alternating voltage, as health by it asks for")
+        return AcMeasured(*meter.read_ac_voltages_v(self.count, self.range_v))
+
+    def predict(self, gyro: LinearGyro) -> AcMeasured:
+        """Predict the expected voltage."""
+        del gyro
+        return AcMeasured((self.expected_v,) * self.count, self.range_v or 1.0)
+
+
+class Acquire(Step, Struct, frozen=True):
+    """Take `samples` readings on a grid of `interval_s`; the window counts `samples * interval_s` seconds.
+
+    `step` is the number of the paper's step. `rate_deg_s` is the rate that the point stands for: the table's rate, in
+    step 4 the equivalent rate K_Vc V_Vc. `table_deg_s` is what the table must read back (within `tolerance_deg_s`) at
+    the end, None where no table is asked; `rails` what the supply must (within `rail_tolerance_v`). `resolution_v` is
+    that of one reading; `noise_v` is what the scatter of the readings is expected to be, (least, most), None when
+    nothing is known of it.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "output"
+
+    step: int
+    rate_deg_s: float
+    v_vc_v: float
+    table_deg_s: float | None
+    tolerance_deg_s: float
+    rails: tuple[ConfigureRail, ...]
+    rail_tolerance_v: float
+    samples: int
+    interval_s: float
+    resolution_v: float
+    noise_v: tuple[float, float] | None = None
+
+    def describe(self) -> str:
+        """Name the point and the window."""
+        return (
+            f"average {self.samples} readings, one every {self.interval_s:g} s: "
+            f"{self.rate_deg_s:+.6g} deg/s, V_Vc {self.v_vc_v:+.6g} V"
+        )
+
+    @property
+    def physical_s(self) -> float:
+        """The averaging window, s."""
+        return self.samples * self.interval_s
+
+    def perform(self, context: Context) -> Window:
+        """Read on the grid, hold the window to its full length, and read back table and rails before it ends.
+
+        Raises:
+            MeasurementError: the meter cannot follow, a read-back is not as it should be, or the readings do not
+                scatter as those of the run do.
+        """
+        clock = context.bench.clock
+        start_s = clock.now()
+        tally = self._new_tally()
+        self._read(start_s, tally, context)
+        rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in self.rails)
+        table_deg_s = self._table_rate(context)
+        last = context.rest()
+        self._add(tally, last)
+        self._require_expected_noise(tally, context)
+        self._require_like_the_run(last, tally, context)
+        window = self._window(last if tally.chunks == 1 else (), tally, table_deg_s, rails)
+        clock.sleep_until(start_s + self.samples * self.interval_s)
+        return window
+
+    def predict(self, gyro: LinearGyro) -> Window:
+        """Predict a window, with the noise that `gyro` has."""
+        output_v = gyro.output_v(self.table_deg_s or 0.0)
+        rails = tuple(map(predicted_rail, self.rails))
+        tally = self._new_tally()
+        if not fits_one_chunk(self.samples, self.interval_s):
+            tally.count, tally.mean_v = self.samples, output_v
+            return self._window((), tally, self.table_deg_s, rails)
+        times_s = [number * self.interval_s for number in range(self.samples)]
+        readings = tuple(self._predicted(t_s, output_v + gyro.noise_v(t_s)) for t_s in times_s)
+        self._add(tally, readings)
+        return self._window(readings, tally, self.table_deg_s, rails)
+
+    def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the fields of a window, with the point that its readings come to."""
+        if "point" in result or not result.get("readings"):
+            return result
+        tally = Tally()
+        tally.add([reading["voltage_v"] for reading in result["readings"]])
+        return {**result, "point": self._point(tally).as_json()}
+
+    def recall(self, readings_v: Sequence[float], context: Context) -> None:
+        """Hold later readings against the scatter of these too."""
+        if context.noise is None:
+            context.noise = NoiseSeen(self.resolution_v)
+        context.noise.doubt(readings_v, turning=bool(self.table_deg_s))  # nothing is wrong with them: the run went on
+
+    def _table_rate(self, context: Context) -> float | None:
+        """Read back the table that the point stands on, deg/s; None where it stands on none."""
+        return None if self.table_deg_s is None else read_rate(context, self.table_deg_s, self.tolerance_deg_s)
+
+    def _window(
+        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]
+    ) -> Window:
+        return Window(readings, table_deg_s, rails, self._point(tally))
+
+    def _point(self, tally: Tally) -> Point:
+        return Point(self.step, self.rate_deg_s, self.v_vc_v, tally.mean_v, tally.std_v, tally.count)
+
+    def _new_tally(self) -> Tally:
+        """Return the empty tally that sums up the readings of the window."""
+        return Tally()
+
+    def _add(self, tally: Tally, readings: Sequence[Reading]) -> None:
+        """Add one chunk to the sums."""
+        tally.add(_volts(readings))
+
+    def _reading(self, t_s: float, context: Context) -> Reading:
+        """Take one reading; `t_s` is the bench time at which it is asked for."""
+        return Reading(t_s, context.believable(context.bench.multimeter.read_voltage_v))
+
+    def _predicted(self, t_s: float, output_v: float) -> Reading:
+        """Return the reading that `output_v` would give."""
+        return Reading(t_s, output_v)
+
+    def _read(self, start_s: float, tally: Tally, context: Context) -> None:
+        """Take all readings; sum up each chunk of a long window as it is closed."""
+        for number in range(self.samples):
+            if closed := self._read_at(start_s + number * self.interval_s, number, context):
+                self._take_in(closed, tally, context)
+
+    def _read_at(self, instant_s: float, number: int, context: Context) -> tuple[Reading, ...]:
+        clock, meter = context.bench.clock, context.bench.multimeter
+        clock.sleep_until(instant_s)
+        t_s = clock.now()
+        if t_s - instant_s > 0.5 * self.interval_s:
+            raise problem(
+                meter,
+                f"reading {number + 1} of {self.samples} began {t_s - instant_s:.2g} s late: "
+                f"the meter cannot follow one reading every {self.interval_s:g} s",
+            )
+        return context.take(self._reading(t_s, context))
+
+    def _take_in(self, chunk: tuple[Reading, ...], tally: Tally, context: Context) -> None:
+        """Add a chunk of a long window, and do not wait for the window's end to doubt it."""
+        self._add(tally, chunk)
+        self._require_like_the_run(chunk, tally, context)
+
+    def _require_like_the_run(self, chunk: tuple[Reading, ...], tally: Tally, context: Context) -> None:
+        """See that the latest chunk, which may be the whole window, scatters as those of the run do."""
+        if context.noise is None:
+            context.noise = NoiseSeen(self.resolution_v)
+        if said := context.noise.doubt(_volts(chunk), turning=bool(self.table_deg_s)):
+            first = tally.count - len(chunk) + 1
+            among = "" if len(chunk) == self.samples else f" (readings {first} to {tally.count} of {self.samples})"
+            raise problem(context.bench.multimeter, f"{said}{among}; a mean of them is no measurement")
+
+    def _require_expected_noise(self, tally: Tally, context: Context) -> None:
+        """Raise MeasurementError unless the readings scatter as the bench file expects, apart from drift."""
+        if self.noise_v is not None and not self.noise_v[0] <= tally.within_std_v <= self.noise_v[1]:
+            low_v, high_v = self.noise_v
+            raise problem(
+                context.bench.multimeter,
+                f"the readings scatter by {tally.within_std_v:.2g} V, the bench file expects {low_v:g} to {high_v:g} V "
+                "(expected.reading_noise_v)",
+            )
+
+
+def _volts(readings: Sequence[Reading]) -> list[float]:
+    return [reading.voltage_v for reading in readings]
+
+
+class VerifyZero(Acquire, frozen=True):
+    """Take the zero before or after everything else, or a level again: a window that is compared, and is no point."""
+
+    def describe(self) -> str:
+        """Name the purpose of the window."""
+        at = f"V_Vc of {self.v_vc_v:+.6g} V again" if self.v_vc_v else "the zero"
+        return f"{at}, to compare: {self.samples} readings, one every {self.interval_s:g} s"
+
+    def _window(
+        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]
+    ) -> Window:
+        return ZeroWindow(readings, table_deg_s, rails, self._point(tally))

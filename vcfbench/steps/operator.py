@@ -1,0 +1,70 @@
+"""Manual steps: a person is asked, and the run waits until it is done."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
+
+from vcfbench.steps.step import Effect, Request, Step, StepResult
+
+if TYPE_CHECKING:
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.steps.step import Context
+
+_NAMES = {"v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative": "negative rail"}
+
+
+class OperatorAnswer(StepResult, Struct, frozen=True):
+    """Answer of the person when it was done."""
+
+    answer: str
+
+    def describe(self) -> str:
+        """Return the answer."""
+        return self.answer or "done"
+
+
+class AskOperator(Step, Struct, frozen=True):
+    """Ask a person to do something, in words that follow "please": ``move the leads ...``; wait until it is done.
+
+    `takes_s` is the estimate of how long that takes. `adjustments` are names and values that come to the same on a
+    simulated bench, as ``vcfbench sim ctl set`` takes them: there the world is changed, and the time passes.
+    """
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "what hands do"
+    waits_for_person: ClassVar[bool] = True
+
+    words: str
+    takes_s: float = 60.0
+    adjustments: tuple[tuple[str, float | str | bool | None], ...] = ()
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """Names of the adjustments; without any, the words, so that no other request undoes this one."""
+        return tuple(f"{self.subject}: {name}" for name, _ in self.adjustments) or (f"{self.subject}: {self.words}",)
+
+    def describe(self) -> str:
+        """Describe the request."""
+        return f"by hand: {self.words}"
+
+    def perform(self, context: Context) -> OperatorAnswer:
+        """Ask, and wait; PlanError where nobody is there."""
+        return OperatorAnswer(context.operator(Request(self.words, self.takes_s, dict(self.adjustments))))
+
+    def predict(self, gyro: LinearGyro) -> OperatorAnswer:
+        """Predict that it is done."""
+        del gyro
+        return OperatorAnswer("done")
+
+    @property
+    def duration_s(self) -> float:
+        """Time that a person takes, s."""
+        return self.takes_s
+
+
+def move_leads(meter: str, node: str) -> AskOperator:
+    """Return the step that has the leads of `meter`, a role, put on `node` of the PCB."""
+    words = f"move the leads of the {meter.replace('_', ' ')} to the {_NAMES.get(node, node)}"
+    return AskOperator(words, adjustments=((f"{meter}.input.node", node),))

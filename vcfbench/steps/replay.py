@@ -1,0 +1,245 @@
+"""A run taken up where it was broken off: its plan is started anew, and answered from the record while that lasts.
+
+A step whose key is that of the record gets the result that stands there; nothing of it is done or measured again. Then
+the bench, which was made safe meanwhile, is brought to where it was (:func:`start_up_again`), and the plan goes on.
+Nothing here opens or sends anything.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import BenchError, PlanError
+from vcfbench.steps import (
+    AwaitRate,
+    ConfigureRail,
+    ConfigureScope,
+    DisableSupply,
+    DisableTable,
+    DisableVvc,
+    EnableSupply,
+    FindDrive,
+    MeasureDrive,
+    Note,
+    SetRate,
+    Settle,
+    StopFlow,
+    Window,
+)
+from vcfbench.steps.decode import result_of, step_of
+from vcfbench.steps.drive_check import check_drive
+from vcfbench.steps.step import Effect, Step, StepResult, abandon
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Set as AbstractSet
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.record.journal import JournalRecord
+    from vcfbench.steps.step import Outcome, Plan, Routine
+
+_LOOKS_AT_DRIVE = (ConfigureScope, FindDrive, MeasureDrive)
+_COMES_TO_REST = {Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, DisableVvc, DisableSupply}
+"""Steps of coming to rest: a plan that asks for no others any more only repeats making safe."""
+
+
+@dataclass(frozen=True, slots=True)
+class TakenOver:
+    """A step that was performed before the break: itself, its result, and its lines of the journal, marked as such."""
+
+    step: Step
+    result: StepResult
+    line: Mapping[str, Any]
+    chunks: tuple[Mapping[str, Any], ...] = ()
+
+    def readings_v(self) -> Iterator[list[float]]:
+        """Yield the readings of a window, V, chunk by chunk."""
+        if isinstance(self.result, Window):
+            for readings in (*(chunk["readings"] for chunk in self.chunks), self.line["result"]["readings"]):
+                if readings:
+                    yield [reading["voltage_v"] for reading in readings]
+
+
+def taken_over(record: JournalRecord, run: str) -> tuple[TakenOver, ...]:
+    """Return the steps that a run resumed from `record` takes over: those before the first that failed.
+
+    `run` is the name of the record; lines that it took over itself keep the name of the run that wrote them. A check of
+    the drive signal after which nothing was measured is left out: it waits for something that begins anew.
+
+    Raises:
+        PlanError: a step or result is of a kind that is not known here, or of another version, or was changed.
+    """
+    failed = record.errors[0]["n"] if record.errors else None
+    chunks = defaultdict(list)
+    for chunk in record.chunks:
+        chunks[chunk["n"]].append({"taken_over": run, **chunk})
+    done = [line for line in record.steps if failed is None or line["n"] < failed]
+    taken = [_taken({"taken_over": run, **line}, tuple(chunks[line["n"]])) for line in done]
+    return tuple(taken[: _believed([each.step for each in taken])])
+
+
+def _taken(line: Mapping[str, Any], chunks: tuple[Mapping[str, Any], ...]) -> TakenOver:
+    step, result = step_of(line), result_of(line)
+    if isinstance(step, Step) and step.key != line["key"]:
+        raise PlanError(f"step {line['n']} of the record was changed: it says {step.key}, its key is {line['key']}")
+    if isinstance(step, Step) and isinstance(result, StepResult):
+        return TakenOver(step, result, line, chunks)
+    unknown = line["result_kind"] if isinstance(step, Step) else line["step_kind"]
+    raise PlanError(f"step {line['n']} of the record: a {unknown} of this form is not known here")
+
+
+def _believed(steps: Sequence[Step]) -> int:
+    measured = max((number for number, step in enumerate(steps, 1) if step.effect is Effect.MEASURES), default=0)
+    checks = (number for number in range(measured, len(steps)) if isinstance(steps[number], _LOOKS_AT_DRIVE))
+    return next(checks, len(steps))
+
+
+def rest_of(plan: Plan, taken: Sequence[TakenOver]) -> Plan:
+    """Start `plan`, answer it with the steps `taken` over, and return the rest of it.
+
+    Raises:
+        PlanError: it asks for another step than the record has; both are named.
+    """
+    advance: Callable[[], Step] = partial(next, plan)
+    try:
+        for each in taken:
+            step = advance()
+            if step.key != each.line["key"]:
+                raise _another(step, each)
+            advance = partial(plan.send, each.result.referred())
+    except StopIteration:
+        raise PlanError("the plan now ends before the record does", hint=_CHANGED) from None
+    except BenchError:
+        abandon(plan)
+        raise
+    return _going_on(plan, advance)
+
+
+_CHANGED = "the procedure or its settings were changed since: it cannot be resumed, only run anew"
+
+
+def _another(step: Step, each: TakenOver) -> PlanError:
+    asked, had = step.describe(), each.step.describe()
+    if asked == had:
+        asked, had = step.key, each.line["key"]
+    return PlanError(
+        f"step {each.line['n']} of the record is ({had}), the plan now asks there for ({asked})", hint=_CHANGED
+    )
+
+
+def _going_on(plan: Plan, advance: Callable[[], Step]) -> Plan:
+    """Yield the steps of `plan` from its present one."""
+    while True:
+        try:
+            step = advance()
+        except StopIteration as end:
+            outcome: Outcome = end.value
+            return outcome
+        try:
+            result = yield step
+        except BenchError as error:
+            advance = partial(plan.throw, error)
+        else:
+            advance = partial(plan.send, result)
+
+
+def is_left(rest: Plan, gyro: LinearGyro) -> bool:
+    """Tell whether `rest` of a plan does more than come to rest; `gyro` answers its steps until that is known.
+
+    Raises:
+        BenchError: it ends with that, by itself: what was measured is refused.
+    """
+    try:
+        step = next(rest)
+        while type(step) in _COMES_TO_REST:
+            step = rest.send(step.predict(gyro))
+    except StopIteration:
+        return False
+    finally:
+        abandon(rest)
+    return True
+
+
+def start_up_again(steps: Sequence[Step], settings: ProcedureSettings) -> Routine[None]:
+    """Bring a bench that was made safe to where `steps` had brought it.
+
+    Of all steps that set the same the last is done again, in the order of the plan, with the waits after it and the
+    checks. What was set before the supply was switched on is set before that again, and where something was measured
+    since, the gyroscope is given `warm_again_s` under power.
+    """
+    powered = _powered(steps)
+    waited = next((n for n in range(powered, len(steps)) if steps[n].effect is not Effect.WAITS), len(steps))
+    cold_s = settings.warm_again_s - sum(step.physical_s for step in steps[powered:waited])
+    if powered and cold_s > 0.0 and any(step.effect is Effect.MEASURES for step in steps[waited:]):
+        steps = [*steps[:waited], Settle(cold_s, "as warm as before the break"), *steps[waited:]]
+    for step in _to_repeat(steps, powered):
+        if isinstance(step, FindDrive | MeasureDrive):
+            yield from check_drive(settings)
+        else:
+            for each in step.again():  # noqa: UP028  # a tuple cannot be sent results
+                yield each
+
+
+def set_again(steps: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
+    """Bring a bench that is on to where `steps` had brought it, of which something `disturbed` was set otherwise since.
+
+    Of all steps that set what was disturbed the last is done again, with the waits after it; what it sets besides is
+    disturbed by that.
+    """
+    last = {name: number for number, step in enumerate(steps) for name in step.sets}
+    repeated, names = set[int](), {*disturbed} & last.keys()
+    while names:
+        number = last[names.pop()]
+        if number not in repeated:
+            repeated.add(number)
+            names |= {*steps[number].sets}
+    is_repeated = False
+    for number, step in enumerate(steps):
+        if step.effect is not Effect.WAITS:
+            is_repeated = number in repeated
+        if is_repeated:
+            for each in step.again():  # noqa: UP028  # a tuple cannot be sent results
+                yield each
+
+
+def _powered(steps: Sequence[Step]) -> int:
+    """Return how many of `steps` come before the supply is on for the last time; 0 where it never was.
+
+    To switch on what is on already, or to switch off, is no such time.
+    """
+    powered, is_on = 0, False
+    for number, step in enumerate(steps, 1):
+        if isinstance(step, EnableSupply):
+            powered, is_on = (powered if is_on else number), True
+        elif EnableSupply.subject in step.sets:
+            is_on = False
+    return powered
+
+
+def _to_repeat(steps: Sequence[Step], powered: int) -> Iterator[Step]:
+    """Yield those of `steps` that are done again; of the looks at the drive signal the first stands for them all."""
+    lasting = _lasting(steps, 0, powered) | _lasting(steps, powered, len(steps))
+    left_out, is_repeated, looked = set[str](), False, False
+    for number, step in enumerate(steps):
+        looks = isinstance(step, FindDrive | MeasureDrive)
+        match step.effect:
+            case Effect.SETS:
+                is_repeated = number in lasting
+                left_out = left_out - {*step.sets} if is_repeated else left_out | {*step.sets}
+            case Effect.MEASURES:
+                is_repeated = False
+            case Effect.CHECKS:
+                rails_differ = any(name.startswith(ConfigureRail.subject) for name in left_out)
+                is_repeated = number >= powered and not (looked if looks else rails_differ)
+                looked = looked or (looks and number >= powered)
+        if is_repeated and step.effect is not Effect.NOTHING:
+            yield step
+
+
+def _lasting(steps: Sequence[Step], first: int, end: int) -> set[int]:
+    """Return the numbers of those steps from `first` to `end` whose settings no other of them changes."""
+    return set({name: number for number in range(first, end) for name in steps[number].sets}.values())

@@ -1,0 +1,222 @@
+"""Records that an instrument takes by itself: readings of the multimeter on a grid, the response to a sine."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from vcfbench.errors import ConfigError
+from vcfbench.interfaces import SamplesVoltage
+from vcfbench.steps.step import Effect, Step, StepResult
+from vcfbench.steps.table import read_rate
+
+if TYPE_CHECKING:
+    from typing import Self
+
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import Sources
+    from vcfbench.interfaces import Multimeter
+    from vcfbench.steps.step import Context
+
+
+class SineResponse(StepResult, Struct, frozen=True):
+    """Samples of the multimeter while V_Vc was a sine: voltages (V) in the order of time.
+
+    `interval_s` is the spacing asked for; the meter's overhead makes the true one a little longer. `aperture_s` is the
+    integration time of each.
+    """
+
+    interval_s: float
+    aperture_s: float
+    voltages_v: tuple[float, ...]
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return the samples with the correction of the multimeter's certificate."""
+        del step
+        return replace(self, voltages_v=tuple(map(known.corrected, self.voltages_v)))
+
+    def describe(self) -> str:
+        """Name about how large the sine is."""
+        mean_v = math.fsum(self.voltages_v) / len(self.voltages_v)
+        square = math.fsum((each - mean_v) ** 2 for each in self.voltages_v) / len(self.voltages_v)
+        return f"{math.sqrt(2.0 * square):.4g} V"
+
+
+class SampleSine(Step, Struct, frozen=True):
+    """Sample the output while V_Vc is a sine: `samples` readings, one every `interval_s`, taken by the meter itself.
+
+    The frequency (Hz) and amplitude (V) of V_Vc stand here for the record. A dry run answers with `gain` over that at
+    rest, or where there is none with a response that peaks at `split_hz`.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "output"
+    overhead_s: ClassVar[float] = 0.5
+
+    frequency_hz: float
+    amplitude_v: float
+    samples: int
+    interval_s: float
+    split_hz: float
+    gain: float | None = None
+
+    def describe(self) -> str:
+        """Name the record."""
+        return f"sample the output: {self.samples} readings, one every {1e3 * self.interval_s:g} ms"
+
+    @property
+    def physical_s(self) -> float:
+        """The record, s."""
+        return self.samples * self.interval_s
+
+    def perform(self, context: Context) -> SineResponse:
+        """Let the meter take them, and fetch them.
+
+        Raises:
+            ConfigError: the meter cannot take readings by itself.
+        """
+        meter, clock = context.bench.multimeter, context.bench.clock
+        if not isinstance(meter, SamplesVoltage):
+            raise _takes_none("multimeter")
+        began_s = clock.now()
+        lasts_s = meter.start_sampling(self.samples, self.interval_s)
+        # What the meter needs between two readings is not known below a millisecond.
+        clock.sleep_until(began_s + lasts_s + 1e-3 * self.samples)
+        return SineResponse(self.interval_s, meter.aperture_s, meter.sampled_voltages_v())
+
+    def predict(self, gyro: LinearGyro) -> SineResponse:
+        """Predict a sine without noise."""
+        ratio = self.frequency_hz / self.split_hz
+        gain = 1.0 / math.hypot(1.0 - ratio**2, 0.1 * ratio) if self.gain is None else self.gain
+        amplitude_v = gyro.scale_factor * gyro.k_vc * self.amplitude_v * gain
+        step_rad = 2.0 * math.pi * self.frequency_hz * self.interval_s
+        voltages_v = tuple(gyro.bias_v + amplitude_v * math.cos(n * step_rad) for n in range(self.samples))
+        return SineResponse(self.interval_s, 0.0, voltages_v)
+
+
+def _takes_none(role: str) -> ConfigError:
+    return ConfigError(f"the {role} takes no readings by itself, as sampling a sine asks for")
+
+
+class ModulatedRecord(StepResult, Struct, frozen=True):
+    """Readings of the output, of V_Vc, or of both at the same time.
+
+    `output_v` and `v_vc_v` (V) stand in the order in which they were taken, none of what was not sampled; each
+    integrates over `aperture_s`. `interval_s` is the spacing that was asked for. `output_t_s` and `v_vc_t_s` are the
+    bench times at which the first began, s. `table_rate_deg_s` is the read-back of the table at the end, None where
+    none was asked.
+    """
+
+    interval_s: float
+    aperture_s: float
+    output_t_s: float
+    output_v: tuple[float, ...]
+    v_vc_t_s: float
+    v_vc_v: tuple[float, ...]
+    table_rate_deg_s: float | None
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return the record with the certificates' corrections, of V_Vc that of the meter that read it."""
+        by_hand = isinstance(step, SampleModulated) and step.of == "v_vc"
+        v_vc = known.corrected if by_hand else known.v_vc_corrected
+        output_v = tuple(map(known.corrected, self.output_v))
+        return replace(self, output_v=output_v, v_vc_v=tuple(map(v_vc, self.v_vc_v)))
+
+    def describe(self) -> str:
+        """Name the means."""
+        means = [f"{math.fsum(each) / len(each):+.5f} V" for each in (self.output_v, self.v_vc_v) if each]
+        return ", V_Vc ".join(means)
+
+
+class SampleModulated(Step, Struct, frozen=True):
+    """Sample while V_Vc is a sine, or rests: `samples` readings, one every `interval_s`, by the meters themselves.
+
+    An interval of one integration time leaves no gap between the readings.
+
+    `of` is what is sampled: the output by the multimeter, V_Vc by it (its leads were moved there), or both at once,
+    V_Vc by its own meter. Frequency (Hz) and amplitude (V) of V_Vc stand here for the record; 0 V is rest.
+    `table_deg_s` is what the table must read back at the end, within `tolerance_deg_s`; None asks no table.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "output"
+    overhead_s: ClassVar[float] = 0.5
+
+    frequency_hz: float
+    amplitude_v: float
+    samples: int
+    interval_s: float
+    of: Literal["output", "v_vc", "both"]
+    table_deg_s: float | None
+    tolerance_deg_s: float
+
+    def describe(self) -> str:
+        """Name the record."""
+        what = {"output": "the output", "v_vc": "V_Vc", "both": "output and V_Vc at once"}[self.of]
+        return f"sample {what}: {self.samples} readings, one every {1e3 * self.interval_s:g} ms"
+
+    @property
+    def physical_s(self) -> float:
+        """The record, s."""
+        return self.samples * self.interval_s
+
+    def perform(self, context: Context) -> ModulatedRecord:
+        """Let the meters take them, and fetch them.
+
+        Raises:
+            ConfigError: a meter cannot take readings by itself.
+            MeasurementError: the table does not turn as it should.
+        """
+        bench = context.bench
+        v_vc = self._begun(context, bench.v_vc_meter, "v_vc_meter") if self.of == "both" else None
+        own = self._begun(context, bench.multimeter, "multimeter")
+        context.bench.clock.sleep_until(max(each.ends_s for each in (own, v_vc) if each is not None))
+        output_v = context.believable(own.meter.sampled_voltages_v)
+        v_vc_v = () if v_vc is None else context.believable(v_vc.meter.sampled_voltages_v)
+        table = None if self.table_deg_s is None else read_rate(context, self.table_deg_s, self.tolerance_deg_s)
+        aperture_s = own.meter.aperture_s
+        if self.of == "v_vc":
+            return ModulatedRecord(self.interval_s, aperture_s, 0.0, (), own.began_s, output_v, table)
+        return ModulatedRecord(
+            self.interval_s, aperture_s, own.began_s, output_v, 0.0 if v_vc is None else v_vc.began_s, v_vc_v, table
+        )
+
+    def _begun(self, context: Context, meter: Multimeter, role: str) -> _Begun:
+        if not isinstance(meter, SamplesVoltage):
+            raise _takes_none(role)
+        gaps = self.interval_s > 1.001 * meter.aperture_s
+        lasts_s = meter.start_sampling(self.samples, self.interval_s)
+        began_s = context.bench.clock.now()
+        # what the meter needs between two readings is not known below a millisecond
+        return _Begun(meter, began_s, began_s + lasts_s + (1e-3 * self.samples if gaps else 0.0))
+
+    def predict(self, gyro: LinearGyro) -> ModulatedRecord:
+        """Predict a sine, the modes following at once, and the noise that `gyro` has."""
+        step_rad = 2.0 * math.pi * self.frequency_hz * self.interval_s
+        rate_deg_s = self.table_deg_s or 0.0
+        swing_v = gyro.scale_factor * gyro.k_vc
+        v_vc_v = tuple(self.amplitude_v * math.cos(n * step_rad) for n in range(self.samples))
+        middle_v = gyro.bias_v + gyro.scale_factor * rate_deg_s
+        noise_v = gyro.record_noise_v(self.samples, self.interval_s, self.interval_s)
+        output_v = tuple(middle_v + swing_v * each + noise for each, noise in zip(v_vc_v, noise_v, strict=True))
+        sampled = self.of
+        return ModulatedRecord(
+            self.interval_s,
+            self.interval_s,
+            0.0,
+            output_v if sampled != "v_vc" else (),
+            0.0,
+            v_vc_v if sampled != "output" else (),
+            self.table_deg_s,
+        )
+
+
+class _Begun(Struct, frozen=True):
+    """A meter that samples by itself, when it began and when it is done, bench time."""
+
+    meter: SamplesVoltage
+    began_s: float
+    ends_s: float

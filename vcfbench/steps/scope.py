@@ -1,0 +1,409 @@
+"""Everything about the oscilloscope: it looks at the drive signal before anything is measured."""
+
+from __future__ import annotations
+
+from statistics import fmean
+from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
+
+from vcfbench.errors import MeasurementError
+from vcfbench.interfaces import AveragesWaveforms
+from vcfbench.steps.step import Effect, Step, StepResult
+
+if TYPE_CHECKING:
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.clock import Clock
+    from vcfbench.interfaces import Oscilloscope
+    from vcfbench.steps.step import Context
+
+_DIVISIONS = 3.0
+"""Divisions of the oscilloscope's screen (eight high) that an amplitude shall fill."""
+_LEAST_V = 0.01
+"""A smaller amplitude is shown at this scale: no oscilloscope has much less than 2 mV a division."""
+
+
+def scale_v_per_div(amplitude_v: float) -> float:
+    """Return the vertical scale, V/div, that shows an amplitude with a third to spare."""
+    return max(amplitude_v, _LEAST_V) / _DIVISIONS
+
+
+class ScopeReady(StepResult, Struct, frozen=True):
+    """Time base and trigger are set; bench time, s."""
+
+    t_s: float
+
+
+class DriveAmplitudes(StepResult, Struct, frozen=True):
+    """Amplitudes of drive and carrier at a coarse scale, V; 0 where there is no signal yet."""
+
+    drive_v: float
+    carrier_v: float
+
+    def describe(self) -> str:
+        """Name both."""
+        return f"drive {self.drive_v:.3g} V, carrier {self.carrier_v:.3g} V"
+
+
+class DriveReading(StepResult, Struct, frozen=True):
+    """The drive signal on the oscilloscope: frequency (Hz), amplitude (V), phase of the drive to the carrier (deg).
+
+    `t_s` is the bench time, s. `trouble` says why the record could not be measured; empty when it could.
+    """
+
+    frequency_hz: float
+    amplitude_v: float
+    phase_deg: float
+    t_s: float
+    trouble: str = ""
+
+    def describe(self) -> str:
+        """Name the three, or the trouble."""
+        if self.trouble:
+            return self.trouble
+        return f"{self.frequency_hz:.2f} Hz, {self.amplitude_v:.4g} V, {self.phase_deg:+.2f} deg"
+
+
+class ConfigureScope(Step, Struct, frozen=True):
+    """Set time base and trigger for the drive signal; beyond its amplitude records begin anywhere in its period."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "oscilloscope"
+    overhead_s: ClassVar[float] = 0.1
+
+    timebase_s_per_div: float
+    trigger_channel: int
+    level_v: float = 0.0
+
+    def describe(self) -> str:
+        """Name both."""
+        level = f" at {self.level_v:.3g} V" if self.level_v else ""
+        return f"oscilloscope: {self.timebase_s_per_div:g} s/div, trigger on channel {self.trigger_channel}{level}"
+
+    def perform(self, context: Context) -> ScopeReady:
+        """Set both."""
+        ready = ScopeReady(context.bench.clock.now())
+        scope = context.bench.oscilloscope
+        scope.configure_timebase(self.timebase_s_per_div)
+        scope.configure_trigger(self.trigger_channel, self.level_v)
+        return ready
+
+    def predict(self, gyro: LinearGyro) -> ScopeReady:
+        """Predict that they are set."""
+        del gyro
+        return ScopeReady(0.0)
+
+
+class FindDrive(Step, Struct, frozen=True):
+    """Show drive and carrier at the scale of the largest amplitude allowed, V, and measure roughly how large they are.
+
+    `expected_v` is what a dry run answers.
+    """
+
+    effect: ClassVar[Effect] = Effect.CHECKS
+    subject: ClassVar[str] = "drive signal"
+    overhead_s: ClassVar[float] = 0.4
+
+    drive_channel: int
+    carrier_channel: int
+    largest_v: float
+    expected_v: float
+
+    def describe(self) -> str:
+        """Name the scale."""
+        return f"oscilloscope: find drive and carrier, up to {self.largest_v:g} V"
+
+    def perform(self, context: Context) -> DriveAmplitudes:
+        """Take one record of both."""
+        scope = context.bench.oscilloscope
+        channels = (self.drive_channel, self.carrier_channel)
+        for channel in channels:
+            scope.configure_channel(channel, self.largest_v / _DIVISIONS)
+        scope.acquire(*channels)
+        return DriveAmplitudes(*(_amplitude_or_none(scope, channel) for channel in channels))
+
+    def predict(self, gyro: LinearGyro) -> DriveAmplitudes:
+        """Predict that both are there."""
+        del gyro
+        return DriveAmplitudes(self.expected_v, self.expected_v)
+
+
+def _amplitude_or_none(scope: Oscilloscope, channel: int) -> float:
+    """Measure an amplitude where there may be no signal yet, V; 0 when there is none."""
+    try:
+        return scope.measure_amplitude_v(channel)
+    except MeasurementError:
+        return 0.0
+
+
+class MeasureDrive(Step, Struct, frozen=True):
+    """Take one record of drive and carrier at fitting scales and measure frequency, amplitude and phase.
+
+    `drive_v` and `carrier_v` are the amplitudes that fill the screen. `expected` is what a dry run answers: Hz, V, deg.
+    """
+
+    effect: ClassVar[Effect] = Effect.CHECKS
+    subject: ClassVar[str] = "drive signal"
+    overhead_s: ClassVar[float] = 0.5
+
+    drive_channel: int
+    carrier_channel: int
+    drive_v: float
+    carrier_v: float
+    expected: tuple[float, float, float]
+
+    def describe(self) -> str:
+        """Name the measured quantities."""
+        return "oscilloscope: frequency, amplitude and phase of the drive signal"
+
+    def perform(self, context: Context) -> DriveReading:
+        """Measure; a record that cannot be measured is an answer too, since the drive may still be starting."""
+        scope, clock = context.bench.oscilloscope, context.bench.clock
+        scope.configure_channel(self.drive_channel, self.drive_v / _DIVISIONS)
+        scope.configure_channel(self.carrier_channel, self.carrier_v / _DIVISIONS)
+        scope.acquire(self.drive_channel, self.carrier_channel)
+        try:
+            measured = (
+                scope.measure_frequency_hz(self.drive_channel),
+                scope.measure_amplitude_v(self.drive_channel),
+                scope.measure_phase_deg(self.drive_channel, self.carrier_channel),
+            )
+        except MeasurementError as error:
+            return DriveReading(0.0, 0.0, 0.0, clock.now(), error.what)
+        return DriveReading(*measured, clock.now())
+
+    def predict(self, gyro: LinearGyro) -> DriveReading:
+        """Predict that the drive is as expected."""
+        del gyro
+        return DriveReading(*self.expected, 0.0)
+
+
+class SineRecord(Struct, frozen=True):
+    """A sine fitted to one record of some channels, one frequency for all.
+
+    Amplitudes are in V, phases in deg against the first channel, whose own is 0.
+    """
+
+    frequency_hz: float
+    amplitudes_v: tuple[float, ...]
+    phases_deg: tuple[float, ...]
+
+
+class SineRecords(StepResult, Struct, frozen=True):
+    """Sines fitted to records of the same channels, taken one after the other."""
+
+    channels: tuple[int, ...]
+    records: tuple[SineRecord, ...]
+
+    def describe(self) -> str:
+        """Name the frequency, and amplitudes and phases in the first record."""
+        first = self.records[0]
+        seen = zip(self.channels, first.amplitudes_v, first.phases_deg, strict=True)
+        parts = [f"{channel}: {level:.4g} V {phase:+.2f} deg" for channel, level, phase in seen]
+        return f"{fmean(each.frequency_hz for each in self.records):.3f} Hz; {', '.join(parts)}"
+
+
+class CaptureSines(Step, Struct, frozen=True):
+    """Download `count` records of some channels and fit a sine of one frequency to each (IEEE 1057, four parameters).
+
+    `amplitudes_v` are what fills the screen; `expected` is what a dry run answers. Records begin `spacing_s` apart at
+    least: of noise that is slower than a record, those close together have the same.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "waveforms"
+
+    channels: tuple[int, ...]
+    amplitudes_v: tuple[float, ...]
+    count: int
+    expected: SineRecord
+    spacing_s: float = 0.0
+
+    def describe(self) -> str:
+        """Name channels and number."""
+        return f"oscilloscope: {self.count} records of channels {', '.join(map(str, self.channels))}, sines fitted"
+
+    @property
+    def duration_s(self) -> float:
+        """Estimate of the time the step takes, s."""
+        return max(0.2 * len(self.channels), self.spacing_s) * self.count
+
+    def perform(self, context: Context) -> SineRecords:
+        """Take, download and fit them.
+
+        Raises:
+            MeasurementError: a record is clipped.
+            ConfigError: there is no sine in one.
+        """
+        scope = context.bench.oscilloscope
+        for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
+            scope.configure_channel(channel, amplitude_v / _DIVISIONS)
+        return SineRecords(self.channels, tuple(self._record(scope, context.bench.clock) for _ in range(self.count)))
+
+    def _record(self, scope: Oscilloscope, clock: Clock) -> SineRecord:
+        from vcfbench.analysis.sine_fit import fit_sine, phase_difference  # noqa: PLC0415  # NumPy, needed here alone
+
+        next_s = clock.now() + self.spacing_s
+        self.acquire(scope)
+        taken = [scope.waveform(channel) for channel in self.channels]
+        interval_s = float(taken[0].time_s[1] - taken[0].time_s[0])
+        first = fit_sine(taken[0].voltage_v, interval_s)
+        others = [
+            phase_difference(taken[0].voltage_v, each.voltage_v, interval_s, first.frequency_hz) for each in taken[1:]
+        ]
+        clock.sleep_until(next_s)
+        return SineRecord(
+            first.frequency_hz,
+            (first.amplitude, *(each.gain * first.amplitude for each in others)),
+            (0.0, *(each.phase_deg for each in others)),
+        )
+
+    def acquire(self, scope: Oscilloscope) -> None:
+        """Have one record taken."""
+        scope.acquire(*self.channels)
+
+    def predict(self, gyro: LinearGyro) -> SineRecords:
+        """Predict the expected records."""
+        del gyro
+        return SineRecords(self.channels, (self.expected,) * self.count)
+
+
+class CaptureMeanSines(CaptureSines, frozen=True):
+    """The same of means of `averages` records, which the oscilloscope takes by itself where it can."""
+
+    averages: int = 4096
+
+    def acquire(self, scope: Oscilloscope) -> None:
+        """Have one mean taken."""
+        if isinstance(scope, AveragesWaveforms):
+            scope.acquire_mean(self.averages, *self.channels)
+        else:
+            CaptureSines.acquire(self, scope)
+
+
+class Amplitudes(StepResult, Struct, frozen=True):
+    """The largest voltages that channels showed, of either sign, V."""
+
+    channels: tuple[int, ...]
+    amplitudes_v: tuple[float, ...]
+
+    def describe(self) -> str:
+        """Name them."""
+        seen = zip(self.channels, self.amplitudes_v, strict=True)
+        return ", ".join(f"{channel}: {level:.4g} V" for channel, level in seen)
+
+
+_DIGIT = 8.0 / 256.0
+"""Last bit of a screen of eight divisions, in divisions. A smaller amplitude may show as nothing, and is not."""
+
+
+class FindAmplitudes(Step, Struct, frozen=True):
+    """Find how large channels are: at the scale of `largest_v`, then at one that fits. `expected_v`: of a dry run."""
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "waveforms"
+    overhead_s: ClassVar[float] = 1.0
+
+    channels: tuple[int, ...]
+    largest_v: float
+    expected_v: float
+
+    def describe(self) -> str:
+        """Name channels and scale."""
+        return f"oscilloscope: find channels {', '.join(map(str, self.channels))}, up to {self.largest_v:g} V"
+
+    def perform(self, context: Context) -> Amplitudes:
+        """Look twice, so that an offset error of the first scale does not count.
+
+        Raises:
+            MeasurementError: a channel shows more than `largest_v` by a third.
+        """
+        scope = context.bench.oscilloscope
+        levels_v = [self.largest_v] * len(self.channels)
+        for _ in range(2):
+            scales = [scale_v_per_div(level_v) for level_v in levels_v]
+            for channel, scale in zip(self.channels, scales, strict=True):
+                scope.configure_channel(channel, scale)
+            scope.acquire(*self.channels)
+            seen_v = [float(abs(scope.waveform(channel).voltage_v).max()) for channel in self.channels]
+            levels_v = [max(level_v, _DIGIT * scale) for level_v, scale in zip(seen_v, scales, strict=True)]
+        return Amplitudes(self.channels, tuple(levels_v))
+
+    def predict(self, gyro: LinearGyro) -> Amplitudes:
+        """Predict the expected amplitudes."""
+        del gyro
+        return Amplitudes(self.channels, (self.expected_v,) * len(self.channels))
+
+
+class RotationRecord(Struct, frozen=True):
+    """One record of a sense signal that turns against the drive: see :class:`vcfbench.analysis.rotating.Rotation`."""
+
+    drive_hz: float
+    difference_hz: float
+    reference_deg: float
+    turning_v: float
+    output_v: float
+
+
+class Rotations(StepResult, Struct, frozen=True):
+    """Rotations in records taken one after the other."""
+
+    records: tuple[RotationRecord, ...]
+
+    def describe(self) -> str:
+        """Name difference and phase in the first record."""
+        first = self.records[0]
+        return f"{first.difference_hz:+.3f} Hz to the drive, output at {first.reference_deg:+.2f} deg"
+
+
+class CaptureRotations(Step, Struct, frozen=True):
+    """Download `count` records of drive, sense and output while V_Vc moves the sense signal off the drive's frequency.
+
+    `difference_hz` is by how much, roughly. `amplitudes_v` are what fills the screen, in the order of `channels`.
+    `drive_hz` is what a dry run answers with.
+    """
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "waveforms"
+
+    channels: tuple[int, int, int]
+    amplitudes_v: tuple[float, float, float]
+    count: int
+    points: int
+    difference_hz: float
+    drive_hz: float
+
+    def describe(self) -> str:
+        """Name number and difference."""
+        return f"oscilloscope: {self.count} records of drive, sense, output, {self.difference_hz:+g} Hz to the drive"
+
+    @property
+    def duration_s(self) -> float:
+        """Estimate of the time the step takes, s: four turns a record, and its download."""
+        return self.count * (4.0 / abs(self.difference_hz) + 1.0)
+
+    def perform(self, context: Context) -> Rotations:
+        """Take, download and fit them.
+
+        Raises:
+            MeasurementError: a record is clipped.
+            ConfigError: nothing in it turns.
+        """
+        scope = context.bench.oscilloscope
+        for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
+            scope.configure_channel(channel, scale_v_per_div(amplitude_v))
+        return Rotations(tuple(self._record(scope) for _ in range(self.count)))
+
+    def _record(self, scope: Oscilloscope) -> RotationRecord:
+        from vcfbench.analysis.rotating import fit_rotation  # noqa: PLC0415  # NumPy, needed here alone
+
+        scope.acquire(*self.channels)
+        drive, sense, output = (scope.waveform(channel, self.points) for channel in self.channels)
+        interval_s = float(drive.time_s[1] - drive.time_s[0])
+        found = fit_rotation(drive.voltage_v, sense.voltage_v, output.voltage_v, interval_s, self.difference_hz)
+        return RotationRecord(found.drive_hz, found.difference_hz, found.reference_deg, found.turning, found.output)
+
+    def predict(self, gyro: LinearGyro) -> Rotations:
+        """Predict a reference a quarter turn from the drive, and no delay."""
+        del gyro
+        return Rotations((RotationRecord(self.drive_hz, self.difference_hz, 90.0, 1.0, 1.0),) * self.count)

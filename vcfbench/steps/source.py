@@ -1,0 +1,235 @@
+"""Everything about the generator of V_Vc."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
+
+from vcfbench.steps.step import Effect, Step, StepResult, problem
+from vcfbench.steps.wait import Done
+
+if TYPE_CHECKING:
+    from vcfbench.bench.limits import LimitChecks
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.steps.step import Context
+
+
+class VvcSetting(StepResult, Struct, frozen=True):
+    """The DC level that the generator says it has set, V."""
+
+    v_vc_v: float
+
+    def describe(self) -> str:
+        """Name the level."""
+        return f"reads {self.v_vc_v:+.6g} V"
+
+
+class ConfigureGenerator(Step, Struct, frozen=True):
+    """Select DC at `v_vc_v` into the high impedance of the PCB; the output stays off."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "V_Vc"
+    overhead_s: ClassVar[float] = 0.1
+
+    v_vc_v: float
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """Function, level and output switch."""
+        return ("generator", self.subject, EnableVvc.subject)
+
+    def describe(self) -> str:
+        """Name the level."""
+        return f"generator: output off, DC {self.v_vc_v:g} V into high impedance"
+
+    def within(self, limits: LimitChecks) -> None:
+        """Hold the level against that of V_Vc."""
+        limits.v_vc(self.v_vc_v)
+
+    def perform(self, context: Context) -> VvcSetting:
+        """Select and read back."""
+        source = context.bench.rate_source
+        return VvcSetting(context.believable(lambda: source.configure_dc(self.v_vc_v)))
+
+    def predict(self, gyro: LinearGyro) -> VvcSetting:
+        """Predict that the level is taken as it is."""
+        gyro.v_vc_v = self.v_vc_v
+        return VvcSetting(self.v_vc_v)
+
+
+class SetVvc(Step, Struct, frozen=True):
+    """Set V_Vc; the result is the level read back."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "V_Vc"
+    overhead_s: ClassVar[float] = 0.05
+
+    v_vc_v: float
+
+    def describe(self) -> str:
+        """Name the level."""
+        return f"V_Vc = {self.v_vc_v:+.6g} V"
+
+    def within(self, limits: LimitChecks) -> None:
+        """Hold the level against that of V_Vc."""
+        limits.v_vc(self.v_vc_v)
+
+    def perform(self, context: Context) -> VvcSetting:
+        """Set and read back."""
+        source = context.bench.rate_source
+        return VvcSetting(context.believable(lambda: source.set_dc(self.v_vc_v)))
+
+    def predict(self, gyro: LinearGyro) -> VvcSetting:
+        """Predict that the level is taken as it is."""
+        gyro.v_vc_v = self.v_vc_v
+        return VvcSetting(self.v_vc_v)
+
+
+class SetSine(Step, Struct, frozen=True):
+    """Let V_Vc be a sine about 0 V; the output switch stays as it is. `amplitude_v` is its peak."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "V_Vc"
+    overhead_s: ClassVar[float] = 0.1
+
+    frequency_hz: float
+    amplitude_v: float
+
+    def describe(self) -> str:
+        """Name frequency and amplitude."""
+        return f"V_Vc = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
+
+    def within(self, limits: LimitChecks) -> None:
+        """Hold the peak against the limit of V_Vc."""
+        limits.v_vc(self.amplitude_v, "peak voltage")
+
+    def perform(self, context: Context) -> Done:
+        """Select it; the generator reads it back."""
+        context.bench.rate_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that the level is 0 V in the mean."""
+        gyro.v_vc_v = 0.0
+        return Done()
+
+
+class EnableVvc(Step, Struct, frozen=True):
+    """Switch the generator's output on."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "generator output"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the output."""
+        return "generator output on"
+
+    def perform(self, context: Context) -> Done:
+        """Switch on; MeasurementError when it reads back off."""
+        source = context.bench.rate_source
+        source.enable_output()
+        if not source.output_enabled():
+            raise problem(source, "the output was switched on but reads back off")
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc acts."""
+        gyro.v_vc_on = True
+        return Done()
+
+
+class DisableVvc(Step, Struct, frozen=True):
+    """Switch the generator's output off: the PCB pulls the V_Vc node to 0 V."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "generator output"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the output, and the effect on the PCB."""
+        return "generator output off, the PCB holds V_Vc at 0 V"
+
+    def perform(self, context: Context) -> Done:
+        """Switch off; MeasurementError when it reads back on."""
+        source = context.bench.rate_source
+        source.disable_output()
+        if source.output_enabled():
+            raise problem(source, "the output was switched off but reads back on")
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc acts no more."""
+        gyro.v_vc_on = False
+        return Done()
+
+
+class SetVibration(SetSine, frozen=True):
+    """Let the second generator, which is added to V_Vc, put out a sine about 0 V; its output switch stays as it is."""
+
+    subject: ClassVar[str] = "virtual vibration"
+
+    def describe(self) -> str:
+        """Name frequency and amplitude."""
+        return f"virtual vibration = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
+
+    def perform(self, context: Context) -> Done:
+        """Select it; the generator reads it back."""
+        context.bench.vibration_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc stays in the mean."""
+        del gyro
+        return Done()
+
+
+class EnableVibration(Step, Struct, frozen=True):
+    """Switch the second generator's output on."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "vibration output"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the output."""
+        return "output of the vibration generator on"
+
+    def perform(self, context: Context) -> Done:
+        """Switch on; MeasurementError when it reads back off."""
+        source = context.bench.vibration_source
+        source.enable_output()
+        if not source.output_enabled():
+            raise problem(source, "the output was switched on but reads back off")
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc stays in the mean."""
+        del gyro
+        return Done()
+
+
+class DisableVibration(Step, Struct, frozen=True):
+    """Switch the second generator's output off."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "vibration output"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the output."""
+        return "output of the vibration generator off"
+
+    def perform(self, context: Context) -> Done:
+        """Switch off; MeasurementError when it reads back on."""
+        source = context.bench.vibration_source
+        source.disable_output()
+        if source.output_enabled():
+            raise problem(source, "the output was switched off but reads back on")
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that V_Vc stays in the mean."""
+        del gyro
+        return Done()

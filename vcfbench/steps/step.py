@@ -1,0 +1,405 @@
+"""Steps: frozen values that can describe themselves, be predicted, be held against limits and be performed.
+
+A procedure is a generator that yields steps and is sent their results (:data:`Plan`). Since a step is a value, a plan
+can be walked without a bench: dry run, estimate of the time and limits read the same steps that the executor performs.
+A step of one's own is a subclass in one's own file; nothing else has to know of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from contextlib import AbstractContextManager, nullcontext, suppress
+from enum import Enum
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, Self, TypeVar
+
+from msgspec import Struct, field, to_builtins
+from msgspec.structs import replace
+
+from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
+from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Self
+
+    from vcfbench.bench.limits import LimitChecks
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.bench.settings import Sources
+    from vcfbench.clock import Clock
+    from vcfbench.interfaces import (
+        FunctionGenerator,
+        Instrument,
+        Multimeter,
+        Oscilloscope,
+        PowerSupply,
+        RateTable,
+        TemperatureChamber,
+    )
+    from vcfbench.record.schema import Point
+    from vcfbench.steps.scatter import NoiseSeen
+
+_T = TypeVar("_T")
+
+LOOK_AT_SIGNALS = (
+    "look at the leads of the output, of V_Vc and of the oscilloscope, at the carrier, the demodulator and the rails "
+    "at the PCB"
+)
+"""The hint of a measurement that finds nothing to measure."""
+
+
+class Effect(Enum):
+    """Effect of a step: sets something, lets time pass, measures, checks the bench, or nothing at all.
+
+    What was measured stands for ever; what was only checked is checked once more when a run is resumed.
+    """
+
+    SETS = "sets"
+    WAITS = "waits"
+    MEASURES = "measures"
+    CHECKS = "checks"
+    NOTHING = "nothing"
+
+
+class OpenBench(Protocol):
+    """Bench as procedures see it: its instruments by role, and its clock.
+
+    Asking for an instrument that the bench has not is a ConfigError that says what its bench file lacks.
+    """
+
+    @property
+    def clock(self) -> Clock:
+        """Bench time."""
+        ...
+
+    @property
+    def power(self) -> PowerSupply:
+        """The supply of the PCB's rails."""
+        ...
+
+    @property
+    def rate_source(self) -> FunctionGenerator:
+        """The generator of V_Vc."""
+        ...
+
+    @property
+    def vibration_source(self) -> FunctionGenerator:
+        """The second generator, added to V_Vc."""
+        ...
+
+    @property
+    def multimeter(self) -> Multimeter:
+        """The voltmeter of the output."""
+        ...
+
+    @property
+    def v_vc_meter(self) -> Multimeter:
+        """The second voltmeter, on V_Vc."""
+        ...
+
+    @property
+    def chamber(self) -> TemperatureChamber:
+        """The temperature chamber."""
+        ...
+
+    @property
+    def oscilloscope(self) -> Oscilloscope:
+        """The oscilloscope on drive and carrier."""
+        ...
+
+    @property
+    def rate_table(self) -> RateTable:
+        """The table."""
+        ...
+
+
+class Request(Struct, frozen=True):
+    """Manual task for a person.
+
+    `takes_s` is how long that takes, about. `adjustments` are what comes to the same on a simulated bench: names and
+    values as ``vcfbench sim ctl set`` takes them.
+    """
+
+    words: str
+    takes_s: float = 60.0
+    adjustments: Mapping[str, float | str | bool | None] = field(default_factory=dict)
+
+
+Operator = Callable[[Request], str]
+"""Does the request, or has it done, and returns when it is done; the answer is kept in the record."""
+
+
+def nobody(request: Request) -> str:
+    """Refuse: nobody is there to be asked."""
+    raise PlanError(
+        f"somebody would have to {request.words}, and nobody is there to be asked",
+        hint="give the run an operator, or say --yes if all is done as asked",
+    )
+
+
+class Reading(Struct, frozen=True):
+    """One reading of the multimeter: bench time at which it was asked for (s) and voltage (V)."""
+
+    t_s: float
+    voltage_v: float
+
+    def corrected(self, known: Sources) -> Self:
+        """Return the reading with the correction of the multimeter's certificate."""
+        return replace(self, voltage_v=known.corrected(self.voltage_v))
+
+
+def _nowhere(readings: Sequence[Reading]) -> None:
+    """Keep readings nowhere: nobody writes a journal."""
+
+
+class Context(Struct):
+    """Context of a step while it is performed: the bench, and the places for readings and doubts.
+
+    `hear` is called with every reading as it comes. `readings` holds those of the step under way that are not yet
+    written down, so that a window that fails leaves them behind: at most one chunk. `chunks` counts those that `keep`
+    has written. `operator` is who does what only hands can do. `asked_again` says what was answered, in the step under
+    way, that could not be believed, so that it was asked once more. `noise` is the scatter that the run has seen so
+    far. `outputs` are those of the supply that feed the rails, once they were read back. What is done in `undivided` no
+    signal breaks off.
+    """
+
+    bench: OpenBench
+    hear: Callable[[Reading], None]
+    readings: list[Reading] = field(default_factory=list)
+    asked_again: list[str] = field(default_factory=list)
+    noise: NoiseSeen | None = None
+    outputs: tuple[str, ...] = ()
+    keep: Callable[[Sequence[Reading]], None] = _nowhere
+    chunks: int = 0
+    operator: Operator = nobody
+    undivided: Callable[[], AbstractContextManager[None]] = nullcontext
+
+    def begin(self, keep: Callable[[Sequence[Reading]], None] = _nowhere) -> None:
+        """Clear the readings of the step before; `keep` writes down each chunk of readings of the step that begins."""
+        self.readings.clear()
+        self.asked_again.clear()
+        self.keep, self.chunks = keep, 0
+
+    def take(self, reading: Reading) -> tuple[Reading, ...]:
+        """Keep a reading and pass it on; return the chunk before it, if one had to be closed to make room.
+
+        A chunk has at most `CHUNK_READINGS`, over at most `CHUNK_S`. Closed, it is on the disk and no longer in memory.
+        """
+        readings = self.readings
+        full = len(readings) >= CHUNK_READINGS or (readings and reading.t_s - readings[0].t_s >= CHUNK_S)
+        closed = self._close() if full else ()
+        readings.append(reading)
+        self.hear(reading)
+        return closed
+
+    def rest(self) -> tuple[Reading, ...]:
+        """Return the readings that are in no chunk yet: all of a short window; of a long one the last chunk, closed."""
+        return self._close() if self.chunks and self.readings else tuple(self.readings)
+
+    def _close(self) -> tuple[Reading, ...]:
+        closed = tuple(self.readings)
+        with self.undivided():
+            self.keep(closed)
+            self.chunks += 1
+            self.readings.clear()
+        return closed
+
+    def believable(self, ask: Callable[[], _T], doubt: Callable[[_T], str] = lambda _: "") -> _T:
+        """Ask, and once more where the answer is none or `doubt` says something against it; that is written down.
+
+        Asking again moves nothing: `ask` reads, or sets what is set already. The second answer is as it is: whoever
+        asked says what is wrong with it.
+        """
+        try:
+            answer = ask()
+        except FramingError as error:
+            self.asked_again.append(str(error))
+            return ask()
+        if said := doubt(answer):
+            self.asked_again.append(said)
+            return ask()
+        return answer
+
+
+def problem(instrument: Instrument, what: str) -> MeasurementError:
+    """Return a MeasurementError at `instrument`, with its words."""
+    return MeasurementError(what, instrument=instrument.name, resource=instrument.resource)
+
+
+_OURS: Final = f"{__name__.partition('.')[0]}."
+_OF_PROCEDURES: Final = frozenset(
+    {
+        *("AtTemperature", "BeginPart", "CaptureDecay", "CaptureFar", "CaptureSense", "DriveDecay", "MeasureRails"),
+        *("RailOnAndLog", "RailsDrawn", "RailsLogged", "ReadScaleFactor", "ReleaseDrive", "ScaleFactorRead"),
+        *("SenseDecay", "SuppliedAndLogged", "SwitchOnAndLog", "SwitchedOn"),
+    }
+)
+"""Steps and results that come along beside `vcfbench.steps`, in modules that are loaded when they are needed."""
+
+
+def _make_known(kinds: dict[str, type[_T]], kind: type[_T]) -> None:
+    """Keep `kind` by its name, by which records know it; one's own, defined once more, replaces the earlier one.
+
+    Raises:
+        PlanError: it is one's own, and has the name of one that comes along.
+    """
+    name = kind.__name__
+    if not kind.__module__.startswith(_OURS):
+        import_module("vcfbench.steps")  # by name, for they import this; all that come along are known then
+        if name in _OF_PROCEDURES or (name in kinds and kinds[name].__module__.startswith(_OURS)):
+            raise PlanError(
+                f"{kind.__module__}: a step or result called {name} comes along, and records know it by its name",
+                hint="call yours otherwise",
+            )
+    kinds[name] = kind
+
+
+class StepResult:
+    """Result of a step. Records know your own subclass, a frozen dataclass or struct, by its name: one of its own."""
+
+    __slots__ = ()
+
+    kinds: ClassVar[dict[str, type[StepResult]]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make the kind known, so that a record can be read into values again; PlanError where its name is taken."""
+        super().__init_subclass__(**options)
+        _make_known(StepResult.kinds, cls)
+
+    @property
+    def recorded_point(self) -> Point | None:
+        """The point that the step adds to the run, None when it adds none."""
+        return None
+
+    def corrected(self, step: Step, known: Sources) -> Self:
+        """Return the result of `step` with the corrections of the meters' certificates to its direct voltages.
+
+        The procedure's results are made of the corrected ones; the journal keeps the readings. By default nothing is
+        corrected.
+        """
+        del step, known
+        return self
+
+    def counted_from(self, moved_v: float, u_v: float) -> Self:
+        """Return the same, measured since the output had moved by `moved_v` (V, with its u) in pauses of the run."""
+        del moved_v, u_v
+        return self
+
+    def referred(self) -> Self:
+        """Return the result referred to the output before all pauses: plans and results go by that."""
+        return self
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the fields as they are in the journal."""
+        return dict(to_builtins(self))
+
+    def describe(self) -> str:
+        """Summarize the result in a few words; empty when there is nothing to say."""
+        return ""
+
+
+class Step:
+    """Common base of all steps; each kind is its own frozen dataclass or msgspec struct.
+
+    `subject` names what is set, waited for, checked or measured, ``"table rate"``.
+    """
+
+    __slots__ = ()
+
+    kinds: ClassVar[dict[str, type[Step]]] = {}
+    effect: ClassVar[Effect] = Effect.NOTHING
+    subject: ClassVar[str] = ""
+    overhead_s: ClassVar[float] = 0.0
+    """Estimated time of the communication with the instruments, beside the physical time."""
+    waits_for_person: ClassVar[bool] = False
+    """True if a person does it, in any time."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Make the kind known, so that a record can be read into values again; PlanError where its name is taken."""
+        super().__init_subclass__(**options)
+        _make_known(Step.kinds, cls)
+
+    def describe(self) -> str:
+        """Describe the action of the step, as the work instruction would."""
+        raise NotImplementedError
+
+    def perform(self, context: Context) -> StepResult:
+        """Do the step on the bench of `context`. Only the executor calls this.
+
+        Raises:
+            BenchError: the instrument, the wire or the bench did not let it be done.
+        """
+        raise NotImplementedError
+
+    def predict(self, gyro: LinearGyro) -> StepResult:
+        """Return the result that the step would have with `gyro` on the bench; nothing is opened or sent."""
+        raise NotImplementedError
+
+    def within(self, limits: LimitChecks) -> None:
+        """Raise LimitError when the step would leave the limits of the bench. One that sets nothing cannot."""
+
+    def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the fields of the step's result, from those that :meth:`StepResult.as_json` wrote."""
+        return result
+
+    def again(self) -> tuple[Step, ...]:
+        """Return the steps that repeat this one on a bench made safe meanwhile: by default the step itself."""
+        return (self,)
+
+    def recall(self, readings_v: Sequence[float], context: Context) -> None:
+        """Take notice of one chunk of this step's readings before a run was broken off, V."""
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """Quantities that the step sets, by name: of all steps that set the same, the last one counts."""
+        return (self.subject,) if self.effect is Effect.SETS else ()
+
+    @property
+    def key(self) -> str:
+        """Name the step by its kind and parameters; the same in every run of the same plan."""
+        return repr(self)
+
+    @property
+    def not_checked(self) -> str:
+        """Checks that a run with this step leaves out, and the reason, for its answer. Empty: none."""
+        return ""
+
+    @property
+    def physical_s(self) -> float:
+        """Least time the step needs on any bench (ramp, settling, averaging window), s."""
+        return 0.0
+
+    @property
+    def duration_s(self) -> float:
+        """Estimate of the time the step takes, s."""
+        return self.physical_s + self.overhead_s
+
+
+class Outcome(Struct, frozen=True):
+    """End of a plan: a summary in one line, the measured values being in the points."""
+
+    summary: str
+
+
+Plan = Generator[Step, StepResult, Outcome]
+"""A generator of steps, to which their results are sent back; it returns its outcome."""
+Routine = Generator[Step, StepResult, _T]
+"""Part of a plan, which returns its finding."""
+
+
+class _Abandoned(BenchError):
+    """Thrown into a plan that nobody performs any longer."""
+
+
+def abandon(plan: Routine[object]) -> None:
+    """Let a plan that was left in the middle run out: its last steps are asked for but not performed."""
+    with suppress(StopIteration, BenchError):
+        while True:
+            plan.throw(_Abandoned("the run was left"))
+
+
+def answer(result: StepResult, kind: type[_T]) -> _T:
+    """Return `result`, which the executor promises to be of `kind`."""
+    if not isinstance(result, kind):
+        raise TypeError(f"the step was answered with {type(result).__name__}, not {kind.__name__}")
+    return result

@@ -1,0 +1,208 @@
+"""Everything about the supply of the rails."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
+
+from vcfbench.errors import BenchError, ConfigError, MeasurementError
+from vcfbench.interfaces import Regulation
+from vcfbench.steps.step import Effect, Step, StepResult, problem
+from vcfbench.steps.wait import Done
+
+if TYPE_CHECKING:
+    from vcfbench.bench.limits import LimitChecks
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.interfaces import PowerSupply
+    from vcfbench.steps.step import Context
+
+
+class RailReading(Struct, frozen=True):
+    """Reading of one rail at the supply: voltage at the terminals (V), current (A) and regulation."""
+
+    rail: str
+    voltage_v: float
+    current_a: float
+    regulation: Regulation
+
+
+class RailsReading(StepResult, Struct, frozen=True):
+    """Readings of all rails at the supply."""
+
+    rails: tuple[RailReading, ...]
+
+    def describe(self) -> str:
+        """Name voltage and current of each."""
+        return ", ".join(f"{rail.rail} {rail.voltage_v:+.3f} V {rail.current_a:.4f} A" for rail in self.rails)
+
+
+class ConfigureRail(Step, Struct, frozen=True):
+    """Set level and current limit of one supply output, outputs off."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "rail"
+    overhead_s: ClassVar[float] = 0.05
+
+    rail: str
+    output: str
+    voltage_v: float
+    current_limit_a: float
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """This rail alone."""
+        return (f"{self.subject} {self.output}",)
+
+    def describe(self) -> str:
+        """Name output, level and limit."""
+        return f"supply {self.output} ({self.rail} rail): {self.voltage_v:+g} V, limit {self.current_limit_a:g} A"
+
+    def within(self, limits: LimitChecks) -> None:
+        """Hold level and current limit against those of the rails."""
+        limits.rail(self.output, self.voltage_v)
+        limits.rail_current(self.output, self.current_limit_a)
+
+    def perform(self, context: Context) -> Done:
+        """Set both."""
+        context.bench.power.configure_output(self.output, self.voltage_v, self.current_limit_a)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that it is set."""
+        del gyro
+        return Done()
+
+
+class EnableSupply(Step, Struct, frozen=True):
+    """Switch the supply outputs on."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "supply outputs"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the outputs."""
+        return "supply outputs on"
+
+    def perform(self, context: Context) -> Done:
+        """Switch on."""
+        context.bench.power.enable_outputs()
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that they are on."""
+        del gyro
+        return Done()
+
+
+class DisableSupply(Step, Struct, frozen=True):
+    """Switch the supply outputs off."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "supply outputs"
+    overhead_s: ClassVar[float] = 0.05
+
+    def describe(self) -> str:
+        """Name the outputs."""
+        return "supply outputs off"
+
+    def perform(self, context: Context) -> Done:
+        """Switch off."""
+        context.bench.power.disable_outputs()
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that they are off."""
+        del gyro
+        return Done()
+
+
+class CheckRails(Step, Struct, frozen=True):
+    """Read back rails and currents; each must be regulated in voltage and within `tolerance_v` of its level."""
+
+    effect: ClassVar[Effect] = Effect.CHECKS
+    subject: ClassVar[str] = "rails"
+    overhead_s: ClassVar[float] = 0.2
+
+    rails: tuple[ConfigureRail, ...]
+    tolerance_v: float
+
+    def describe(self) -> str:
+        """Name the rails and their required levels."""
+        levels = ", ".join(f"{rail.voltage_v:+g} V" for rail in self.rails)
+        return f"read back the rails: {levels} within {self.tolerance_v:g} V, constant voltage"
+
+    def perform(self, context: Context) -> RailsReading:
+        """Read all rails back; MeasurementError when one is not as it should be."""
+        context.outputs = tuple(rail.output for rail in self.rails)
+        return RailsReading(tuple(read_rail(context, rail, self.tolerance_v) for rail in self.rails))
+
+    def predict(self, gyro: LinearGyro) -> RailsReading:
+        """Predict that every rail is at its level."""
+        del gyro
+        return RailsReading(tuple(map(predicted_rail, self.rails)))
+
+
+def predicted_rail(rail: ConfigureRail) -> RailReading:
+    """Return the reading of a rail in order."""
+    return RailReading(rail.output, rail.voltage_v, 0.0, Regulation.CONSTANT_VOLTAGE)
+
+
+def read_rail(context: Context, rail: ConfigureRail, tolerance_v: float) -> RailReading:
+    """Read one rail back; it must be regulated and within `tolerance_v` of its level.
+
+    Raises:
+        MeasurementError: it is not.
+    """
+    power = context.bench.power
+
+    def off(reading: RailReading) -> str:
+        if abs(reading.voltage_v - rail.voltage_v) <= tolerance_v:
+            return ""
+        return (
+            f"{rail.output} reads {reading.voltage_v:+.7g} V, expected {rail.voltage_v:+g} V within {tolerance_v:g} V"
+        )
+
+    reading = context.believable(lambda: _read(power, rail.output), off)
+    _require_regulated(power, reading)
+    if said := off(reading):
+        raise problem(power, said)
+    return reading
+
+
+def supply_behind(error: BenchError, context: Context) -> BenchError:
+    """Return the cause behind the error of a measurement: a supply that is in current limit, else the error itself.
+
+    The symptoms of a gyroscope without its rails (no sine, a scatter, nothing that decays) show at another instrument.
+    """
+    if not isinstance(error, MeasurementError | ConfigError) or error.instrument == "power":
+        return error
+    with suppress(BenchError):  # a supply that does not answer either is for the safety stack to name
+        power = context.bench.power
+        for output in context.outputs:
+            reading = _read(power, output)
+            if reading.regulation is Regulation.CONSTANT_CURRENT:
+                return problem(power, f"{_limited(reading)}; it was found because of: {error}")
+    return error
+
+
+def _limited(reading: RailReading) -> str:
+    return f"{reading.rail} is in current limit: {reading.current_a:.3g} A at {reading.voltage_v:+.4g} V"
+
+
+def _read(power: PowerSupply, output: str) -> RailReading:
+    return RailReading(
+        output, power.measure_voltage_v(output), power.measure_current_a(output), power.regulation(output)
+    )
+
+
+def _require_regulated(power: PowerSupply, reading: RailReading) -> None:
+    if reading.regulation is Regulation.CONSTANT_VOLTAGE:
+        return
+    if reading.regulation is Regulation.CONSTANT_CURRENT:
+        what = _limited(reading)
+    else:
+        what = f"{reading.rail} is not regulated: {reading.regulation.value}, {reading.voltage_v:+.4g} V"
+    raise problem(power, what)

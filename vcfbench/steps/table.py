@@ -1,0 +1,200 @@
+"""Everything about the rate table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
+
+from vcfbench.clock import Deadline, sleep
+from vcfbench.errors import InterlockError
+from vcfbench.steps.step import Effect, Step, StepResult, problem
+from vcfbench.steps.wait import Done, Settle
+
+if TYPE_CHECKING:
+    from vcfbench.bench.limits import LimitChecks
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.interfaces import RateTable
+    from vcfbench.steps.step import Context
+
+_POLL_S = 0.05
+"""Interval of the queries whether the table is at its rate, s."""
+
+
+class RateReading(StepResult, Struct, frozen=True):
+    """The table has reached its rate: read-back (deg/s) and bench time (s)."""
+
+    rate_deg_s: float
+    t_s: float
+
+    def describe(self) -> str:
+        """Name the rate."""
+        return f"reads {self.rate_deg_s:+.4f} deg/s"
+
+
+class EnableTable(Step, Struct, frozen=True):
+    """Close the table's servo at zero demand."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "table servo"
+    overhead_s: ClassVar[float] = 0.1
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """Servo and demand."""
+        return (self.subject, SetRate.subject)
+
+    def describe(self) -> str:
+        """Name the state."""
+        return "table enabled, at rest"
+
+    def perform(self, context: Context) -> Done:
+        """Close the servo."""
+        context.bench.rate_table.enable()
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that it is closed."""
+        del gyro
+        return Done()
+
+
+class DisableTable(Step, Struct, frozen=True):
+    """Open the table's servo; the table is at rest."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "table servo"
+    overhead_s: ClassVar[float] = 0.1
+
+    @property
+    def sets(self) -> tuple[str, ...]:
+        """Servo and demand."""
+        return (self.subject, SetRate.subject)
+
+    def describe(self) -> str:
+        """Name the state."""
+        return "table disabled"
+
+    def perform(self, context: Context) -> Done:
+        """Open the servo."""
+        context.bench.rate_table.disable()
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that it is open."""
+        del gyro
+        return Done()
+
+
+class SetRate(Step, Struct, frozen=True):
+    """Start the table's ramp from `previous_deg_s` to `rate_deg_s`; :class:`AwaitRate` sees it through."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "table rate"
+    overhead_s: ClassVar[float] = 0.02
+
+    rate_deg_s: float
+    acceleration_deg_s2: float
+    previous_deg_s: float
+
+    def describe(self) -> str:
+        """Name rate and acceleration."""
+        return f"table to {self.rate_deg_s:+g} deg/s at {self.acceleration_deg_s2:g} deg/s^2"
+
+    @property
+    def ramp_s(self) -> float:
+        """Length of the ramp, s."""
+        return abs(self.rate_deg_s - self.previous_deg_s) / self.acceleration_deg_s2
+
+    def again(self) -> tuple[Step, ...]:
+        """Ramp from rest, with the full time of that ramp: later steps only know the one from the rate before."""
+        from_rest = SetRate(self.rate_deg_s, self.acceleration_deg_s2, 0.0)
+        return (from_rest, Settle(from_rest.ramp_s, "the table ramps from rest")) if self.rate_deg_s else (from_rest,)
+
+    def within(self, limits: LimitChecks) -> None:
+        """Hold rate and acceleration against those of the table."""
+        limits.rate(self.rate_deg_s)
+        limits.acceleration(self.acceleration_deg_s2)
+
+    def perform(self, context: Context) -> Done:
+        """Start the ramp."""
+        context.bench.rate_table.set_rate(self.rate_deg_s, self.acceleration_deg_s2)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that the ramp begins."""
+        del gyro
+        return Done()
+
+
+class AwaitRate(Step, Struct, frozen=True):
+    """Wait for the ramp, then until the table says at-rate *and* its read-back is within `tolerance_deg_s`."""
+
+    effect: ClassVar[Effect] = Effect.WAITS
+    subject: ClassVar[str] = "table rate"
+    overhead_s: ClassVar[float] = 0.1
+
+    rate_deg_s: float
+    ramp_s: float
+    tolerance_deg_s: float
+    deadline_s: float
+
+    def describe(self) -> str:
+        """Name rate and tolerance."""
+        return f"table at {self.rate_deg_s:+g} deg/s, read-back within {self.tolerance_deg_s:g} deg/s"
+
+    @property
+    def physical_s(self) -> float:
+        """The ramp, s."""
+        return self.ramp_s
+
+    def perform(self, context: Context) -> RateReading:
+        """Wait; InterlockError for a fault meanwhile, MeasurementError when the rate is not reached in time."""
+        clock, table = context.bench.clock, context.bench.rate_table
+        deadline = Deadline.after(clock, self.deadline_s)
+        sleep(clock, self.ramp_s)
+        while True:
+            require_no_fault(table)
+            at_rate, reading = table.at_rate(), table.rate_deg_s()
+            if at_rate and abs(reading - self.rate_deg_s) <= self.tolerance_deg_s:
+                return RateReading(reading, clock.now())
+            if deadline.expired():
+                raise problem(
+                    table,
+                    f"not at {self.rate_deg_s:+g} deg/s within {self.deadline_s:.3g} s: reads {reading:+.9g} deg/s, "
+                    f"at-rate flag {'set' if at_rate else 'not set'}",
+                )
+            sleep(clock, _POLL_S)
+
+    def predict(self, gyro: LinearGyro) -> RateReading:
+        """Predict that the rate is reached."""
+        del gyro
+        return RateReading(self.rate_deg_s, 0.0)
+
+
+def require_no_fault(table: RateTable) -> None:
+    """Raise InterlockError when a fault has latched at the table."""
+    fault = table.fault()
+    if fault is not None:
+        raise InterlockError(f"fault: {fault}", instrument=table.name, resource=table.resource)
+
+
+def read_rate(context: Context, rate_deg_s: float, tolerance_deg_s: float) -> float:
+    """Read the table's rate back, deg/s; it must have no fault and be within `tolerance_deg_s` of `rate_deg_s`.
+
+    Raises:
+        InterlockError: a fault has latched.
+        MeasurementError: it turns otherwise.
+    """
+    table = context.bench.rate_table
+    require_no_fault(table)
+
+    def left(reading: float) -> str:
+        if abs(reading - rate_deg_s) <= tolerance_deg_s:
+            return ""
+        return f"left {rate_deg_s:+g} deg/s during the window: reads {reading:+.9g} deg/s"
+
+    reading = context.believable(table.rate_deg_s, left)
+    if said := left(reading):
+        raise problem(table, said)
+    return reading

@@ -1,0 +1,92 @@
+"""Steps that set nothing: headings, checks that are left out, and waiting."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from msgspec import Struct
+
+from vcfbench.clock import sleep
+from vcfbench.steps.step import Effect, Step, StepResult
+
+if TYPE_CHECKING:
+    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.steps.step import Context
+
+
+class Done(StepResult, Struct, frozen=True):
+    """A step was performed and gave nothing to look at."""
+
+
+class Note(Step, Struct, frozen=True):
+    """A heading of the work instruction; nothing is done."""
+
+    text: str
+
+    def describe(self) -> str:
+        """Return the heading."""
+        return self.text
+
+    def perform(self, context: Context) -> Done:
+        """Do nothing."""
+        del context
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict nothing."""
+        del gyro
+        return Done()
+
+
+class NotChecked(Step, Struct, frozen=True):
+    """Stands in a plan in place of a check that this bench does not allow; nothing is done, and the answer says so."""
+
+    what: str
+    reason: str
+
+    def describe(self) -> str:
+        """Name the check left out, and the reason."""
+        return f"NOT CHECKED: {self.not_checked}"
+
+    @property
+    def not_checked(self) -> str:
+        """The check left out, and the reason."""
+        return f"{self.what}: {self.reason}"
+
+    def perform(self, context: Context) -> Done:
+        """Do nothing."""
+        del context
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict nothing."""
+        del gyro
+        return Done()
+
+
+class Settle(Step, Struct, frozen=True):
+    """Wait for the bench to come to rest."""
+
+    effect: ClassVar[Effect] = Effect.WAITS
+
+    seconds: float
+    reason: str
+
+    def describe(self) -> str:
+        """Say how long and why."""
+        return f"wait {self.seconds:g} s: {self.reason}"
+
+    def perform(self, context: Context) -> Done:
+        """Wait."""
+        sleep(context.bench.clock, self.seconds)
+        return Done()
+
+    def predict(self, gyro: LinearGyro) -> Done:
+        """Predict that time passes."""
+        del gyro
+        return Done()
+
+    @property
+    def physical_s(self) -> float:
+        """The wait itself, s."""
+        return self.seconds
