@@ -41,6 +41,7 @@ What happens by itself goes into the model's `service()` and `next_event_s()`; *
 `operations_end_s()`.
 """
 
+from simrack.scpi.attributes import Settings, attribute
 from simrack.scpi.common import COMMON_COMMANDS, MASK_16, condition, enable, event, next_error
 from simrack.scpi.engine import (
     GPIB,
@@ -116,10 +117,12 @@ __all__ = [
     "ScpiError",
     "ScpiModel",
     "ScpiTwin",
+    "Settings",
     "Special",
     "Status",
     "Text",
     "Word",
+    "attribute",
     "bare_integer",
     "block",
     "block_header",

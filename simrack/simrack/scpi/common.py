@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from simrack.scpi.attributes import attribute
+from simrack.scpi.formats import boolean
 from simrack.scpi.parameters import Integer, Limits
 from simrack.scpi.table import Command
 
@@ -13,23 +15,16 @@ if TYPE_CHECKING:
     from simrack.scpi.engine import ScpiModel
     from simrack.scpi.status import Register
 
-_MASK_8 = (Integer(limits=Limits(0, 255), named=False),)
-MASK_16 = (Integer(limits=Limits(0, 32767), named=False),)
+_INTEGER = "engine.dialect.integer"
+_MASK_8 = Integer(limits=Limits(0, 255), named=False)
+MASK_16 = Integer(limits=Limits(0, 32767), named=False)
 """Parameter of an enable register."""
-_FLAG = (Integer(limits=Limits(-32767, 32767), named=False),)
+_FLAG = Integer(limits=Limits(-32767, 32767), named=False)
 """Parameter of *PSC: a number, not ON or OFF; anything but 0 is on (IEEE 488.2, 10.25)."""
 
 
 def _clear_status(model: ScpiModel) -> None:
     model.engine.clear_status()
-
-
-def _set_ese(model: ScpiModel, mask: int) -> None:
-    model.engine.status.ese = mask
-
-
-def _ese(model: ScpiModel) -> str:
-    return model.engine.dialect.integer(model.engine.status.ese)
 
 
 def _esr(model: ScpiModel) -> str:
@@ -56,25 +51,9 @@ def _reset(model: ScpiModel) -> None:
     model.reset()
 
 
-def _set_sre(model: ScpiModel, mask: int) -> None:
-    model.engine.status.sre = mask & ~64
-
-
-def _sre(model: ScpiModel) -> str:
-    return model.engine.dialect.integer(model.engine.status.sre)
-
-
 def _stb(model: ScpiModel) -> str:
     engine = model.engine
     return engine.dialect.integer(engine.status.master(engine.status_now()))
-
-
-def _set_psc(model: ScpiModel, flag: int) -> None:
-    model.engine.clears_masks_at_power_on = flag != 0
-
-
-def _psc(model: ScpiModel) -> str:
-    return "1" if model.engine.clears_masks_at_power_on else "0"
 
 
 def next_error(model: ScpiModel) -> str:
@@ -85,13 +64,13 @@ def next_error(model: ScpiModel) -> str:
 
 COMMON_COMMANDS = (
     Command("*CLS", do=_clear_status),
-    Command("*ESE", _MASK_8, do=_set_ese, query=_ese, query_parameters=()),
+    attribute("*ESE", _MASK_8, "engine.status.ese", _INTEGER, query_parameters=()),
     Command("*ESR", query=_esr),
     Command("*IDN", query=_identity, indefinite=True),
     Command("*OPC", do=_announce, query=_completed),
-    Command("*PSC", _FLAG, do=_set_psc, query=_psc, query_parameters=()),
+    attribute("*PSC", _FLAG, "engine.clears_masks_at_power_on", boolean, convert=bool, query_parameters=()),
     Command("*RST", do=_reset),
-    Command("*SRE", _MASK_8, do=_set_sre, query=_sre, query_parameters=()),
+    attribute("*SRE", _MASK_8, "engine.status.sre", _INTEGER, convert=lambda mask: mask & ~64, query_parameters=()),
     Command("*STB", query=_stb),
     Command("*WAI", do=_wait),
     Command("SYSTem:ERRor", query=next_error),
@@ -109,13 +88,6 @@ def condition(pattern: str, register: Callable[[Any], Register]) -> Command:
     return Command(pattern, query=lambda model: model.engine.dialect.integer(register(model).condition))
 
 
-def enable(pattern: str, register: Callable[[Any], Register]) -> Command:
-    """Declare command and query of an enable register (0 to 32767)."""
-
-    def write(model: Any, mask: int) -> None:
-        register(model).enable = mask
-
-    def read(model: Any) -> str:
-        return model.engine.dialect.integer(register(model).enable)  # type: ignore[no-any-return]
-
-    return Command(pattern, MASK_16, do=write, query=read, query_parameters=())
+def enable(pattern: str, register: str) -> Command:
+    """Declare command and query of an enable register (0 to 32767); `register` is its path from the model on."""
+    return attribute(pattern, MASK_16, f"{register}.enable", _INTEGER, query_parameters=())

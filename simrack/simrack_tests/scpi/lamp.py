@@ -133,5 +133,5 @@ TABLE = CommandTable(
     Command("*TRG", do=_trigger, urgent=True),
     event("STATus:QUEStionable[:EVENt]", lambda lamp: lamp.questionable),
     condition("STATus:QUEStionable:CONDition", lambda lamp: lamp.questionable),
-    enable("STATus:QUEStionable:ENABle", lambda lamp: lamp.questionable),
+    enable("STATus:QUEStionable:ENABle", "questionable"),
 )

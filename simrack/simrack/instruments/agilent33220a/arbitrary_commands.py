@@ -34,7 +34,7 @@ def _load_points(model: _Model, place: str, *points: float) -> None:
 
 def _load_dac(model: _Model, place: str, first: bytes | float, *others: bytes | float) -> None:
     del place
-    values = _dac_block(first, model.state["order"]) if isinstance(first, bytes) else _dac_list((first, *others))
+    values = _dac_block(first, model.state.order) if isinstance(first, bytes) else _dac_list((first, *others))
     if any(not -8191 <= value <= 8191 for value in values):
         raise ScpiError(-222)
     model.load([value / 8191.0 for value in values])
@@ -56,7 +56,7 @@ def _dac_list(values: tuple[bytes | float, ...]) -> list[float]:
 def _attribute(name: str, of: Callable[[Sequence[float]], float], reply: Callable[[float], str] = nr3) -> Command:
     return Command(
         f"DATA:ATTRibute:{name}",
-        query=lambda model, which: of(model.memory.points(which or model.state["user"])),
+        query=lambda model, which: of(model.memory.points(which or model.state.user)),
         query_parameters=(NameParameter(required=False),),
         reply=reply,
     )
@@ -69,14 +69,14 @@ def _delete_all(model: _Model) -> None:
 
 def _set_user(model: _Model, name: str) -> None:
     model.memory.points(name)
-    model.state["user"] = name
+    model.state.user = name
     model.update()
 
 
 COMMANDS = (
     Command("DATA", (Choice(("VOLATILE",)), Number(limits=Limits(-1.0, 1.0))), do=_load_points, repeat=True),
     Command("DATA:DAC", (Choice(("VOLATILE",)), _DacPoints()), do=_load_dac, repeat=True),
-    setting("FORMat:BORDer", "order", Choice(("NORMal", "SWAPped"))),
+    setting("FORMat:BORDer", Choice(("NORMal", "SWAPped")), "state.order"),
     Command(
         "DATA:COPY",
         (NameParameter(), NameParameter(required=False)),
@@ -91,5 +91,5 @@ COMMANDS = (
     _attribute("CFACtor", crest),
     _attribute("POINts", len, signed_integer),
     _attribute("PTPeak", lambda points: (max(points) - min(points)) / 2.0),
-    Command("[SOURce:]FUNCtion:USER", (NameParameter(),), do=_set_user, query=lambda model: model.state["user"]),
+    Command("[SOURce:]FUNCtion:USER", (NameParameter(),), do=_set_user, query=lambda model: model.state.user),
 )

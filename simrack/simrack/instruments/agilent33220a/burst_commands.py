@@ -7,73 +7,62 @@ from typing import TYPE_CHECKING
 
 from simrack.instruments.agilent33220a.declarations import POLARITIES, SLOPES, angle, mode_switch, nr3, setting
 from simrack.instruments.agilent33220a.settings import conflict
-from simrack.scpi import Choice, Command, Limits, Number, ScpiError
+from simrack.scpi import Choice, Command, Limits, Number, ScpiError, attribute
 
 if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 
-def _set_burst_mode(model: _Model, mode: str) -> None:
+def _fit_burst_mode(model: _Model) -> None:
     """Triggered bursts of noise are none: the burst is off then."""
-    model.state["burst_mode"] = mode
-    model.rules.select(model.state["func"])
+    model.rules.select(model.state.function)
     model.restart()
 
 
 def _set_cycles(model: _Model, cycles: float) -> None:
-    model.state["cycles"] = cycles
-    if math.isinf(cycles) and model.state["trigger"] == "IMM":
-        model.state["trigger"] = "BUS"
+    model.state.cycles = cycles
+    if math.isinf(cycles) and model.state.trigger == "IMM":
+        model.state.trigger = "BUS"
         model.engine.report(conflict("infinite burst changed trigger source to MANUAL"))
         model.restart()
     model.settle()
 
 
 def _set_trigger(model: _Model, source: str) -> None:
-    if source == "IMM" and math.isinf(model.state["cycles"]):
-        model.state["cycles"] = 50000.0
+    if source == "IMM" and math.isinf(model.state.cycles):
+        model.state.cycles = 50000.0
         model.engine.report(conflict("turned off infinite burst to allow immediate trigger source"))
-    model.state["trigger"] = source
+    model.state.trigger = source
     model.restart()
 
 
 def _bus_trigger(model: _Model) -> None:
-    if model.state["trigger"] != "BUS":
+    if model.state.trigger != "BUS":
         raise ScpiError(-211)
     model.fire()
 
 
 COMMANDS = (
-    Command(
-        "[SOURce:]BURSt:MODE",
-        (Choice(("TRIGgered", "GATed")),),
-        do=_set_burst_mode,
-        query=lambda model: model.state["burst_mode"],
-    ),
-    Command(
+    attribute("[SOURce:]BURSt:MODE", Choice(("TRIGgered", "GATed")), "state.burst_mode", then=_fit_burst_mode),
+    attribute(
         "[SOURce:]BURSt:NCYCles",
-        (Number(limits=Limits(1, 50000), words={"INFinity": math.inf}, name="burst count"),),
+        Number(limits=Limits(1, 50000), words={"INFinity": math.inf}, name="burst count"),
+        "state.cycles",
+        nr3,
         do=_set_cycles,
-        query=lambda model: model.state["cycles"],
-        reply=nr3,
     ),
     setting(
         "[SOURce:]BURSt:INTernal:PERiod",
-        "burst_period",
         Number(unit="S", limits=Limits(1e-6, 500.0), name="burst period"),
+        "state.burst_period_s",
         nr3,
     ),
-    angle("[SOURce:]BURSt:PHASe", "burst_phase", -360.0, 360.0),
+    angle("[SOURce:]BURSt:PHASe", "state.burst_phase_deg", -360.0, 360.0),
     mode_switch("[SOURce:]BURSt:STATe", "BURS"),
-    setting("[SOURce:]BURSt:GATE:POLarity", "gate", POLARITIES),
-    Command(
-        "TRIGger:SOURce",
-        (Choice(("IMMediate", "EXTernal", "BUS")),),
-        do=_set_trigger,
-        query=lambda model: model.state["trigger"],
-    ),
-    setting("TRIGger:SLOPe", "slope", SLOPES),
-    setting("TRIGger:DELay", "delay", Number(unit="S", limits=Limits(0.0, 85.0), name="trigger delay"), nr3),
+    setting("[SOURce:]BURSt:GATE:POLarity", POLARITIES, "state.gate"),
+    attribute("TRIGger:SOURce", Choice(("IMMediate", "EXTernal", "BUS")), "state.trigger", do=_set_trigger),
+    setting("TRIGger:SLOPe", SLOPES, "state.slope"),
+    setting("TRIGger:DELay", Number(unit="S", limits=Limits(0.0, 85.0), name="trigger delay"), "state.delay_s", nr3),
     Command("TRIGger", do=lambda model: model.fire()),
     Command("*TRG", do=_bus_trigger, urgent=True),
 )

@@ -3,9 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from operator import methodcaller
+from typing import TYPE_CHECKING
 
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, Parameter, ScpiError, boolean, quoted, real
+from simrack.scpi import (
+    Boolean,
+    Choice,
+    Command,
+    Limits,
+    Number,
+    Parameter,
+    ScpiError,
+    attribute,
+    boolean,
+    quoted,
+    real,
+)
 from simrack.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
@@ -28,16 +42,8 @@ class NameParameter(Parameter, frozen=True, kw_only=True):
         return token.text
 
 
-def setting(
-    pattern: str, key: str, parameter: Parameter, reply: Callable[[Any], str] = str, takes_s: float = 0.0
-) -> Command:
-    """Declare a setting that depends on nothing else."""
-
-    def write(model: _Model, value: Any) -> None:
-        model.state[key] = value
-        model.settle()
-
-    return Command(pattern, (parameter,), do=write, query=lambda model: model.state[key], reply=reply, takes_s=takes_s)
+setting = partial(attribute, then=methodcaller("settle"))
+"""A setting after which the others are made to fit it."""
 
 
 def mode_switch(pattern: str, mode: str) -> Command:
@@ -46,34 +52,35 @@ def mode_switch(pattern: str, mode: str) -> Command:
         pattern,
         (Boolean(),),
         do=lambda model, state: model.switch_mode(mode, on=state),
-        query=lambda model: model.state["mode"] == mode,
+        query=lambda model: model.state.mode == mode,
         reply=boolean,
     )
 
 
 def frequency_limits(model: _Model) -> Limits:
     """Return what the function can, Hz."""
-    return Limits(*model.kind.frequency_hz[model.state["func"]], default=1000.0)
+    return Limits(*model.kind.frequency_hz[model.state.function], default=1000.0)
 
 
 def _angle_limits(reach_deg: float, low_deg: float) -> Callable[[_Model], Limits]:
     def limits(model: _Model) -> Limits:
-        factor = math.pi / 180.0 if model.state["angle"] == "RAD" else 1.0
+        factor = math.pi / 180.0 if model.state.angle == "RAD" else 1.0
         return Limits(low_deg * factor, reach_deg * factor)
 
     return limits
 
 
-def angle(pattern: str, key: str, low_deg: float, high_deg: float) -> Command:
+def angle(pattern: str, path: str, low_deg: float, high_deg: float) -> Command:
     """Declare an angle: kept in degrees, said in UNIT:ANGLe."""
+    name = path.removeprefix("state.")
 
     def write(model: _Model, value: float) -> None:
-        model.state[key] = math.degrees(value) if model.state["angle"] == "RAD" else value
+        setattr(model.state, name, math.degrees(value) if model.state.angle == "RAD" else value)
         model.update()
 
     def read(model: _Model) -> float:
-        degrees: float = model.state[key]
-        return math.radians(degrees) if model.state["angle"] == "RAD" else degrees
+        degrees: float = getattr(model.state, name)
+        return math.radians(degrees) if model.state.angle == "RAD" else degrees
 
     return Command(pattern, (Number(limits=_angle_limits(high_deg, low_deg)),), do=write, query=read, reply=nr3)
 

@@ -14,7 +14,8 @@ out: `waveforms` by `phases`, played by `playing`, or `noise`.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from copy import deepcopy
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 from simrack.instruments.agilent33220a.arbitrary import MOST_POINTS, ArbitraryMemory
 from simrack.instruments.agilent33220a.levels import Levels
@@ -22,10 +23,11 @@ from simrack.instruments.agilent33220a.modulation import Player
 from simrack.instruments.agilent33220a.rules import SettingRules
 from simrack.instruments.agilent33220a.settings import (
     KIND_33220A,
-    RESET,
     GeneratorErrors,
     GeneratorKind,
+    GeneratorSettings,
     OutputRange,
+    Panel,
 )
 from simrack.scpi import (
     GPIB,
@@ -42,7 +44,6 @@ from simrack.scpi import (
 
 if TYPE_CHECKING:
     from simrack.clock import Clock
-    from simrack.instruments.agilent33220a.settings import Settings
     from simrack.scpi import CommandTable
     from simrack.sources import Drive, Played
 
@@ -76,7 +77,6 @@ class SimulatedAgilent33220A(ScpiTwin):
     own_name: ClassVar[str] = "33220A"
     kind: ClassVar[GeneratorKind] = KIND_33220A
     table: ClassVar[CommandTable]
-    reset_state: ClassVar[Settings] = RESET
     longest_line: ClassVar[int] = _LONGEST_LINE
 
     def __init__(
@@ -92,20 +92,10 @@ class SimulatedAgilent33220A(ScpiTwin):
         self._node = node
         self._model = model or self.own_name
         self._world = world
-        self.state: dict[str, Any] = dict(self.reset_state)
-        self._stored: dict[int, dict[str, Any]] = {0: dict(self.reset_state)}  # at power-down; it was off for long
+        self.state = self.reset_state()
+        self._stored = {0: self.reset_state()}  # at power-down; it was off for long
         self.state_names = {0: "AUTO_RECALL", 1: "STATE_1", 2: "STATE_2", 3: "STATE_3", 4: "STATE_4"}
-        self.auto_recall = False
-        self.panel: dict[str, Any] = {"display": True, "text": "", "beep": True, "lock": False, "exclude": "NONE"}
-        self.panel |= {
-            "gpib": 10,
-            "dhcp": True,
-            "address": "169.254.2.20",
-            "mask": "255.255.0.0",
-            "gateway": "169.254.2.1",
-        }
-        self.panel |= {"host": "A-33220A-21876"}
-        self.remote = "LOC"
+        self.panel = Panel()
         self._started_s: float | None = None
         self._driven: Drive | Played | None = None
         self._questionable = Register()
@@ -132,6 +122,10 @@ class SimulatedAgilent33220A(ScpiTwin):
         """Return the rules between amplitude and offset of the model."""
         return Levels(self.state, errors, self.memory, self.engine.report)
 
+    def reset_state(self) -> GeneratorSettings:
+        """Return the settings of ``*RST``."""
+        return GeneratorSettings()
+
     @property
     def questionable(self) -> Register:
         """The QUEStionable register; this model never sets its bits: nothing here overloads or loses lock."""
@@ -143,7 +137,7 @@ class SimulatedAgilent33220A(ScpiTwin):
 
     def reset(self) -> None:
         """Take the *RST state: output off; stored waveforms and states stay."""
-        self.state.update(self.reset_state)
+        self.state.take(self.reset_state())
         self.restart()
 
     def abort(self) -> None:
@@ -161,13 +155,13 @@ class SimulatedAgilent33220A(ScpiTwin):
 
     def save(self, place: int) -> None:
         """*SAV."""
-        self._stored[place] = dict(self.state)
+        self._stored[place] = deepcopy(self.state)
 
     def recall(self, place: int) -> None:
         """*RCL; an empty place is error 810 (unverified)."""
         if place not in self._stored:
             raise ScpiError(810, "State has not been stored")
-        self.state.update(self._stored[place])
+        self.state.take(self._stored[place])
         self.restart()
 
     def forget(self, place: int) -> None:
@@ -187,10 +181,10 @@ class SimulatedAgilent33220A(ScpiTwin):
 
     def set_frequency(self, frequency_hz: float) -> None:
         """Set the frequency; HOLD tells whether a pulse keeps its width or its duty cycle."""
-        old = self.state["freq"]
-        self.state["freq"] = frequency_hz
-        if self.state["hold"] == "DCYC":
-            self.state["width"] *= old / frequency_hz
+        old = self.state.frequency_hz
+        self.state.frequency_hz = frequency_hz
+        if self.state.hold == "DCYC":
+            self.state.width_s *= old / frequency_hz
         self.settle()
 
     def switch_mode(self, mode: str, *, on: bool) -> None:
@@ -205,7 +199,7 @@ class SimulatedAgilent33220A(ScpiTwin):
 
     def delete(self, name: str) -> None:
         """Forget a waveform."""
-        self.memory.delete(name, self.state["user"] if self.state["func"] == "USER" else "")
+        self.memory.delete(name, self.state.user if self.state.function == "USER" else "")
 
     # --- triggers -----------------------------------------------------------------------------------------------------
 
@@ -221,12 +215,12 @@ class SimulatedAgilent33220A(ScpiTwin):
     def _triggered(self) -> bool:
         """Tell whether bursts or sweeps begin with a trigger from outside."""
         state = self.state
-        gated = state["mode"] == "BURS" and state["burst_mode"] == "GAT"
-        return state["mode"] in {"BURS", "SWE"} and state["trigger"] != "IMM" and not gated
+        gated = state.mode == "BURS" and state.burst_mode == "GAT"
+        return state.mode in {"BURS", "SWE"} and state.trigger != "IMM" and not gated
 
     def _length_s(self) -> float:
         state = self.state
-        return float(state["sweep_s"] if state["mode"] == "SWE" else state["cycles"] / state["freq"])
+        return float(state.sweep_s if state.mode == "SWE" else state.cycles / state.frequency_hz)
 
     def restart(self) -> None:
         """Begin with bursts or sweeps anew: those of the internal timer now, others with the next trigger."""
@@ -235,7 +229,7 @@ class SimulatedAgilent33220A(ScpiTwin):
 
     def _delay_s(self) -> float:
         """Return the trigger delay, which only bursts have."""
-        return float(self.state["delay"]) if self.state["mode"] == "BURS" else 0.0
+        return float(self.state.delay_s) if self.state.mode == "BURS" else 0.0
 
     # --- the output ---------------------------------------------------------------------------------------------------
 
@@ -247,7 +241,7 @@ class SimulatedAgilent33220A(ScpiTwin):
     def update(self) -> None:
         """Put on the World what the connector really carries, if that has changed."""
         now = self.engine.clock.now()
-        source = self._player.source(self._started_s, now) if self.state["output"] else None
+        source = self._player.source(self._started_s, now) if self.state.output else None
         if source != self._driven:
             self._driven = source
             self._world.drive(self._node, source)

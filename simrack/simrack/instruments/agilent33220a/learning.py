@@ -65,8 +65,8 @@ def _said(header: str, model: _Model) -> str:
 
 def learnt(model: _Model) -> str:
     """Return the commands; those of pulses only where there is one, since its limits are those of its period."""
-    pulse = _PULSE if model.state["func"] == "PULS" else ()
-    mode = f"{model.state['mode']}:STAT"
+    pulse = _PULSE if model.state.function == "PULS" else ()
+    mode = f"{model.state.mode}:STAT"
     modes = (mode,) if mode in _MODES else ()
     headers = (*_FIRST, *pulse, *_LAST, *modes, *_OUTPUT)
     return ";".join(["*RST", *(_said(header, model) for header in headers)])

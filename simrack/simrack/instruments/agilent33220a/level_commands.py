@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 from simrack.instruments.agilent33220a.declarations import LEVEL_S, nr3
 from simrack.instruments.agilent33220a.settings import MAX_PEAK_V, conflict
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, Quantity, boolean
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, Quantity, attribute, boolean
 
 if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 
 def _amplitude_limits(model: _Model) -> Limits:
-    unit = model.state["unit"]
+    unit = model.state.unit
     low, high, default = (
         model.levels.in_unit(oc * model.levels.share, unit)
         for oc in (model.kind.least_vpp, 2 * MAX_PEAK_V, 0.1 / model.levels.share)
@@ -33,10 +33,10 @@ def _level_limits(model: _Model) -> Limits:
 
 def vpp_of(model: _Model, given: Quantity) -> float:
     """Return an amplitude argument in Vpp as shown, within the limits of the instrument."""
-    unit = given.unit or model.state["unit"]
+    unit = given.unit or model.state.unit
     if unit == "V":
         unit = "VPP"
-    if unit == "DBM" and math.isinf(model.state["load"]):
+    if unit == "DBM" and math.isinf(model.state.load_ohm):
         raise conflict("amplitude units changed to Vpp due to high-Z load")
     if unit != "DBM" and given.value <= 0.0:
         return model.levels.clipped(
@@ -56,7 +56,7 @@ def _set_amplitude(model: _Model, given: Quantity) -> None:
 
 def amplitude_shown(model: _Model) -> float:
     """Return the amplitude in the unit in use."""
-    return model.levels.in_unit(model.levels.amplitude_vpp(), model.state["unit"])
+    return model.levels.in_unit(model.levels.amplitude_vpp(), model.state.unit)
 
 
 def _set_offset(model: _Model, volts: float) -> None:
@@ -98,27 +98,28 @@ def _set_low(model: _Model, low: float) -> None:
 
 
 def _set_unit(model: _Model, unit: str) -> None:
-    if unit == "DBM" and math.isinf(model.state["load"]):
+    if unit == "DBM" and math.isinf(model.state.load_ohm):
         unit = "VPP"
         model.engine.report(conflict("amplitude units changed to Vpp due to high-Z load"))
-    model.state["unit"] = unit
+    model.state.unit = unit
 
 
 def _set_load(model: _Model, ohm: float) -> None:
     """Change what is shown, not what comes out."""
-    model.state["load"] = ohm
-    if math.isinf(ohm) and model.state["unit"] == "DBM":
+    model.state.load_ohm = ohm
+    if math.isinf(ohm) and model.state.unit == "DBM":
         _set_unit(model, "DBM")
 
 
 def _set_range_auto(model: _Model, state: object) -> None:
-    model.state["range_auto"] = True
+    model.state.range_auto = True
     model.update()
-    model.state["range_auto"] = state is True
+    model.state.range_auto = state is True
 
 
 AMPLITUDE_UNITS = ("VPP", "VRMS", "DBM", "V")
 AMPLITUDE = Number(unit=AMPLITUDE_UNITS, limits=_amplitude_limits, with_unit=True)
+LOAD = Number(unit="OHM", limits=Limits(1.0, 10000.0, 50.0), words={"INFinity": math.inf})
 OFFSET = Number(unit="V", limits=_offset_limits, name="offset")
 
 COMMANDS = (
@@ -154,24 +155,7 @@ COMMANDS = (
         reply=nr3,
         takes_s=LEVEL_S,
     ),
-    Command(
-        "[SOURce:]VOLTage:UNIT",
-        (Choice(("VPP", "VRMS", "DBM")),),
-        do=_set_unit,
-        query=lambda model: model.state["unit"],
-    ),
-    Command(
-        "[SOURce:]VOLTage:RANGe:AUTO",
-        (Boolean(words=("ONCE",)),),
-        do=_set_range_auto,
-        query=lambda model: model.state["range_auto"],
-        reply=boolean,
-    ),
-    Command(
-        "OUTPut:LOAD",
-        (Number(unit="OHM", limits=Limits(1.0, 10000.0, 50.0), words={"INFinity": math.inf}),),
-        do=_set_load,
-        query=lambda model: model.state["load"],
-        reply=nr3,
-    ),
+    attribute("[SOURce:]VOLTage:UNIT", Choice(("VPP", "VRMS", "DBM")), "state.unit", do=_set_unit),
+    attribute("[SOURce:]VOLTage:RANGe:AUTO", Boolean(words=("ONCE",)), "state.range_auto", boolean, do=_set_range_auto),
+    attribute("OUTPut:LOAD", LOAD, "state.load_ohm", nr3, do=_set_load),
 )

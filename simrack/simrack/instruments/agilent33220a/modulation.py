@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.envelopes import Envelope, WidthSwing
     from simrack.instruments.agilent33220a.levels import Levels
     from simrack.instruments.agilent33220a.phases import Phase, Rhythm
-    from simrack.instruments.agilent33220a.settings import GeneratorErrors, Settings
+    from simrack.instruments.agilent33220a.settings import GeneratorErrors, GeneratorSettings, Keying, Modulation
     from simrack.instruments.agilent33220a.waveforms import Cycle
     from simrack.sources import Played
 
@@ -54,7 +54,7 @@ class Player:
 
     def __init__(
         self,
-        settings: Settings,
+        settings: GeneratorSettings,
         errors: GeneratorErrors,
         levels: Levels,
         memory: ArbitraryMemory,
@@ -76,13 +76,13 @@ class Player:
         `started_s` is when a burst or sweep began or will begin, None while it waits for its trigger.
         """
         settings, direct = self._settings, self._levels.direct_v()
-        function = settings["func"]
+        function = settings.function
         if function == "DC" or (function == "NOIS" and not self._gate_open()):
             return Drive(direct, source_ohm=SOURCE_OHM)
         peak = self._levels.peak_v() * (1.0 + self._errors.amplitude_error)
         if function == "NOIS":
             return self._noise(direct, peak)
-        if settings["polarity"] == "INV":  # turns the waveform over, not the offset
+        if settings.polarity == "INV":  # turns the waveform over, not the offset
             peak = -peak
         phase = self._turned(started_s, now_s)
         if phase is None:
@@ -98,10 +98,10 @@ class Player:
         """Return a sine with the sidebands of AM by another sine in closed form; None where it is not that simple."""
         from simrack.instruments.agilent33220a.phases import Steady  # noqa: PLC0415
 
-        if self._settings["func"] != "SIN" or not isinstance(phase, Steady):
+        if self._settings.function != "SIN" or not isinstance(phase, Steady):
             return None
         depth = self._depth()
-        if depth and (self._settings["AM:func"] != "SIN" or depth > 1.0):
+        if depth and (self._settings.am.function != "SIN" or depth > 1.0):
             return None
         size = abs(peak_v) if depth is None else abs(peak_v) / 2.0
         turn = math.remainder(math.tau * phase.cycles, math.tau) + (0.0 if peak_v >= 0.0 else math.pi)
@@ -109,48 +109,48 @@ class Player:
         return Drive(direct_v, size, phase.hz, turn, SOURCE_OHM, sidebands)
 
     def _sidebands(self, size_v: float, hz: float, turn: float) -> tuple[Sine, Sine]:
-        apart_hz, quarter = self._exact_hz("AM:freq"), math.pi / 2.0
+        apart_hz, quarter = self._exact_hz(self._settings.am.frequency_hz), math.pi / 2.0
         return Sine(size_v, hz - apart_hz, turn + quarter), Sine(size_v, hz + apart_hz, turn - quarter)
 
     def _playing(self, direct_v: float, peak_v: float, phase: Phase) -> Played:
         from simrack.instruments.agilent33220a.playing import Playing  # noqa: PLC0415
 
         envelope = self._envelope(direct_v, peak_v)
-        clock_hz = self._clock_hz if self._settings["func"] == "USER" else 0.0
+        clock_hz = self._clock_hz if self._settings.function == "USER" else 0.0
         return Playing(direct_v, peak_v, self._waveform(), phase, envelope, self._width(), SOURCE_OHM, clock_hz)
 
     def absorb_phase(self) -> None:
         """Call the present phase 0."""
         if self._phase is not None:
-            added = self._settings["phase"] / 360.0
+            added = self._settings.phase_deg / 360.0
             self._phase = replace(self._phase, cycles=self._phase.cycles + added)
-        self._settings["phase"] = 0.0
+        self._settings.phase_deg = 0.0
 
     # --- the waveform -------------------------------------------------------------------------------------------
 
     def _waveform(self) -> Cycle:
         from simrack.instruments.agilent33220a import waveforms as shapes  # noqa: PLC0415
 
-        settings, hz = self._settings, self._settings["freq"]
-        match settings["func"]:
+        settings, hz = self._settings, self._settings.frequency_hz
+        match settings.function:
             case "SIN":
                 return shapes.SineCycle()
             case "RAMP" | "TRI" as function:
-                return shapes.ramp(0.5 if function == "TRI" else settings["symmetry"] / 100.0)
+                return shapes.ramp(0.5 if function == "TRI" else settings.symmetry_percent / 100.0)
             case "PRBS":
                 return shapes.held(pseudo_random_bits())
             case "SQU":
-                return shapes.PulseCycle(settings["duty"] / 100.0, _SQUARE_EDGE_S * hz)
+                return shapes.PulseCycle(settings.duty_percent / 100.0, _SQUARE_EDGE_S * hz)
             case "PULS":
-                duty = min(settings["width"] * hz, 1.0)
-                return shapes.PulseCycle(duty, min(settings["edge"] / _TIMED_SHARE * hz, duty, 1.0 - duty))
-        return self._memory.waveform(settings["user"])
+                duty = min(settings.width_s * hz, 1.0)
+                return shapes.PulseCycle(duty, min(settings.edge_s / _TIMED_SHARE * hz, duty, 1.0 - duty))
+        return self._memory.waveform(settings.user)
 
     def _depth(self) -> float | None:
         """Return the depth of AM, None where there is no AM."""
-        if self._settings["mode"] != "AM":
+        if self._settings.mode != "AM":
             return None
-        return 0.0 if self._settings["AM:source"] == "EXT" else float(self._settings["AM:depth"]) / 100.0
+        return 0.0 if self._settings.am.source == "EXT" else float(self._settings.am_depth_percent) / 100.0
 
     def _envelope(self, direct_v: float, peak_v: float) -> Envelope | None:
         from simrack.instruments.agilent33220a.envelopes import HIGHEST_PEAK_V, Envelope  # noqa: PLC0415
@@ -159,24 +159,24 @@ class Player:
         if depth is None:
             return None
         most = max(HIGHEST_PEAK_V - abs(direct_v), 0.0) / abs(peak_v)
-        return Envelope(depth, self._rhythm("AM"), most)
+        return Envelope(depth, self._rhythm(self._settings.am), most)
 
     def _width(self) -> WidthSwing | None:
         from simrack.instruments.agilent33220a.envelopes import WidthSwing  # noqa: PLC0415
 
         settings = self._settings
-        if settings["mode"] != "PWM" or settings["PWM:source"] == "EXT":
+        if settings.mode != "PWM" or settings.pwm.source == "EXT":
             return None
-        hz = settings["freq"]
-        return WidthSwing(settings["width"] * hz, settings["PWM:dev"] * hz, self._rhythm("PWM"))
+        hz = settings.frequency_hz
+        return WidthSwing(settings.width_s * hz, settings.pwm_deviation_s * hz, self._rhythm(settings.pwm))
 
-    def _rhythm(self, mode: str) -> Rhythm:
-        """Return the internal modulating waveform of a mode; noise keeps its own pace."""
+    def _rhythm(self, modulation: Modulation) -> Rhythm:
+        """Return the internal modulating waveform; noise keeps its own pace."""
         from simrack.instruments.agilent33220a import waveforms as shapes  # noqa: PLC0415
         from simrack.instruments.agilent33220a.phases import Rhythm  # noqa: PLC0415
 
-        function, hz = self._settings[f"{mode}:func"], self._exact_hz(f"{mode}:freq")
-        match function:
+        hz = self._exact_hz(modulation.frequency_hz)
+        match modulation.function:
             case "SIN":
                 return Rhythm(shapes.SineCycle(), hz)
             case "SQU":
@@ -184,8 +184,8 @@ class Player:
             case "NOIS":
                 return Rhythm(self._modulating_noise(), _NOISE_CYCLES_HZ)
             case "USER":
-                return Rhythm(self._memory.waveform(self._settings["user"]), hz)
-        return Rhythm(shapes.ramp({"RAMP": 1.0, "NRAM": 0.0, "TRI": 0.5}[function]), hz)
+                return Rhythm(self._memory.waveform(self._settings.user), hz)
+        return Rhythm(shapes.ramp({"RAMP": 1.0, "NRAM": 0.0, "TRI": 0.5}[modulation.function]), hz)
 
     def _modulating_noise(self) -> Cycle:
         import numpy as np  # noqa: PLC0415
@@ -198,26 +198,26 @@ class Player:
 
     # --- the phase ----------------------------------------------------------------------------------------------
 
-    def _exact_hz(self, key: str) -> float:
+    def _exact_hz(self, hz: float) -> float:
         """Return a frequency by the specimen's own time base."""
-        return float(self._settings[key]) * (1.0 + self._errors.frequency_error)
+        return hz * (1.0 + self._errors.frequency_error)
 
     def _turned(self, started_s: float | None, now_s: float) -> Phase | None:
         """Return the phase with PHASe added; bursts begin at their own, None while there is none to come."""
-        if self._settings["mode"] == "BURS" and not self._gate_open():
-            gated = self._settings["burst_mode"] == "GAT"
+        if self._settings.mode == "BURS" and not self._gate_open():
+            gated = self._settings.burst_mode == "GAT"
             return None if gated or started_s is None else self._bursts(started_s)
         from simrack.instruments.agilent33220a.phases import continued  # noqa: PLC0415
 
         self._phase = continued(self._running(started_s), self._phase, now_s)
-        added = self._settings["phase"] / 360.0
+        added = self._settings.phase_deg / 360.0
         return replace(self._phase, cycles=self._phase.cycles + added) if added else self._phase
 
     def _gate_open(self) -> bool:
         """Tell whether it runs on: no burst at all, or one gated by what is low with nothing connected."""
         settings = self._settings
-        gated = settings["burst_mode"] == "GAT" and settings["gate"] == "INV"
-        return bool(settings["mode"] != "BURS" or gated)
+        gated = settings.burst_mode == "GAT" and settings.gate == "INV"
+        return bool(settings.mode != "BURS" or gated)
 
     def _idle(self) -> float:
         """Return where the waveform stands between bursts."""
@@ -227,36 +227,37 @@ class Player:
 
     def _burst_phase(self) -> float:
         """Return the phase at which bursts begin, cycles; pulses have no other than 0 (33250A guide, unverified)."""
-        return 0.0 if self._settings["func"] == "PULS" else float(self._settings["burst_phase"]) / 360.0
+        return 0.0 if self._settings.function == "PULS" else float(self._settings.burst_phase_deg) / 360.0
 
     def _bursts(self, started_s: float) -> Phase:
         from simrack.instruments.agilent33220a.phases import Bursts  # noqa: PLC0415
 
-        settings, hz, turn = self._settings, self._exact_hz("freq"), self._burst_phase()
-        period = settings["burst_period"] / (1.0 + self._errors.frequency_error)
-        return Bursts(hz, settings["cycles"], started_s, period if settings["trigger"] == "IMM" else math.inf, turn)
+        settings, hz, turn = self._settings, self._exact_hz(self._settings.frequency_hz), self._burst_phase()
+        period = settings.burst_period_s / (1.0 + self._errors.frequency_error)
+        return Bursts(hz, settings.cycles, started_s, period if settings.trigger == "IMM" else math.inf, turn)
 
     def _running(self, started_s: float | None) -> Phase:
         from simrack.instruments.agilent33220a import phases  # noqa: PLC0415
 
-        settings, hz, mode = self._settings, self._exact_hz("freq"), self._settings["mode"]
+        settings, hz, mode = self._settings, self._exact_hz(self._settings.frequency_hz), self._settings.mode
         if mode == "SWE":
             return self._sweep(started_s)
-        if settings.get(f"{mode}:source") == "INT":
+        modulations: dict[str, Modulation | Keying] = {"FM": settings.fm, "PM": settings.pm, "FSK": settings.fsk}
+        modulation = modulations.get(mode)
+        if modulation is not None and modulation.source == "INT":
             if mode == "FM":
-                return phases.Deviated(hz, self._exact_hz("FM:dev"), self._rhythm("FM"))
+                return phases.Deviated(hz, self._exact_hz(settings.fm_deviation_hz), self._rhythm(settings.fm))
             if mode == "PM":
-                return phases.Shifted(hz, settings["PM:dev"] / 360.0, self._rhythm("PM"))
-            if mode == "FSK":
-                return phases.Keyed(hz, self._exact_hz("FSK:freq"), self._exact_hz("FSK:rate"))
+                return phases.Shifted(hz, settings.pm_deviation_deg / 360.0, self._rhythm(settings.pm))
+            return phases.Keyed(hz, self._exact_hz(settings.fsk.frequency_hz), self._exact_hz(settings.fsk.rate_hz))
         return phases.Steady(hz)
 
     def _sweep(self, started_s: float | None) -> Phase:
         from simrack.instruments.agilent33220a.phases import Steady, Swept  # noqa: PLC0415
 
-        settings: dict[str, Any] = self._settings
-        start, stop = self._exact_hz("start"), self._exact_hz("stop")
+        settings = self._settings
+        start, stop = self._exact_hz(settings.start_hz), self._exact_hz(settings.stop_hz)
         if started_s is None:
             return Steady(start)
-        lasts = settings["sweep_s"] / (1.0 + self._errors.frequency_error)
-        return Swept(start, stop, lasts, settings["spacing"] == "LOG", started_s, settings["trigger"] == "IMM")
+        lasts = settings.sweep_s / (1.0 + self._errors.frequency_error)
+        return Swept(start, stop, lasts, settings.spacing == "LOG", started_s, settings.trigger == "IMM")

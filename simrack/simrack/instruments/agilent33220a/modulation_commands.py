@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 
 def _duty_swing_limits(model: _Model) -> Limits:
-    return Limits(0.0, 100.0 * widest_swing_s(model.state, model.kind) * model.state["freq"])
+    return Limits(0.0, 100.0 * widest_swing_s(model.state, model.kind) * model.state.frequency_hz)
 
 
 def _set_duty_swing(model: _Model, percent: float) -> None:
-    model.state["PWM:dev"] = percent / 100.0 / model.state["freq"]
+    model.state.pwm_deviation_s = percent / 100.0 / model.state.frequency_hz
     model.settle()
 
 
@@ -34,38 +34,46 @@ _MODULATION_HZ = Number(unit="HZ", limits=Limits(2e-3, 20e3), name="frequency")
 
 COMMANDS = (
     *(
-        setting(f"[SOURce:]{mode}:INTernal:FUNCtion", f"{mode}:func", _SHAPE_WORDS)
+        setting(f"[SOURce:]{mode}:INTernal:FUNCtion", _SHAPE_WORDS, f"state.{mode.lower()}.function")
         for mode in ("AM", "FM", "PM", "PWM")
     ),
     *(
-        setting(f"[SOURce:]{mode}:INTernal:FREQuency", f"{mode}:freq", _MODULATION_HZ, nr3)
+        setting(f"[SOURce:]{mode}:INTernal:FREQuency", _MODULATION_HZ, f"state.{mode.lower()}.frequency_hz", nr3)
         for mode in ("AM", "FM", "PM", "PWM")
     ),
-    *(setting(f"[SOURce:]{mode}:SOURce", f"{mode}:source", _SOURCES) for mode in ("AM", "FM", "PM", "PWM")),
-    setting("[SOURce:]AM:DEPTh", "AM:depth", Number(unit="PCT", limits=Limits(0.0, 120.0)), nr3),
+    *(
+        setting(f"[SOURce:]{mode}:SOURce", _SOURCES, f"state.{mode.lower()}.source")
+        for mode in ("AM", "FM", "PM", "PWM")
+    ),
+    setting("[SOURce:]AM:DEPTh", Number(unit="PCT", limits=Limits(0.0, 120.0)), "state.am_depth_percent", nr3),
     setting(
         "[SOURce:]FM:DEViation",
-        "FM:dev",
         Number(unit="HZ", limits=lambda model: Limits(FIRST_HZ, fm_limit_hz(model.state, model.kind))),
+        "state.fm_deviation_hz",
         nr3,
     ),
-    angle("[SOURce:]PM:DEViation", "PM:dev", 0.0, 360.0),
+    angle("[SOURce:]PM:DEViation", "state.pm_deviation_deg", 0.0, 360.0),
     setting(
         "[SOURce:]PWM:DEViation",
-        "PWM:dev",
         Number(unit="S", limits=lambda model: Limits(0.0, widest_swing_s(model.state, model.kind))),
+        "state.pwm_deviation_s",
         nr3,
     ),
     Command(
         "[SOURce:]PWM:DEViation:DCYCle",
         (Number(unit="PCT", limits=_duty_swing_limits),),
         do=_set_duty_swing,
-        query=lambda model: 100.0 * model.state["PWM:dev"] * model.state["freq"],
+        query=lambda model: 100.0 * model.state.pwm_deviation_s * model.state.frequency_hz,
         reply=nr3,
     ),
-    setting("[SOURce:]FSKey:FREQuency", "FSK:freq", Number(unit="HZ", limits=frequency_limits, name="frequency"), nr3),
-    setting("[SOURce:]FSKey:INTernal:RATE", "FSK:rate", Number(unit="HZ", limits=Limits(2e-3, 100e3)), nr3),
-    setting("[SOURce:]FSKey:SOURce", "FSK:source", _SOURCES),
+    setting(
+        "[SOURce:]FSKey:FREQuency",
+        Number(unit="HZ", limits=frequency_limits, name="frequency"),
+        "state.fsk.frequency_hz",
+        nr3,
+    ),
+    setting("[SOURce:]FSKey:INTernal:RATE", Number(unit="HZ", limits=Limits(2e-3, 100e3)), "state.fsk.rate_hz", nr3),
+    setting("[SOURce:]FSKey:SOURce", _SOURCES, "state.fsk.source"),
     *(mode_switch(f"[SOURce:]{mode}:STATe", mode) for mode in ("AM", "FM", "PM", "PWM")),
     mode_switch("[SOURce:]FSKey:STATe", "FSK"),
 )

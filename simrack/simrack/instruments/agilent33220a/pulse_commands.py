@@ -21,18 +21,14 @@ def _width_limits(model: _Model) -> Limits:
     return Limits(*width_limits_s(model.state, model.kind))
 
 
-def _set_width(model: _Model, seconds: float) -> None:
-    model.state["width"] = seconds
-    model.settle()
-
-
 def _duty_of_pulse_limits(model: _Model) -> Limits:
     shortest, longest = width_limits_s(model.state, model.kind)
-    return Limits(100.0 * shortest * model.state["freq"], 100.0 * longest * model.state["freq"])
+    return Limits(100.0 * shortest * model.state.frequency_hz, 100.0 * longest * model.state.frequency_hz)
 
 
 def _set_pulse_duty(model: _Model, percent: float) -> None:
-    _set_width(model, percent / 100.0 / model.state["freq"])
+    model.state.width_s = percent / 100.0 / model.state.frequency_hz
+    model.settle()
 
 
 def _edge_limits(model: _Model) -> Limits:
@@ -44,26 +40,28 @@ COMMANDS = (
         "[SOURce:]PULSe:PERiod",
         (Number(unit="S", limits=Limits(200e-9, 2000.0)),),
         do=_set_period,
-        query=lambda model: 1.0 / model.state["freq"],
+        query=lambda model: 1.0 / model.state.frequency_hz,
         reply=nr3,
         takes_s=TUNE_S,
     ),
-    Command(
+    setting(
         "[SOURce:]FUNCtion:PULSe:WIDTh",
-        (Number(unit="S", limits=_width_limits, name="pulse width limited by period"),),
-        do=_set_width,
-        query=lambda model: model.state["width"],
-        reply=nr3,
+        Number(unit="S", limits=_width_limits, name="pulse width limited by period"),
+        "state.width_s",
+        nr3,
     ),
     Command(
         "[SOURce:]FUNCtion:PULSe:DCYCle",
         (Number(unit="PCT", limits=_duty_of_pulse_limits, name="pulse duty cycle limited by period"),),
         do=_set_pulse_duty,
-        query=lambda model: 100.0 * model.state["width"] * model.state["freq"],
+        query=lambda model: 100.0 * model.state.width_s * model.state.frequency_hz,
         reply=nr3,
     ),
-    setting("[SOURce:]FUNCtion:PULSe:HOLD", "hold", Choice(("WIDTh", "DCYCle"))),
+    setting("[SOURce:]FUNCtion:PULSe:HOLD", Choice(("WIDTh", "DCYCle")), "state.hold"),
     setting(
-        "[SOURce:]FUNCtion:PULSe:TRANsition", "edge", Number(unit="S", limits=_edge_limits, name="pulse edge time"), nr3
+        "[SOURce:]FUNCtion:PULSe:TRANsition",
+        Number(unit="S", limits=_edge_limits, name="pulse edge time"),
+        "state.edge_s",
+        nr3,
     ),
 )

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
-from msgspec import Struct
+from msgspec import Struct, field
 from msgspec.structs import replace
 
-from simrack.scpi import ScpiError
+from simrack.scpi import ScpiError, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import numpy as np
-
-Settings = dict[str, Any]
 
 SOURCE_OHM = 50.0
 MAX_PEAK_V = 10.0
@@ -77,66 +75,95 @@ KIND_33220A = GeneratorKind(
     arbitrary_clock_hz=50e6,  # User's Guide p. 325: at higher frequencies some points are skipped
 )
 
-RESET: Settings = {
-    "func": "SIN",
-    "freq": 1000.0,
-    "vpp": 0.2,  # open-circuit: 100 mVpp into the 50 ohm of *RST
-    "offset": 0.0,
-    "unit": "VPP",
-    "load": 50.0,
-    "output": False,
-    "polarity": "NORM",
-    "sync": True,
-    "range_auto": True,
-    "range": 0,
-    "duty": 50.0,
-    "symmetry": 100.0,
-    "width": 1e-4,
-    "hold": "WIDT",
-    "edge": 5e-9,
-    "user": "EXP_RISE",
-    "angle": "DEG",
-    "phase": 0.0,
-    "mode": "",
-    "AM:depth": 100.0,
-    "AM:func": "SIN",
-    "AM:freq": 100.0,
-    "AM:source": "INT",
-    "FM:dev": 100.0,
-    "FM:func": "SIN",
-    "FM:freq": 10.0,
-    "FM:source": "INT",
-    "PM:dev": 180.0,
-    "PM:func": "SIN",
-    "PM:freq": 10.0,
-    "PM:source": "INT",
-    "PWM:dev": 1e-5,
-    "PWM:func": "SIN",
-    "PWM:freq": 10.0,
-    "PWM:source": "INT",
-    "FSK:freq": 100.0,
-    "FSK:rate": 10.0,
-    "FSK:source": "INT",
-    "start": 100.0,
-    "stop": 1000.0,
-    "spacing": "LIN",
-    "sweep_s": 1.0,
-    "marker": 500.0,
-    "marker_on": False,
-    "burst_mode": "TRIG",
-    "cycles": 1.0,
-    "burst_period": 1e-2,
-    "burst_phase": 0.0,
-    "gate": "NORM",
-    "trigger": "IMM",
-    "slope": "POS",
-    "delay": 0.0,
-    "trigger_out": False,
-    "trigger_out_slope": "POS",
-    "order": "NORM",
-    "unlock_error": False,
-}
-"""The state after *RST: the record of a 33250A, and for PM, PWM and what it does not have general knowledge."""
+
+class Modulation(Struct):
+    """Modulating waveform of AM, FM, PM or PWM."""
+
+    function: str = "SIN"
+    frequency_hz: float = 10.0
+    source: str = "INT"
+
+
+class Keying(Struct):
+    """Other frequency of FSK, and rate of its changes."""
+
+    frequency_hz: float = 100.0
+    rate_hz: float = 10.0
+    source: str = "INT"
+
+
+class Panel(Settings):
+    """Settings that ``*RST`` leaves alone: front panel and interfaces."""
+
+    display: bool = True
+    text: str = ""
+    beep: bool = True
+    lock: bool = False
+    exclude: str = "NONE"
+    remote: str = "LOC"
+    auto_recall: bool = False
+    gpib: int = 10
+    dhcp: bool = True
+    address: str = "169.254.2.20"
+    mask: str = "255.255.0.0"
+    gateway: str = "169.254.2.1"
+    host: str = "A-33220A-21876"
+
+
+class GeneratorSettings(Settings):
+    """Settings of a 33220A.
+
+    Those of ``*RST`` are the record of a 33250A; of PM, PWM and what a 33250A has not they are general knowledge.
+    `vpp` and `offset_v` are those into an open circuit.
+    """
+
+    function: str = "SIN"
+    frequency_hz: float = 1000.0
+    vpp: float = 0.2  # open-circuit: 100 mVpp into the 50 ohm of *RST
+    offset_v: float = 0.0
+    unit: str = "VPP"
+    load_ohm: float = 50.0
+    output: bool = False
+    polarity: str = "NORM"
+    sync: bool = True
+    range_auto: bool = True
+    range: int = 0
+    duty_percent: float = 50.0
+    symmetry_percent: float = 100.0
+    width_s: float = 1e-4
+    hold: str = "WIDT"
+    edge_s: float = 5e-9
+    user: str = "EXP_RISE"
+    angle: str = "DEG"
+    phase_deg: float = 0.0
+    mode: str = ""
+    am_depth_percent: float = 100.0
+    am: Modulation = field(default_factory=lambda: Modulation(frequency_hz=100.0))
+    fm_deviation_hz: float = 100.0
+    fm: Modulation = field(default_factory=Modulation)
+    pm_deviation_deg: float = 180.0
+    pm: Modulation = field(default_factory=Modulation)
+    pwm_deviation_s: float = 1e-5
+    pwm: Modulation = field(default_factory=Modulation)
+    fsk: Keying = field(default_factory=Keying)
+    start_hz: float = 100.0
+    stop_hz: float = 1000.0
+    spacing: str = "LIN"
+    sweep_s: float = 1.0
+    marker_hz: float = 500.0
+    marker_on: bool = False
+    burst_mode: str = "TRIG"
+    cycles: float = 1.0
+    burst_period_s: float = 1e-2
+    burst_phase_deg: float = 0.0
+    gate: str = "NORM"
+    trigger: str = "IMM"
+    slope: str = "POS"
+    delay_s: float = 0.0
+    trigger_out: bool = False
+    trigger_out_slope: str = "POS"
+    order: str = "NORM"
+    unlock_error: bool = False
 
 
 def conflict(words: str) -> ScpiError:

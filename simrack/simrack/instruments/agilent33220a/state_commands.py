@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from simrack.instruments.agilent33220a.declarations import SWITCH_S, NameParameter, names_reply
 from simrack.instruments.agilent33220a.learning import learnt
-from simrack.scpi import Boolean, Command, Integer, Limits, ScpiError, boolean, quoted, signed_integer
+from simrack.scpi import Boolean, Command, Integer, Limits, ScpiError, attribute, boolean, quoted, signed_integer
 
 if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
@@ -49,12 +49,6 @@ COMMANDS = (
         reply=boolean,
     ),
     Command("MEMory:STATe:CATalog", query=lambda model: names_reply(list(model.state_names.values()))),
-    Command(
-        "MEMory:STATe:RECall:AUTO",
-        (Boolean(),),
-        do=lambda model, state: setattr(model, "auto_recall", state),
-        query=lambda model: model.auto_recall,
-        reply=boolean,
-    ),
+    attribute("MEMory:STATe:RECall:AUTO", Boolean(), "panel.auto_recall", boolean),
     Command("MEMory:NSTates", query=lambda _: 5, reply=signed_integer),
 )

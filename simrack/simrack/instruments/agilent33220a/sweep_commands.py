@@ -17,22 +17,22 @@ def _sweep(pattern: str, read: Callable[[float, float], float], write: Callable[
     """Declare one of STARt, STOP, CENTer, SPAN, which share two numbers."""
 
     def do(model: _Model, value: float) -> None:
-        low, high = FIRST_HZ, model.kind.frequency_hz[model.state["func"]][1]
-        wanted = write(model.state["start"], model.state["stop"], value)
-        model.state["start"], model.state["stop"] = (min(max(hz, low), high) for hz in wanted)
+        low, high = FIRST_HZ, model.kind.frequency_hz[model.state.function][1]
+        wanted = write(model.state.start_hz, model.state.stop_hz, value)
+        model.state.start_hz, model.state.stop_hz = (min(max(hz, low), high) for hz in wanted)
         model.restart()
 
     return Command(
         pattern,
         (Number(unit="HZ", limits=_sweep_limits),),
         do=do,
-        query=lambda model: read(model.state["start"], model.state["stop"]),
+        query=lambda model: read(model.state.start_hz, model.state.stop_hz),
         reply=nr3,
     )
 
 
 def _sweep_limits(model: _Model) -> Limits:
-    high = model.kind.frequency_hz[model.state["func"]][1]
+    high = model.kind.frequency_hz[model.state.function][1]
     return Limits(-high, high)
 
 
@@ -49,9 +49,9 @@ COMMANDS = (
         lambda start, stop: stop - start,
         lambda start, stop, value: ((start + stop - value) / 2.0, (start + stop + value) / 2.0),
     ),
-    setting("[SOURce:]SWEep:SPACing", "spacing", Choice(("LINear", "LOGarithmic"))),
-    setting("[SOURce:]SWEep:TIME", "sweep_s", Number(unit="S", limits=Limits(1e-3, 500.0)), nr3),
+    setting("[SOURce:]SWEep:SPACing", Choice(("LINear", "LOGarithmic")), "state.spacing"),
+    setting("[SOURce:]SWEep:TIME", Number(unit="S", limits=Limits(1e-3, 500.0)), "state.sweep_s", nr3),
     mode_switch("[SOURce:]SWEep:STATe", "SWE"),
-    setting("MARKer:FREQuency", "marker", Number(unit="HZ", limits=frequency_limits), nr3),
-    setting("MARKer[:STATe]", "marker_on", Boolean(), boolean),
+    setting("MARKer:FREQuency", Number(unit="HZ", limits=frequency_limits), "state.marker_hz", nr3),
+    setting("MARKer[:STATe]", Boolean(), "state.marker_on", boolean),
 )

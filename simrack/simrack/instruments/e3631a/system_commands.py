@@ -151,14 +151,14 @@ SYSTEM_COMMANDS = (
 
 STATUS_COMMANDS = (
     event("STATus:QUEStionable[:EVENt]", lambda supply: supply.questionable),
-    enable("STATus:QUEStionable:ENABle", lambda supply: supply.questionable),
+    enable("STATus:QUEStionable:ENABle", "questionable"),
     event("STATus:QUEStionable:INSTrument[:EVENt]", lambda supply: supply.instrument_summary),
-    enable("STATus:QUEStionable:INSTrument:ENABle", lambda supply: supply.instrument_summary),
+    enable("STATus:QUEStionable:INSTrument:ENABle", "instrument_summary"),
     Command("STATus:QUEStionable:INSTrument:ISUMmary<1-3>[:EVENt]", query=_summary_event, reply=bare_integer),
     Command("STATus:QUEStionable:INSTrument:ISUMmary<1-3>:CONDition", query=_summary_condition, reply=bare_integer),
     Command(
         "STATus:QUEStionable:INSTrument:ISUMmary<1-3>:ENABle",
-        MASK_16,
+        (MASK_16,),
         do=_set_summary_enable,
         query=_summary_enable,
         query_parameters=(),

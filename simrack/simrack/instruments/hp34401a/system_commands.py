@@ -104,6 +104,6 @@ COMMANDS = (
     Command("L3", do=_language(3)),
     # status
     event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
-    enable("STATus:QUEStionable:ENABle", lambda meter: meter.questionable),
+    enable("STATus:QUEStionable:ENABle", "questionable"),
     Command("STATus:PRESet", do=_preset_status),
 )

@@ -230,10 +230,10 @@ _TABLE = CommandTable(
     *(Command(f"DISPlay:USER{line}:TEXT[:DATA]", (Text(),), do=ignored) for line in (1, 2)),
     Command("*TST", query=lambda _: "0", query_takes_s=2.0),
     event("STATus:OPERation[:EVENt]", lambda meter: meter.operation),
-    enable("STATus:OPERation:ENABle", lambda meter: meter.operation),
+    enable("STATus:OPERation:ENABle", "operation"),
     event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
     condition("STATus:QUEStionable:CONDition", lambda meter: meter.questionable),
-    enable("STATus:QUEStionable:ENABle", lambda meter: meter.questionable),
+    enable("STATus:QUEStionable:ENABle", "questionable"),
     Command("STATus:PRESet", do=ignored),
 )
 

@@ -37,6 +37,7 @@ from simrack.scpi import (
     Number,
     Parameter,
     ScpiError,
+    attribute,
     boolean,
     quoted,
     real,
@@ -136,27 +137,27 @@ def _select(model: _Model, function: str) -> None:
 
 
 def _selected(model: _Model) -> str:
-    return "ARB" if model.state["func"] == "USER" else str(model.state["func"])
+    return "ARB" if model.state.function == "USER" else str(model.state.function)
 
 
 def _apply_dc(model: _Model, frequency: Any, amplitude: Any, offset: Any) -> None:
     """Take the offset; what stands for frequency and amplitude is ignored."""
     del frequency, amplitude
-    model.state.update(mode="", trigger="IMM", range_auto=True)
+    model.state.mode, model.state.trigger, model.state.range_auto = "", "IMM", True
     model.rules.select("DC")
     model.levels.set_offset(model.levels.rounded(level_commands.OFFSET.settle(offset, model)))
-    model.state["output"] = True
+    model.state.output = True
     model.update()
 
 
 def _applied(model: _Model) -> str:
     amplitude, offset = level_commands.amplitude_shown(model), level_commands.offset_shown(model)
-    return quoted(f"{_selected(model)} {_nr3(model.state['freq'])},{nr3(amplitude)},{nr3(offset)}")
+    return quoted(f"{_selected(model)} {_nr3(model.state.frequency_hz)},{nr3(amplitude)},{nr3(offset)}")
 
 
 def _square_duty_limits(model: _Model) -> Limits:
     """Return the duty cycles that leave the least width of a pulse (users' tests: 0.01 % at low frequency)."""
-    least = max(0.01, 100.0 * model.kind.least_width_s[math.inf] * model.state["freq"])
+    least = max(0.01, 100.0 * model.kind.least_width_s[math.inf] * model.state.frequency_hz)
     return Limits(least, 100.0 - least, 50.0)
 
 
@@ -168,22 +169,23 @@ def _period_limits(model: _Model) -> Limits:
 # --- limits and load ------------------------------------------------------------------------------------------------
 
 
-def _limit(key: str) -> Command:
+def _limit(name: str) -> Command:
     def limits(model: _Model) -> Limits:
         most = model.levels.max_v()
-        return Limits(-most, most, most if key == "limit_high" else -most)
+        return Limits(-most, most, most if name == "limit_high_v" else -most)
 
     def write(model: _Model, shown_v: float) -> None:
-        before, model.state[key] = model.state[key], shown_v / model.levels.share
-        if model.state["limit_on"] and not model.limited.within_limits():
-            model.state[key] = before
+        before = getattr(model.state, name)
+        setattr(model.state, name, shown_v / model.levels.share)
+        if model.state.limit_on and not model.limited.within_limits():
+            setattr(model.state, name, before)
             raise conflict("limit does not hold the present levels")
 
     return Command(
-        f"[SOURce:]VOLTage:LIMit:{'HIGH' if key == 'limit_high' else 'LOW'}",
+        f"[SOURce:]VOLTage:LIMit:{'HIGH' if name == 'limit_high_v' else 'LOW'}",
         (Number(unit="V", limits=limits),),
         do=write,
-        query=lambda model: model.state[key] * model.levels.share,
+        query=lambda model: getattr(model.state, name) * model.levels.share,
         reply=_nr3,
     )
 
@@ -192,16 +194,16 @@ def _switch_limits(model: _Model, state: object) -> None:
     """Switch the limits; they stay off where the present levels leave them (unverified)."""
     if state and not model.limited.within_limits():
         raise conflict("output limits do not hold the present levels")
-    model.state["limit_on"] = bool(state)
+    model.state.limit_on = bool(state)
 
 
 def _set_load(model: _Model, ohm: float) -> None:
     """Change what is shown; not while limits are on, whose load would not be known (guide p. 62)."""
-    if model.state["limit_on"]:
+    if model.state.limit_on:
         raise conflict("output termination cannot be changed while voltage limits are enabled")
-    model.state["load"] = ohm
+    model.state.load_ohm = ohm
     if math.isinf(ohm):
-        model.state["unit"] = "VPP"  # guide p. 62
+        model.state.unit = "VPP"  # guide p. 62
 
 
 # --- arbitrary waveforms --------------------------------------------------------------------------------------------
@@ -223,23 +225,21 @@ def _clear(model: _Model) -> None:
 
 
 def _points(model: _Model) -> int:
-    return len(model.waveforms.points(model.state["user"]))
+    return len(model.waveforms.points(model.state.user))
 
 
 def _rate_limits(model: _Model) -> Limits:
     return Limits(1e-6, model.series.sample_rate_hz, 40e3)
 
 
-def _set_rate(model: _Model, hz: float) -> None:
-    model.state["srate"] = hz
+def _retune(model: _Model) -> None:
     model.tune_arbitrary()
     model.settle()
 
 
-def _set_bits(model: _Model, hz: float) -> None:
-    model.state["brate"] = hz
-    model.tune_arbitrary()
-    model.settle()
+def _set_arbitrary_hz(model: _Model, hz: float) -> None:
+    model.state.sample_rate_hz = hz * _points(model)
+    _retune(model)
 
 
 _BURST_COUNT: Any = next(each for each in burst_commands.COMMANDS if each.pattern.endswith("NCYCles"))
@@ -259,75 +259,61 @@ OWN = (
         do=_apply_dc,
         takes_s=SWITCH_S,
     ),
-    setting("[SOURce:]FUNCtion:SQUare:DCYCle", "duty", Number(unit="PCT", limits=_square_duty_limits), _nr3),
+    setting(
+        "[SOURce:]FUNCtion:SQUare:DCYCle", Number(unit="PCT", limits=_square_duty_limits), "state.duty_percent", _nr3
+    ),
     Command(
         "[SOURce:]FUNCtion:PULSe:PERiod",
         (Number(unit="S", limits=_period_limits),),
         do=lambda model, seconds: model.set_frequency(1.0 / seconds),
-        query=lambda model: 1.0 / model.state["freq"],
+        query=lambda model: 1.0 / model.state.frequency_hz,
         reply=_nr3,
         takes_s=TUNE_S,
     ),
     replace(_BURST_COUNT, parameters=(replace(_BURST_COUNT.parameters[0], limits=Limits(1, 1e8)),), reply=_nr3),
     setting(
         "[SOURce:]BURSt:INTernal:PERiod",
-        "burst_period",
         Number(unit="S", limits=Limits(1e-6, LONGEST_BURST_S), name="burst period"),
+        "state.burst_period_s",
         _nr3,
     ),
-    Command(
-        "OUTPut:LOAD",
-        (Number(unit="OHM", limits=Limits(1.0, 10000.0, 50.0), words={"INFinity": math.inf}),),
-        do=_set_load,
-        query=lambda model: model.state["load"],
-        reply=_nr3,
-    ),
-    _limit("limit_high"),
-    _limit("limit_low"),
-    Command(
-        "[SOURce:]VOLTage:LIMit:STATe",
-        (Boolean(),),
-        do=_switch_limits,
-        query=lambda model: model.state["limit_on"],
-        reply=boolean,
-    ),
+    attribute("OUTPut:LOAD", level_commands.LOAD, "state.load_ohm", _nr3, do=_set_load),
+    _limit("limit_high_v"),
+    _limit("limit_low_v"),
+    attribute("[SOURce:]VOLTage:LIMit:STATe", Boolean(), "state.limit_on", boolean, do=_switch_limits),
     Command(
         "[SOURce:]FUNCtion:ARBitrary",
         (_Name(),),
         do=lambda model, name: model.choose_arbitrary(name),
-        query=lambda model: path(model.state["user"]),
+        query=lambda model: path(model.state.user),
         reply=quoted,
     ),
-    Command(
-        "[SOURce:]FUNCtion:ARBitrary:SRATe",
-        (Number(limits=_rate_limits),),
-        do=_set_rate,
-        query=lambda model: model.state["srate"],
-        reply=_nr3,
+    attribute(
+        "[SOURce:]FUNCtion:ARBitrary:SRATe", Number(limits=_rate_limits), "state.sample_rate_hz", _nr3, then=_retune
     ),
     Command(
         "[SOURce:]FUNCtion:ARBitrary:FREQuency",
         (Number(unit="HZ"),),
-        do=lambda model, hz: _set_rate(model, hz * _points(model)),
-        query=lambda model: model.state["srate"] / _points(model),
+        do=_set_arbitrary_hz,
+        query=lambda model: model.state.sample_rate_hz / _points(model),
         reply=_nr3,
     ),
-    Command(
+    attribute(
         "[SOURce:]FUNCtion:PRBS:BRATe",
-        (Number(limits=lambda model: Limits(1e-3, model.series.bits_hz, 1e3)),),
-        do=_set_bits,
-        query=lambda model: model.state["brate"],
-        reply=_nr3,
+        Number(limits=lambda model: Limits(1e-3, model.series.bits_hz, 1e3)),
+        "state.bit_rate_hz",
+        _nr3,
+        then=_retune,
     ),
-    setting("[SOURce:]FUNCtion:PRBS:DATA", "sequence", Choice(("PN7",))),
+    setting("[SOURce:]FUNCtion:PRBS:DATA", Choice(("PN7",)), "state.sequence"),
     Command("[SOURce:]FUNCtion:ARBitrary:POINts", query=_points, reply=signed_integer),
-    setting("[SOURce:]FUNCtion:ARBitrary:FILTer", "filter", Choice(("NORMal", "STEP", "OFF"))),
-    setting("[SOURce:]FUNCtion:ARBitrary:ADVance", "advance", Choice(("TRIGger", "SRATe"))),
+    setting("[SOURce:]FUNCtion:ARBitrary:FILTer", Choice(("NORMal", "STEP", "OFF")), "state.filter"),
+    setting("[SOURce:]FUNCtion:ARBitrary:ADVance", Choice(("TRIGger", "SRATe")), "state.advance"),
     Command("[SOURce:]DATA:ARBitrary", (_Name(), Number(limits=Limits(-1.0, 1.0))), do=_load, repeat=True),
     Command("[SOURce:]DATA:ARBitrary:DAC", (_Name(), Number()), do=_load_dac, repeat=True),
     Command("[SOURce:]DATA:VOLatile:CLEar", do=_clear),
     Command("[SOURce:]DATA:VOLatile:CATalog", query=lambda model: ",".join(map(quoted, model.waveforms.names()))),
-    setting("FORMat:BORDer", "order", Choice(("NORMal", "SWAPped"))),
+    setting("FORMat:BORDer", Choice(("NORMal", "SWAPped")), "state.order"),
 )
 
 TABLE = CommandTable(*COMMON_COMMANDS, *(each for command in (*_inherited(), *OWN) for each in _spelled(command)))

@@ -11,13 +11,13 @@ as trigger, and the lower amplitudes of a 33600A at high frequencies.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from simrack.instruments.agilent33220a.instrument import GeneratorErrors, SimulatedAgilent33220A
-from simrack.instruments.agilent33220a.settings import RESET, drawn_ranges
+from simrack.instruments.agilent33220a.settings import drawn_ranges
 from simrack.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
 from simrack.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, TrueformSeries, kind
-from simrack.instruments.trueform.levels import LimitedLevels
+from simrack.instruments.trueform.levels import LimitedLevels, TrueformSettings
 from simrack.specifications import KEYSIGHT_33500B
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from simrack.scpi import CommandTable
 
-_LIMITS: dict[str, Any] = {"limit_on": False, "limit_high": 10.0, "limit_low": -10.0}
-_ARBITRARY: dict[str, Any] = {"srate": 40e3, "filter": "STEP", "advance": "SRAT", "brate": 1e3, "sequence": "PN7"}
 _LONGEST_LINE = 15 * MOST_POINTS + 1024
 _FREQUENCY_ERROR = 2e-6
 """Of the time base: 1 ppm a year and 1 ppm of temperature (general knowledge of the data sheet, unverified)."""
@@ -57,6 +55,7 @@ class SimulatedTrueform(SimulatedAgilent33220A):
     table: ClassVar[CommandTable]
     longest_line: ClassVar[int] = _LONGEST_LINE
     series: ClassVar[TrueformSeries]
+    state: TrueformSettings
 
     @classmethod
     def of_model(cls, model: str, sine_hz: float) -> type[Self]:
@@ -66,9 +65,12 @@ class SimulatedTrueform(SimulatedAgilent33220A):
             "own_name": model,
             "series": series,
             "kind": kind(series, sine_hz),
-            "reset_state": {**RESET, **_LIMITS, **_ARBITRARY, "edge": series.edge_reset_s},
         }
         return type(cls.__name__, (cls,), {**own, "__doc__": cls.__doc__})
+
+    def reset_state(self) -> TrueformSettings:
+        """Return the settings of ``*RST``."""
+        return TrueformSettings(edge_s=self.series.edge_reset_s)
 
     def made_memory(self, full_scale: int) -> NamedWaveforms:
         """Return the waveform memory of the series."""
@@ -87,13 +89,13 @@ class SimulatedTrueform(SimulatedAgilent33220A):
     def choose_arbitrary(self, name: str) -> None:
         """FUNCtion:ARBitrary: select a waveform; another length is another frequency at the same sample rate."""
         self.waveforms.points(name)
-        self.state["user"] = name
+        self.state.user = name
         self.tune_arbitrary()
         self.update()
 
     def tune_arbitrary(self) -> None:
         """Take the frequency that the sample rate gives, where an arbitrary waveform is selected; of bits likewise."""
-        if self.state["func"] == "PRBS":
-            self.state["freq"] = self.state["brate"] / PRBS_BITS
-        if self.state["func"] == "USER":
-            self.state["freq"] = self.state["srate"] / len(self.waveforms.points(self.state["user"]))
+        if self.state.function == "PRBS":
+            self.state.frequency_hz = self.state.bit_rate_hz / PRBS_BITS
+        if self.state.function == "USER":
+            self.state.frequency_hz = self.state.sample_rate_hz / len(self.waveforms.points(self.state.user))

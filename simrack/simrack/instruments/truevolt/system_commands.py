@@ -85,9 +85,9 @@ def commands(kind: MeterKind) -> tuple[Command, ...]:
         Command("*TST", query=_self_test, query_takes_s=_SELF_TEST_S),
         event("STATus:OPERation[:EVENt]", lambda meter: meter.operation),
         condition("STATus:OPERation:CONDition", lambda meter: meter.operation),
-        enable("STATus:OPERation:ENABle", lambda meter: meter.operation),
+        enable("STATus:OPERation:ENABle", "operation"),
         event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
         condition("STATus:QUEStionable:CONDition", lambda meter: meter.questionable),
-        enable("STATus:QUEStionable:ENABle", lambda meter: meter.questionable),
+        enable("STATus:QUEStionable:ENABle", "questionable"),
         Command("STATus:PRESet", do=_preset_status),
     )

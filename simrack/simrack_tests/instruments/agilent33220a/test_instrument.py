@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 from simrack.instruments.agilent33220a import TABLE, GeneratorErrors, OutputRange
 from simrack.sources import Drive
 
@@ -527,14 +527,14 @@ LEARNT = [
 def test_what_is_learnt_brings_the_settings_back_without_an_error(box: Socket, settings: str) -> None:
     box.send(settings)
     assert box.errors() == []
-    learnt, state = box.ask("*LRN?"), dict(box.generator.state)
+    learnt, state = box.ask("*LRN?"), asdict(box.generator.state)
     box.send("*RST;:FUNC NOIS;:BURS:MODE GAT;STAT ON")
     box.send(learnt)
     assert box.errors() == []
     assert box.ask("*LRN?") == learnt
-    numbers = {key: value for key, value in box.generator.state.items() if isinstance(value, float)}
+    numbers = {key: value for key, value in asdict(box.generator.state).items() if isinstance(value, float)}
     assert numbers == pytest.approx({key: state[key] for key in numbers}, rel=1e-12)
-    assert {key: value for key, value in box.generator.state.items() if key not in numbers} == {
+    assert {key: value for key, value in asdict(box.generator.state).items() if key not in numbers} == {
         key: value for key, value in state.items() if key not in numbers
     }
 
