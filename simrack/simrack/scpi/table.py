@@ -156,13 +156,15 @@ class CommandTable:
 
     Args:
         commands: the declarations; one header may have its command and its query form declared apart.
+        limit_queries: whether numbers with limits answer `? MIN`, `? MAX` and `? DEF`.
 
     Raises:
         ValueError: a header is declared twice.
     """
 
-    def __init__(self, *commands: Command) -> None:
+    def __init__(self, *commands: Command, limit_queries: bool = True) -> None:
         self.commands = commands
+        self._limit_queries = limit_queries
         self._root = _Node()
         for command in commands:
             nodes = [self._root]
@@ -207,7 +209,7 @@ class CommandTable:
         handler = command.query if unit.query else command.do
         if handler is None:
             raise ScpiError(-113)
-        query_limit = _limit_query(command) if unit.query and unit.tokens else None
+        query_limit = _limit_query(command) if unit.query and unit.tokens and self._limit_queries else None
         if query_limit is not None:
             return _limit_step(command, unit, query_limit)
         parameters = (command.query_parameters or ()) if unit.query else command.parameters

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 
 from simrack.instruments.dso7104b.declarations import (
     nothing,
-    number,
-    setting,
 )
 from simrack.scpi import (
     Boolean,
@@ -23,6 +21,7 @@ from simrack.scpi import (
     Number,
     ScpiError,
     Text,
+    attribute,
     boolean,
     comma_list,
     quoted,
@@ -46,11 +45,9 @@ def _no_medium(_: SimulatedDso7104B, *arguments: object) -> None:
 
 
 def _external_learned(model: SimulatedDso7104B) -> str:
-    state = model.state
-    return (
-        f":EXT:BWL {boolean(state['EXT:BWL'])};RANG {_short(state['EXT:RANG'])};UNIT {state['EXT:UNIT']};"
-        f"PROB {state['EXT:PROB']:+.3E}"
-    )
+    own = model.state.external
+    limit = boolean(own.bandwidth_limit)
+    return f":EXT:BWL {limit};RANG {_short(own.range_v)};UNIT {own.unit};PROB {own.probe:+.3E}"
 
 
 def _short(value: float) -> str:
@@ -61,12 +58,12 @@ def _short(value: float) -> str:
 
 _EXTERNAL = (
     Command("EXTernal", query=_external_learned),
-    setting("EXTernal:BWLimit", "EXT:BWL", Boolean(), boolean),
-    number("EXTernal:RANGe", "EXT:RANG", Number(unit="V", limits=Limits(1.0, 8000.0))),
-    number("EXTernal:PROBe", "EXT:PROB", Number(limits=Limits(0.1, 1000.0))),
+    attribute("EXTernal:BWLimit", Boolean(), "state.external.bandwidth_limit", boolean),
+    attribute("EXTernal:RANGe", Number(unit="V", limits=Limits(1.0, 8000.0)), "state.external.range_v", "nr3"),
+    attribute("EXTernal:PROBe", Number(limits=Limits(0.1, 1000.0)), "state.external.probe", "nr3"),
     Command("EXTernal:PROBe:ID", query=lambda _: "NONE"),
-    setting("EXTernal:PROBe:STYPe", "EXT:STYP", Choice(("DIFFerential", "SINGle"))),
-    setting("EXTernal:UNITs", "EXT:UNIT", Choice(("VOLT", "AMPere"))),
+    attribute("EXTernal:PROBe:STYPe", Choice(("DIFFerential", "SINGle")), "state.external.probe_type"),
+    attribute("EXTernal:UNITs", Choice(("VOLT", "AMPere")), "state.external.unit"),
     Command("EXTernal:IMPedance", query=lambda _: "ONEM"),
     Command("EXTernal:PROTection", query=lambda _: "NORM"),
 )
@@ -74,21 +71,10 @@ _EXTERNAL = (
 # --- user calibration
 
 
-def _set_label(model: SimulatedDso7104B, label: str) -> None:
-    model.calibration_label = label
-
-
 _CALIBRATION = (
     Command("CALibrate:DATE", query=lambda _: _CALIBRATED["DATE"], reply=comma_list(signed_integer)),
     Command("CALibrate:TIME", query=lambda _: _CALIBRATED["TIME"], reply=comma_list(signed_integer)),
-    Command(
-        "CALibrate:LABel",
-        (Text(limit=32),),
-        do=_set_label,
-        query=lambda model: model.calibration_label,
-        query_parameters=(),
-        reply=quoted,
-    ),
+    attribute("CALibrate:LABel", Text(limit=32), "calibration_label", quoted),
     Command("CALibrate:STARt", do=nothing),
     Command("CALibrate:STATus", query=lambda _: '+0,"Calibrated"'),
     Command("CALibrate:SWITch", query=lambda _: "UNPR"),
@@ -101,32 +87,38 @@ _CALIBRATION = (
 
 def _saving_learned(model: SimulatedDso7104B) -> str:
     state = model.state
-    return f':SAVE:FIL "{state["SAVE:FIL"]}";PWD "{state["SAVE:PWD"]}"'
+    return f':SAVE:FIL "{state.save.name}";PWD "{state.save.folder}"'
 
 
 def _recalling_learned(model: SimulatedDso7104B) -> str:
-    return f':REC:FIL "{model.state["REC:FIL"]}";PWD "{model.state["REC:PWD"]}"'
+    return f':REC:FIL "{model.state.recall.name}";PWD "{model.state.recall.folder}"'
 
 
 _PATH, _NAME = Text(limit=254), Text(limit=254, required=False)
 
 _FILES = (
     Command("SAVE", query=_saving_learned),
-    setting("SAVE:FILename", "SAVE:FIL", _PATH, quoted),
-    setting("SAVE:PWD", "SAVE:PWD", _PATH, quoted),
-    setting("SAVE:IMAGe:AREA", "SAVE:IMAG:AREA", Choice(("GRATicule", "SCReen"))),
-    setting("SAVE:IMAGe:FACTors", "SAVE:IMAG:FACT", Boolean(), boolean),
-    setting("SAVE:IMAGe:FORMat", "SAVE:IMAG:FORM", Choice(("TIFF", "BMP", "BMP24bit", "BMP8bit", "PNG", "NONE"))),
-    setting("SAVE:IMAGe:INKSaver", "SAVE:IMAG:INKS", Boolean(), boolean),
-    setting("SAVE:IMAGe:PALette", "SAVE:IMAG:PAL", Choice(("COLor", "GRAYscale", "MONochrome"))),
-    setting("SAVE:WAVeform:FORMat", "SAVE:WAV:FORM", Choice(("ALB", "ASCiixy", "CSV", "BINary", "NONE"))),
-    setting("SAVE:WAVeform:LENGth", "SAVE:WAV:LENG", Integer(limits=Limits(100, 8_000_000)), signed_integer),
+    attribute("SAVE:FILename", _PATH, "state.save.name", quoted),
+    attribute("SAVE:PWD", _PATH, "state.save.folder", quoted),
+    attribute("SAVE:IMAGe:AREA", Choice(("GRATicule", "SCReen")), "state.save.image_area"),
+    attribute("SAVE:IMAGe:FACTors", Boolean(), "state.save.image_factors", boolean),
+    attribute(
+        "SAVE:IMAGe:FORMat", Choice(("TIFF", "BMP", "BMP24bit", "BMP8bit", "PNG", "NONE")), "state.save.image_format"
+    ),
+    attribute("SAVE:IMAGe:INKSaver", Boolean(), "state.save.image_ink_saver", boolean),
+    attribute("SAVE:IMAGe:PALette", Choice(("COLor", "GRAYscale", "MONochrome")), "state.save.image_palette"),
+    attribute(
+        "SAVE:WAVeform:FORMat", Choice(("ALB", "ASCiixy", "CSV", "BINary", "NONE")), "state.save.waveform_format"
+    ),
+    attribute(
+        "SAVE:WAVeform:LENGth", Integer(limits=Limits(100, 8_000_000)), "state.save.waveform_points", signed_integer
+    ),
     Command("SAVE:IMAGe[:STARt]", (_NAME,), do=_no_medium),
     Command("SAVE:SETup[:STARt]", (_NAME,), do=_no_medium),
     Command("SAVE:WAVeform[:STARt]", (_NAME,), do=_no_medium),
     Command("RECall", query=_recalling_learned),
-    setting("RECall:FILename", "REC:FIL", _PATH, quoted),
-    setting("RECall:PWD", "REC:PWD", _PATH, quoted),
+    attribute("RECall:FILename", _PATH, "state.recall.name", quoted),
+    attribute("RECall:PWD", _PATH, "state.recall.folder", quoted),
     Command("RECall:IMAGe[:STARt]", (_NAME,), do=_no_medium),
     Command("RECall:SETup[:STARt]", (_NAME,), do=_no_medium),
 )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from simrack.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
-from simrack.instruments.dso7104b.settings import CHANNELS
+from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,7 +23,7 @@ _POINTS = 20_000
 _LEAST_V = 0.01
 
 
-def fit(state: dict[str, Any], nodes: Mapping[int, str], capture: ChannelCapture, start_s: float) -> None:
+def fit(state: ScopeSettings, nodes: Mapping[int, str], capture: ChannelCapture, start_s: float) -> None:
     """Set channels and time base up for what was captured from `start_s` on."""
     times = start_s + np.linspace(0.0, LOOK_S, _POINTS)
     frequencies = []
@@ -32,20 +32,20 @@ def fit(state: dict[str, Any], nodes: Mapping[int, str], capture: ChannelCapture
         volts = np.zeros(len(times)) if node is None else np.asarray(capture.samples(node, times))
         frequencies += _fit_channel(state, channel, times, volts)
     if frequencies:
-        state["TIM:RANG"] = 10.0 * _nice(3.0 / frequencies[0] / 10.0)
-        state["TIM:POS"] = 0.0
+        state.timebase.range_s = 10.0 * _nice(3.0 / frequencies[0] / 10.0)
+        state.timebase.position_s = 0.0
 
 
 def _fit_channel(
-    state: dict[str, Any], channel: int, times: NDArray[np.float64], volts: NDArray[np.float64]
+    state: ScopeSettings, channel: int, times: NDArray[np.float64], volts: NDArray[np.float64]
 ) -> list[float]:
     """Show a channel that has a signal above 10 mVpp; return its frequency, if any."""
-    swing = float(np.ptp(volts)) * state[f"CHAN{channel}:PROB"]
-    state[f"CHAN{channel}:DISP"] = swing > _LEAST_V
+    swing = float(np.ptp(volts)) * state.channel[channel].probe
+    state.channel[channel].shown = swing > _LEAST_V
     if swing <= _LEAST_V:
         return []
-    state[f"CHAN{channel}:RANG"] = 8.0 * _nice(swing / 5.0)
-    state[f"CHAN{channel}:OFFS"] = float(volts.max() + volts.min()) / 2.0 * state[f"CHAN{channel}:PROB"]
+    state.channel[channel].range_v = 8.0 * _nice(swing / 5.0)
+    state.channel[channel].offset_v = float(volts.max() + volts.min()) / 2.0 * state.channel[channel].probe
     trace = MeasuredTrace(times, volts, clipped=False, thresholds=Thresholds())
     counted = trace.mean_frequency()
     return [] if counted is None else [counted]

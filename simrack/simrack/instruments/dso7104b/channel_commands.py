@@ -5,8 +5,20 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from simrack.instruments.dso7104b.declarations import VOLTS, clipped, of_channel
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, ScpiError, Text, boolean, quoted
+from simrack.instruments.dso7104b.declarations import VOLTS, clipped
+from simrack.scpi import (
+    Boolean,
+    Choice,
+    Command,
+    Limits,
+    Number,
+    Parameter,
+    ScpiError,
+    Text,
+    attribute,
+    boolean,
+    quoted,
+)
 
 if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
@@ -23,11 +35,11 @@ class _Label(Text, frozen=True):
 
 def _set_range(model: SimulatedDso7104B, channel: int, volts: float) -> None:
     """Set the full screen: 16 mV to 40 V times the probe; the offset follows its limit."""
-    probe = model.state[f"CHAN{channel}:PROB"]
-    model.state[f"CHAN{channel}:RANG"] = clipped(model, volts, model.kind.least_range_v * probe, 40.0 * probe)
+    probe = model.state.channel[channel].probe
+    model.state.channel[channel].range_v = clipped(model, volts, model.kind.least_range_v * probe, 40.0 * probe)
     reach = _offset_reach(model, channel)
-    offset = model.state[f"CHAN{channel}:OFFS"]
-    model.state[f"CHAN{channel}:OFFS"] = min(max(offset, -reach), reach)
+    offset = model.state.channel[channel].offset_v
+    model.state.channel[channel].offset_v = min(max(offset, -reach), reach)
 
 
 def _set_scale(model: SimulatedDso7104B, channel: int, volts: float) -> None:
@@ -36,59 +48,51 @@ def _set_scale(model: SimulatedDso7104B, channel: int, volts: float) -> None:
 
 def _offset_reach(model: SimulatedDso7104B, channel: int) -> float:
     """Return the largest offset: 5 V below 10 mV/div, 20 V to 200 mV/div, 75 V above (unverified)."""
-    probe = model.state[f"CHAN{channel}:PROB"]
-    scale = model.state[f"CHAN{channel}:RANG"] / 8.0 / probe
+    probe = model.state.channel[channel].probe
+    scale = model.state.channel[channel].range_v / 8.0 / probe
     return float(probe * (5.0 if scale < 0.01 else 20.0 if scale <= 0.2 else 75.0))
 
 
 def _set_offset(model: SimulatedDso7104B, channel: int, volts: float) -> None:
     reach = _offset_reach(model, channel)
-    model.state[f"CHAN{channel}:OFFS"] = clipped(model, volts, -reach, reach)
+    model.state.channel[channel].offset_v = clipped(model, volts, -reach, reach)
 
 
 def _set_probe(model: SimulatedDso7104B, channel: int, ratio: float) -> None:
     """Change the attenuation: range and offset scale with it."""
-    factor = ratio / model.state[f"CHAN{channel}:PROB"]
-    for key in ("RANG", "OFFS"):
-        model.state[f"CHAN{channel}:{key}"] *= factor
-    model.state[f"CHAN{channel}:PROB"] = ratio
+    own = model.state.channel[channel]
+    factor = ratio / own.probe
+    own.range_v, own.offset_v, own.probe = own.range_v * factor, own.offset_v * factor, ratio
 
 
 def _set_impedance(model: SimulatedDso7104B, channel: int, word: str) -> None:
     """Change the input resistance; 50 ohm only once the protection is cleared (that number of refusal unverified)."""
-    if word == "FIFT" and model.state[f"CHAN{channel}:PROT"] == "TRIP":
+    if word == "FIFT" and model.state.channel[channel].protection == "TRIP":
         raise ScpiError(-221)
-    model.state[f"CHAN{channel}:IMP"] = word
+    model.state.channel[channel].impedance = word
     model.inputs.terminate(channel, fifty=word == "FIFT")
 
 
 def _clear_protection(model: SimulatedDso7104B, channel: int) -> None:
-    model.state[f"CHAN{channel}:PROT"] = "NORM"
-
-
-def _of(model: SimulatedDso7104B, channel: int, key: str) -> str:
-    return model.nr3(model.state[f"CHAN{channel}:{key}"])
+    model.state.channel[channel].protection = "NORM"
 
 
 def _learned(model: SimulatedDso7104B, channel: int) -> str:
     """Return the learn string of one channel, in the shape of a recorded one."""
-
-    def of(key: str) -> Any:
-        return model.state[f"CHAN{channel}:{key}"]
-
+    own = model.state.channel[channel]
     parts = (
-        f":CHAN{channel}:RANG {_engineering(of('RANG'), 3)}",
-        f"OFFS {of('OFFS'):+.5E}",
-        f"COUP {of('COUP')}",
-        f"IMP {of('IMP')}",
-        f"DISP {boolean(of('DISP'))}",
-        f"BWL {boolean(of('BWL'))}",
-        f"INV {boolean(of('INV'))}",
-        f'LAB "{of("LAB")}"',
-        f"UNIT {of('UNIT')}",
-        f"PROB {_engineering(of('PROB'), 2)}",
-        f"PROB:SKEW {of('SKEW'):+.2E}",
-        f"STYP {of('STYP')}",
+        f":CHAN{channel}:RANG {_engineering(own.range_v, 3)}",
+        f"OFFS {own.offset_v:+.5E}",
+        f"COUP {own.coupling}",
+        f"IMP {own.impedance}",
+        f"DISP {boolean(own.shown)}",
+        f"BWL {boolean(own.bandwidth_limit)}",
+        f"INV {boolean(own.inverted)}",
+        f'LAB "{own.label}"',
+        f"UNIT {own.unit}",
+        f"PROB {_engineering(own.probe, 2)}",
+        f"PROB:SKEW {own.skew_s:+.2E}",
+        f"STYP {own.probe_type}",
     )
     return ";".join(parts)
 
@@ -101,46 +105,34 @@ def _engineering(value: float, digits: int) -> str:
     return f"{mantissa:+.{decimals}f}E{exponent:+03d}"
 
 
+def _channel(name: str, parameter: Parameter, field: str, reply: Any = str, **more: Any) -> Command:
+    """Declare a setting of each channel."""
+    return attribute(f"CHANnel<1-4>:{name}", parameter, f"state.channel[].{field}", reply, **more)
+
+
 VERTICAL_COMMANDS = (
     Command("CHANnel<1-4>", query=_learned),
-    Command("CHANnel<1-4>:RANGe", (VOLTS,), do=_set_range, query=lambda model, n: _of(model, n, "RANG")),
+    _channel("RANGe", VOLTS, "range_v", "nr3", do=_set_range),
     Command(
         "CHANnel<1-4>:SCALe",
         (VOLTS,),
         do=_set_scale,
-        query=lambda model, n: model.nr3(model.state[f"CHAN{n}:RANG"] / 8.0),
+        query=lambda model, n: model.nr3(model.state.channel[n].range_v / 8.0),
     ),
-    Command("CHANnel<1-4>:OFFSet", (VOLTS,), do=_set_offset, query=lambda model, n: _of(model, n, "OFFS")),
-    Command(
-        "CHANnel<1-4>:PROBe",
-        (Number(limits=Limits(0.1, 1000.0)),),
-        do=_set_probe,
-        query=lambda model, n: _of(model, n, "PROB"),
-        query_parameters=(),
-    ),
+    _channel("OFFSet", VOLTS, "offset_v", "nr3", do=_set_offset),
+    _channel("PROBe", Number(limits=Limits(0.1, 1000.0)), "probe", "nr3", do=_set_probe),
     Command("CHANnel<1-4>:PROBe:ID", query=lambda *_: "NONE"),
-    Command(
-        "CHANnel<1-4>:PROBe:SKEW",
-        (Number(unit="S", limits=Limits(-100e-9, 100e-9)),),
-        do=lambda model, n, seconds: model.state.update({f"CHAN{n}:SKEW": seconds}),
-        query=lambda model, n: _of(model, n, "SKEW"),
-        query_parameters=(),
-    ),
-    of_channel("STYP", "PROBe:STYPe", Choice(("DIFFerential", "SINGle"))),
-    of_channel("BWL", "BWLimit", Boolean(), boolean),
-    of_channel("COUP", "COUPling", Choice(("AC", "DC"))),
-    of_channel("DISP", "DISPlay", Boolean(), boolean),
-    Command(
-        "CHANnel<1-4>:IMPedance",
-        (Choice(("ONEMeg", "FIFTy")),),
-        do=_set_impedance,
-        query=lambda model, n: model.state[f"CHAN{n}:IMP"],
-    ),
-    of_channel("INV", "INVert", Boolean(), boolean),
-    of_channel("LAB", "LABel", _Label(), quoted),
+    _channel("PROBe:SKEW", Number(unit="S", limits=Limits(-100e-9, 100e-9)), "skew_s", "nr3"),
+    _channel("PROBe:STYPe", Choice(("DIFFerential", "SINGle")), "probe_type"),
+    _channel("BWLimit", Boolean(), "bandwidth_limit", boolean),
+    _channel("COUPling", Choice(("AC", "DC")), "coupling"),
+    _channel("DISPlay", Boolean(), "shown", boolean),
+    _channel("IMPedance", Choice(("ONEMeg", "FIFTy")), "impedance", do=_set_impedance),
+    _channel("INVert", Boolean(), "inverted", boolean),
+    _channel("LABel", _Label(), "label", quoted),
     Command("CHANnel<1-4>:PROTection[:CLEar]", do=_clear_protection),
-    Command("CHANnel<1-4>:PROTection", query=lambda model, n: model.state[f"CHAN{n}:PROT"]),
-    of_channel("UNIT", "UNITs", Choice(("VOLT", "AMPere"))),
-    of_channel("VERN", "VERNier", Boolean(), boolean),
+    Command("CHANnel<1-4>:PROTection", query=lambda model, n: model.state.channel[n].protection),
+    _channel("UNITs", Choice(("VOLT", "AMPere")), "unit"),
+    _channel("VERNier", Boolean(), "vernier", boolean),
 )
-"""What is said to :CHANnel<n>. Of the 50 ohm overload the siblings' guides say NORM and TRIP."""
+"""Commands of :CHANnel<n>. Of the 50 ohm overload the siblings' guides say NORM and TRIP."""

@@ -23,5 +23,6 @@ TABLE = CommandTable(
     *FUNCTION_COMMANDS,
     *SYSTEM_COMMANDS,
     *ACCESSORY_COMMANDS,
+    limit_queries=False,
 )
 """Every command of the model."""

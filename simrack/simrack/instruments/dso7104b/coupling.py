@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from simrack.instruments.dso7104b.filters import REMEMBERED_S
-from simrack.instruments.dso7104b.settings import CHANNELS
+from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -27,9 +27,9 @@ class Coupling:
         self._nodes = nodes
         self._history: History | None = None
 
-    def watch(self, state: Mapping[str, Any]) -> None:
+    def watch(self, state: ScopeSettings) -> None:
         """Begin or end to keep it, as the settings are."""
-        coupled = "AC" in {state["TRIG:COUP"], *(state[f"CHAN{channel}:COUP"] for channel in CHANNELS)}
+        coupled = "AC" in {state.trigger.coupling, *(state.channel[channel].coupling for channel in CHANNELS)}
         if coupled and self._history is None:
             self._history = self._world.trace(REMEMBERED_S)
         elif not coupled and self._history is not None:

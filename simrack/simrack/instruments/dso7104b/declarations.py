@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from simrack.scpi import Choice, Command, Integer, Limits, Number, Parameter, ScpiError, signed_integer
+from simrack.scpi import Choice, Command, Integer, Limits, Number, ScpiError, signed_integer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,40 +33,6 @@ SOURCE = SourceParameter()
 OPTIONAL_SOURCE = SourceParameter(required=False)
 
 
-def setting(pattern: str, key: str, parameter: Parameter, reply: Callable[[Any], str] = str) -> Command:
-    """Declare a setting that depends on nothing else."""
-
-    def write(model: SimulatedDso7104B, value: Any) -> None:
-        model.state[key] = value
-
-    return Command(
-        pattern, (parameter,), do=write, query=lambda model: model.state[key], query_parameters=(), reply=reply
-    )
-
-
-def number(pattern: str, key: str, parameter: Parameter) -> Command:
-    """Declare a setting that is answered in NR3."""
-
-    def write(model: SimulatedDso7104B, value: float) -> None:
-        model.state[key] = value
-
-    return Command(
-        pattern, (parameter,), do=write, query=lambda model: model.nr3(model.state[key]), query_parameters=()
-    )
-
-
-def of_channel(key: str, name: str, parameter: Parameter, reply: Callable[[Any], str] = str) -> Command:
-    """Declare a setting of each channel that depends on nothing else."""
-
-    def write(model: SimulatedDso7104B, channel: int, value: Any) -> None:
-        model.state[f"CHAN{channel}:{key}"] = value
-
-    def read(model: SimulatedDso7104B, channel: int) -> Any:
-        return model.state[f"CHAN{channel}:{key}"]
-
-    return Command(f"CHANnel<1-4>:{name}", (parameter,), do=write, query=read, query_parameters=(), reply=reply)
-
-
 def registers(pattern: str, read_event: str, of: Callable[[SimulatedDso7104B], Register]) -> tuple[Command, Command]:
     """Declare the enable mask and the event query of a register."""
 
@@ -79,7 +45,6 @@ def registers(pattern: str, read_event: str, of: Callable[[SimulatedDso7104B], R
             (Integer(limits=Limits(0, 65535)),),
             do=write,
             query=lambda model: of(model).enable,
-            query_parameters=(),
             reply=signed_integer,
         ),
         Command(read_event, query=lambda model: of(model).read_event(), reply=signed_integer),

@@ -18,6 +18,7 @@ television never trigger.
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -29,7 +30,7 @@ from simrack.instruments.dso7104b.installed import INVALID, Installed
 from simrack.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
 from simrack.instruments.dso7104b.record import AcquiredRecord, Record, ScopeErrors
 from simrack.instruments.dso7104b.sampling import channel_view, main_window, pace_of, sample_rate_hz
-from simrack.instruments.dso7104b.settings import CHANNELS, default_setup
+from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
 from simrack.instruments.dso7104b.showing import ShownRecords
 from simrack.instruments.dso7104b.termination import Terminations
 from simrack.instruments.dso7104b.trigger import Trigger
@@ -92,9 +93,9 @@ class SimulatedDso7104B(ScpiTwin):
         self._errors = errors
         self.exponent_digits = errors.exponent_digits
         self.nr3: Callable[[float], str] = real(self.kind.decimals, errors.exponent_digits)
-        self.state: dict[str, Any] = default_setup()
+        self.state = ScopeSettings()
         self.inputs = Terminations(world, self._nodes, self._trip)
-        self._stored: dict[int, dict[str, Any]] = {}
+        self._stored: dict[int, ScopeSettings] = {}
         self.operation: Register = Register()
         self.triggered: Register = Register()
         self.triggered.enable = 1
@@ -130,18 +131,16 @@ class SimulatedDso7104B(ScpiTwin):
 
     def reset(self) -> None:
         """Take the default setup, running."""
-        self.restore(default_setup())
+        self.restore(ScopeSettings())
         self.installed.clear()
         self.shown.show([])
         self.run()
 
-    def restore(self, state: dict[str, Any]) -> None:
+    def restore(self, state: ScopeSettings) -> None:
         """Take a whole setup."""
-        taken = dict(state)
-        self.state.clear()  # what is shown goes by the same settings
-        self.state.update(taken)
+        self.state.take(state)
         for channel in CHANNELS:
-            self.inputs.terminate(channel, fifty=self.state[f"CHAN{channel}:IMP"] == "FIFT")
+            self.inputs.terminate(channel, fifty=self.state.channel[channel].impedance == "FIFT")
         self.shown.forget_traces()
         if self._run_state == "run":
             self._disarm()
@@ -179,7 +178,7 @@ class SimulatedDso7104B(ScpiTwin):
 
     def _trip(self, channel: int) -> None:
         """A 50 ohm input got too much: it becomes 1 Mohm until the protection is cleared."""
-        self.state[f"CHAN{channel}:IMP"], self.state[f"CHAN{channel}:PROT"] = "ONEM", "TRIP"
+        self.state.channel[channel].impedance, self.state.channel[channel].protection = "ONEM", "TRIP"
         self.inputs.terminate(channel, fifty=False)
         self.overload.latch(1 << (channel - 1))
 
@@ -219,7 +218,7 @@ class SimulatedDso7104B(ScpiTwin):
         """:DIGitize: arm once, keep the parser busy until the record is there, stop."""
         if sources:
             for source in (*(f"CHAN{channel}" for channel in CHANNELS), "FUNC"):
-                self.state[f"{source}:DISP"] = source in sources
+                self.state.show(source, source in sources)
         self.single()
         return Pending(lambda: self._idle_since(math.inf), lambda: None)
 
@@ -233,8 +232,8 @@ class SimulatedDso7104B(ScpiTwin):
         if self._acquisition is None or self._run_state == "single":
             return finish()
         patience = math.inf
-        if self.state["TRIG:SWE"] != "AUTO":
-            patience = self._world.clock.now() + 3.0 * self.state["TIM:RANG"] + _PATIENCE_S
+        if self.state.trigger.sweep != "AUTO":
+            patience = self._world.clock.now() + 3.0 * self.state.timebase.range_s + _PATIENCE_S
         return Pending(lambda: self._idle_since(patience), finish)
 
     def force(self) -> None:
@@ -274,7 +273,7 @@ class SimulatedDso7104B(ScpiTwin):
         self._show_state()
 
     def _finish(self, armed: Acquisition, found: CapturedRecord) -> None:
-        segmented = self.state["ACQ:MODE"] == "SEGM"
+        segmented = self.state.acquire.mode == "SEGM"
         records = [self._recorded(armed, found, trigger_s, segmented=segmented) for trigger_s in found.triggers_s]
         self.shown.show(records, segmented=segmented)
         self._last_trigger_s = found.triggers_s[-1]
@@ -285,9 +284,9 @@ class SimulatedDso7104B(ScpiTwin):
         self._show_state()
 
     def _recorded(self, armed: Acquisition, found: CapturedRecord, trigger_s: float, *, segmented: bool) -> Record:
-        kind = self.state["ACQ:TYPE"]
+        kind = self.state.acquire.type
         self._number += 1
-        averages = self.state["ACQ:COUN"] if kind == "AVER" and not segmented else 1
+        averages = self.state.acquire.count if kind == "AVER" and not segmented else 1
         bits = self._errors.converter_bits
         if bits and kind in {"AVER", "HRES"}:
             bits = 12  # averaging gains up to four bits (data sheet)
@@ -318,7 +317,7 @@ class SimulatedDso7104B(ScpiTwin):
 
         now, views = self._world.clock.now(), self._views()
         start_s = now + views[channel].remembered_s
-        stop_s = start_s + gate_s(self.state["TIM:RANG"])
+        stop_s = start_s + gate_s(self.state.timebase.range_s)
         capture = self._world.capture(now, stop_s + views[channel].remembered_s)
         comparator = comparator_of(self.state, f"CHAN{channel}")
         signals = Signals(capture, views, self._past_of(views, Trigger({channel: comparator}, NeverMet))())
@@ -346,8 +345,8 @@ class SimulatedDso7104B(ScpiTwin):
 
     def save(self, place: int) -> None:
         """*SAV."""
-        self._stored[place] = dict(self.state)
+        self._stored[place] = deepcopy(self.state)
 
     def recall(self, place: int) -> None:
         """*RCL; an empty place gives the default setup (unverified)."""
-        self.restore(self._stored.get(place, default_setup()))
+        self.restore(self._stored.get(place) or ScopeSettings())

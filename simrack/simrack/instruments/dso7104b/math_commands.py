@@ -6,13 +6,15 @@ ADD as well.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from simrack.instruments.dso7104b.declarations import CHANNEL, clipped, setting
+from msgspec.structs import replace
+
+from simrack.instruments.dso7104b.declarations import CHANNEL, clipped
 from simrack.instruments.dso7104b.math_settings import MATH_RANGES, fft_band, fft_points, math_scale
 from simrack.instruments.dso7104b.math_trace import TWO_SOURCES
 from simrack.instruments.dso7104b.sampling import sample_rate_hz
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, ScpiError, boolean
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, ScpiError, attribute, boolean
 
 if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
@@ -20,18 +22,18 @@ if TYPE_CHECKING:
 
 def _shown_band(model: SimulatedDso7104B) -> tuple[float, float]:
     """Return centre and span of an FFT at the present time base."""
-    range_s = model.state["TIM:RANG"]
+    range_s = model.state.timebase.range_s
     rate_hz = sample_rate_hz(model.state, model.kind)
     return fft_band(model.state, 0.5 * fft_points(range_s, rate_hz) / range_s)
 
 
 def _set_operation(model: SimulatedDso7104B, operation: str) -> None:
     """Choose the operation; the scale follows anew. Two sources cannot be g(t) and another (number unverified)."""
-    if operation in TWO_SOURCES and model.state["FUNC:SOUR1"] == "GOFT":
+    if operation in TWO_SOURCES and model.state.function.source[1] == "GOFT":
         raise ScpiError(-221)
-    if operation != model.state["FUNC:OPER"]:
-        model.state.update({"FUNC:RANG": None, "FUNC:OFFS": None})
-    model.state["FUNC:OPER"] = operation
+    if operation != model.state.function.operation:
+        model.state.function.range = model.state.function.offset = None
+    model.state.function.operation = operation
     model.shown.forget_traces()
 
 
@@ -39,44 +41,35 @@ def _set_source(model: SimulatedDso7104B, index: int, source: str) -> None:
     """Choose a source; only the first can be g(t), and only where there is no second."""
     if source == "GOFT" and index == 2:
         raise ScpiError(-224)
-    if source == "GOFT" and model.state["FUNC:OPER"] in TWO_SOURCES:
+    if source == "GOFT" and model.state.function.operation in TWO_SOURCES:
         raise ScpiError(-221)
-    _put(model, f"FUNC:SOUR{index}", source)
+    model.state.function.source[index] = source
+    _anew(model)
 
 
-def _put(model: SimulatedDso7104B, key: str, value: Any) -> None:
-    model.state[key] = value
+def _set_goft_source(model: SimulatedDso7104B, index: int, source: str) -> None:
+    model.state.function.goft_source[index] = source
+    _anew(model)
+
+
+def _anew(model: SimulatedDso7104B) -> None:
     model.shown.forget_traces()
 
 
 def _set_range(model: SimulatedDso7104B, range_: float) -> None:
-    _put(model, "FUNC:RANG", clipped(model, range_, *MATH_RANGES[model.state["FUNC:OPER"]]))
+    function = model.state.function
+    function.range = clipped(model, range_, *MATH_RANGES[function.operation])
+    _anew(model)
 
 
-def _choice(pattern: str, key: str, choice: Choice) -> Command:
-    """Declare a word that changes the trace."""
-    return Command(
-        pattern, (choice,), do=lambda model, word: _put(model, key, word), query=lambda model: model.state[key]
-    )
-
-
-def _frequency(pattern: str, key: str, limits: Limits, index: int) -> Command:
-    return Command(
-        pattern,
-        (Number(unit="HZ", limits=limits),),
-        do=lambda model, hertz: _put(model, key, hertz),
-        query=lambda model: model.nr3(_shown_band(model)[index]),
-        query_parameters=(),
-    )
+def _frequency(pattern: str, name: str, limits: Limits, index: int) -> Command:
+    set_ = attribute(pattern, Number(unit="HZ", limits=limits), f"state.function.{name}", then=_anew)
+    return replace(set_, query=lambda model: model.nr3(_shown_band(model)[index]))
 
 
 def _offset(pattern: str) -> Command:
-    return Command(
-        pattern,
-        (Number(unit=("V", "DB")),),
-        do=lambda model, level: _put(model, "FUNC:OFFS", level),
-        query=lambda model: model.nr3(math_scale(model.state)[1]),
-    )
+    set_ = attribute(pattern, Number(unit=("V", "DB")), "state.function.offset", then=_anew)
+    return replace(set_, query=lambda model: model.nr3(math_scale(model.state)[1]))
 
 
 def _learned(model: SimulatedDso7104B) -> str:
@@ -84,8 +77,8 @@ def _learned(model: SimulatedDso7104B) -> str:
     state = model.state
     range_, offset = math_scale(state)
     return (
-        f":FUNC:OPER {state['FUNC:OPER']};DISP {boolean(state['FUNC:DISP'])};SOUR1 {state['FUNC:SOUR1']};"
-        f"SOUR2 {state['FUNC:SOUR2']};RANG {range_:+.2E};OFFS {offset:+.5E}"
+        f":FUNC:OPER {state.function.operation};DISP {boolean(state.function.shown)};SOUR1 {state.function.source[1]};"
+        f"SOUR2 {state.function.source[2]};RANG {range_:+.2E};OFFS {offset:+.5E}"
     )
 
 
@@ -93,20 +86,22 @@ _OPERATION = Choice(("ADD", "SUBTract", "MULTiply", "INTegrate", "DIFFerentiate"
 
 FUNCTION_COMMANDS = (
     Command("FUNCtion", query=_learned),
-    setting("FUNCtion:DISPlay", "FUNC:DISP", Boolean(), boolean),
-    Command("FUNCtion:OPERation", (_OPERATION,), do=_set_operation, query=lambda model: model.state["FUNC:OPER"]),
+    attribute("FUNCtion:DISPlay", Boolean(), "state.function.shown", boolean),
+    attribute("FUNCtion:OPERation", _OPERATION, "state.function.operation", do=_set_operation),
     Command(
         "FUNCtion:SOURce<1-2>",
         (Choice(("CHANnel<1-4>", "GOFT")),),
         do=_set_source,
-        query=lambda model, index: model.state[f"FUNC:SOUR{index}"],
+        query=lambda model, index: model.state.function.source[index],
     ),
-    _choice("FUNCtion:GOFT:OPERation", "GOFT:OPER", Choice(("ADD", "SUBTract", "MULTiply"))),
+    attribute(
+        "FUNCtion:GOFT:OPERation", Choice(("ADD", "SUBTract", "MULTiply")), "state.function.goft_operation", then=_anew
+    ),
     Command(
         "FUNCtion:GOFT:SOURce<1-2>",
         (CHANNEL,),
-        do=lambda model, index, source: _put(model, f"GOFT:SOUR{index}", source),
-        query=lambda model, index: model.state[f"GOFT:SOUR{index}"],
+        do=_set_goft_source,
+        query=lambda model, index: model.state.function.goft_source[index],
     ),
     Command(
         "FUNCtion:RANGe",
@@ -122,8 +117,10 @@ FUNCTION_COMMANDS = (
     ),
     _offset("FUNCtion:OFFSet"),
     _offset("FUNCtion:REFerence"),
-    _choice("FUNCtion:WINDow", "FUNC:WIND", Choice(("RECTangular", "HANNing", "FLATtop", "BHARris"))),
-    _frequency("FUNCtion:CENTer", "FUNC:CENT", Limits(0.0, 25e9), 0),
-    _frequency("FUNCtion:SPAN", "FUNC:SPAN", Limits(1.0, 100e9), 1),
+    attribute(
+        "FUNCtion:WINDow", Choice(("RECTangular", "HANNing", "FLATtop", "BHARris")), "state.function.window", then=_anew
+    ),
+    _frequency("FUNCtion:CENTer", "centre_hz", Limits(0.0, 25e9), 0),
+    _frequency("FUNCtion:SPAN", "span_hz", Limits(1.0, 100e9), 1),
 )
 """What is said to :FUNCtion."""

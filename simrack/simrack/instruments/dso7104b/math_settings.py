@@ -8,7 +8,7 @@ frequencies.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -16,11 +16,10 @@ from msgspec import Struct
 from simrack.instruments.dso7104b.math_trace import FFT_POINTS, TWO_SOURCES, Spectrum, combined, transformed
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import NDArray
 
     from simrack.instruments.dso7104b.record import Digitised, Record
+    from simrack.instruments.dso7104b.settings import ScopeSettings
 
 _MOST_POINTS = 1000
 MATH_RANGES = {
@@ -49,25 +48,25 @@ class MathTrace(Struct, frozen=True):
         return self.first + self.step * np.arange(len(self.values), dtype=np.float64)
 
 
-def math_trace(state: Mapping[str, Any], record: Record, points: int) -> MathTrace:
+def math_trace(state: ScopeSettings, record: Record, points: int) -> MathTrace:
     """Return the math trace of a record."""
     points = min(points, _MOST_POINTS)
     screen = record.screen
-    if state["FUNC:OPER"] == "FFT":
+    if state.function.operation == "FFT":
         return _spectrum(state, record, points)
     step = screen.range_s / points
     one = _operand(state, record, points)
-    if state["FUNC:OPER"] not in TWO_SOURCES:
-        return MathTrace(screen.left_s, step, transformed(state["FUNC:OPER"], one.volts, step), one.clipped)
-    other = _channel(record, state["FUNC:SOUR2"], points)
-    values = combined(state["FUNC:OPER"], one.volts, other.volts)
+    if state.function.operation not in TWO_SOURCES:
+        return MathTrace(screen.left_s, step, transformed(state.function.operation, one.volts, step), one.clipped)
+    other = _channel(record, state.function.source[2], points)
+    values = combined(state.function.operation, one.volts, other.volts)
     return MathTrace(screen.left_s, step, values, one.clipped or other.clipped)
 
 
-def _spectrum(state: Mapping[str, Any], record: Record, points: int) -> MathTrace:
+def _spectrum(state: ScopeSettings, record: Record, points: int) -> MathTrace:
     count = fft_points(record.screen.range_s, record.kept.rate_hz)
     source, step_s = _operand(state, record, count), record.screen.range_s / count
-    lines = Spectrum.of(source.volts, step_s, state["FUNC:WIND"])
+    lines = Spectrum.of(source.volts, step_s, state.function.window)
     centre, span = fft_band(state, 0.5 / step_s)
     start = centre - span / 2.0
     return MathTrace(start, span / points, lines.shown(start, start + span, points), source.clipped)
@@ -78,19 +77,21 @@ def fft_points(range_s: float, rate_hz: float) -> int:
     return max(2, min(FFT_POINTS, round(range_s * rate_hz)))
 
 
-def fft_band(state: Mapping[str, Any], highest_hz: float) -> tuple[float, float]:
+def fft_band(state: ScopeSettings, highest_hz: float) -> tuple[float, float]:
     """Return centre and span of an FFT, Hz: as set but not beyond half the sample rate, else all that there is."""
-    span = min(state["FUNC:SPAN"] or highest_hz, highest_hz)
-    return (span / 2.0 if state["FUNC:CENT"] is None else state["FUNC:CENT"]), span
+    span = min(state.function.span_hz or highest_hz, highest_hz)
+    return (span / 2.0 if state.function.centre_hz is None else state.function.centre_hz), span
 
 
-def _operand(state: Mapping[str, Any], record: Record, points: int) -> Digitised:
+def _operand(state: ScopeSettings, record: Record, points: int) -> Digitised:
     """Return the first source, which may be g(t): a sum, a difference or a product."""
-    if state["FUNC:SOUR1"] != "GOFT":
-        return _channel(record, state["FUNC:SOUR1"], points)
-    one, other = (_channel(record, state[key], points) for key in ("GOFT:SOUR1", "GOFT:SOUR2"))
+    if state.function.source[1] != "GOFT":
+        return _channel(record, state.function.source[1], points)
+    one, other = (_channel(record, each, points) for each in state.function.goft_source.values())
     return type(one)(
-        combined(state["GOFT:OPER"], one.volts, other.volts), one.clipped or other.clipped, one.step_v + other.step_v
+        combined(state.function.goft_operation, one.volts, other.volts),
+        one.clipped or other.clipped,
+        one.step_v + other.step_v,
     )
 
 
@@ -98,24 +99,24 @@ def _channel(record: Record, source: str, points: int) -> Digitised:
     return record.digitised(int(source[4:]), points)
 
 
-def math_scale(state: Mapping[str, Any]) -> tuple[float, float]:
+def math_scale(state: ScopeSettings) -> tuple[float, float]:
     """Return range and offset of the math trace on the screen."""
-    range_ = state["FUNC:RANG"] or _own_range(state)
-    centre = _FFT_CENTRE_DBV if state["FUNC:OPER"] == "FFT" else 0.0
-    return range_, (centre if state["FUNC:OFFS"] is None else state["FUNC:OFFS"])
+    range_ = state.function.range or _own_range(state)
+    centre = _FFT_CENTRE_DBV if state.function.operation == "FFT" else 0.0
+    return range_, (centre if state.function.offset is None else state.function.offset)
 
 
-def _own_range(state: Mapping[str, Any]) -> float:
+def _own_range(state: ScopeSettings) -> float:
     """Return a range that holds what the sources' screens can give."""
-    operation = state["FUNC:OPER"]
-    one = _source_range(state, state["FUNC:SOUR1"])
-    other = _source_range(state, state["FUNC:SOUR2"])
+    operation = state.function.operation
+    one = _source_range(state, state.function.source[1])
+    other = _source_range(state, state.function.source[2])
     ranges = {
         "ADD": one + other,
         "SUBT": one + other,
         "MULT": one * other / 2.0,
-        "INT": one * state["TIM:RANG"] / 2.0,
-        "DIFF": 100.0 * one / state["TIM:RANG"],
+        "INT": one * state.timebase.range_s / 2.0,
+        "DIFF": 100.0 * one / state.timebase.range_s,
         "SQRT": 2.0 * math.sqrt(one),
         "FFT": _FFT_RANGE_DB,
     }
@@ -123,8 +124,8 @@ def _own_range(state: Mapping[str, Any]) -> float:
     return float(min(max(ranges[operation], low), high))
 
 
-def _source_range(state: Mapping[str, Any], source: str) -> float:
+def _source_range(state: ScopeSettings, source: str) -> float:
     if source != "GOFT":
-        return float(state[f"{source}:RANG"])
-    one, other = (float(state[f"{state[key]}:RANG"]) for key in ("GOFT:SOUR1", "GOFT:SOUR2"))
-    return one * other / 2.0 if state["GOFT:OPER"] == "MULT" else one + other
+        return state.channel_of(source).range_v
+    one, other = (state.channel_of(each).range_v for each in state.function.goft_source.values())
+    return one * other / 2.0 if state.function.goft_operation == "MULT" else one + other

@@ -11,11 +11,10 @@ from simrack.instruments.dso7104b.declarations import (
     SOURCE,
     VOLTS,
     clipped,
-    setting,
 )
 from simrack.instruments.dso7104b.installed import INVALID, Installed, measured_or_invalid
 from simrack.instruments.dso7104b.measurements import MeasuredTrace
-from simrack.scpi import Boolean, Choice, Command, Number, Parameter, ScpiError, boolean, signed_integer
+from simrack.scpi import Boolean, Choice, Command, Number, Parameter, ScpiError, attribute, boolean, signed_integer
 from simrack.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
@@ -51,7 +50,7 @@ class _Averaging(Choice, frozen=True):
 
 
 def _measured(model: SimulatedDso7104B, source: str | None, of: Callable[[MeasuredTrace], float | None]) -> Any:
-    name = source or model.state["MEAS:SOUR"][0]
+    name = source or model.state.measure.sources[0]
     return model.look(lambda: model.nr3(measured_or_invalid(lambda: of(model.shown.measured(name)))))
 
 
@@ -61,7 +60,7 @@ def _measured_pair(
     second: str | None,
     of: Callable[[MeasuredTrace, MeasuredTrace], float | None],
 ) -> Any:
-    one, two = first or model.state["MEAS:SOUR"][0], second or model.state["MEAS:SOUR"][1]
+    one, two = first or model.state.measure.sources[0], second or model.state.measure.sources[1]
     if two == "NONE":
         return model.nr3(INVALID)
     return model.look(
@@ -73,7 +72,7 @@ def _install(
     model: SimulatedDso7104B, name: str, sources: Sequence[str | None], of: Callable[..., float | None]
 ) -> None:
     """Put a measurement on the screen, for :MEASure:RESults?; there is room for four (unverified)."""
-    defaults = model.state["MEAS:SOUR"]
+    defaults = model.state.measure.sources
     named = tuple(source or default for source, default in zip(sources, defaults, strict=False))
     if "NONE" in named:
         raise ScpiError(-221)  # there is no second source to measure (number unverified)
@@ -99,7 +98,7 @@ def _results_now(model: SimulatedDso7104B) -> str:
 
     Statistics are of the one record, or of all segments once they have been analysed.
     """
-    kind = model.state["MEAS:STAT"]
+    kind = model.state.measure.statistics
     rows = [_row(model, each) for each in model.installed]
     if kind == "ON":
         return ",".join(",".join((label, *map(model.nr3, values[:-1]), f"{values[-1]:.0f}")) for label, values in rows)
@@ -170,11 +169,11 @@ def _pair_measurement(name: str, of: Callable[[MeasuredTrace, MeasuredTrace], fl
 
 
 def _install_delay(model: SimulatedDso7104B, *sources: str | None) -> None:
-    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state["MEAS:DEL"]))
+    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state.measure.delay_edges))
 
 
 def _delay(model: SimulatedDso7104B, first: str | None, second: str | None) -> Any:
-    edges = model.state["MEAS:DEL"]
+    edges = model.state.measure.delay_edges
     return _measured_pair(model, first, second, lambda one, two: one.delay_to(two, *edges))
 
 
@@ -187,7 +186,7 @@ def _ratio_db(one: MeasuredTrace, two: MeasuredTrace) -> float | None:
 
 
 def _set_sources(model: SimulatedDso7104B, first: str, second: str | None) -> None:
-    model.state["MEAS:SOUR"] = (first, second or model.state["MEAS:SOUR"][1])
+    model.state.measure.sources = (first, second or model.state.measure.sources[1])
 
 
 def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
@@ -195,9 +194,10 @@ def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
     if what == "DEL":
         if len(values) != 2 or not all(isinstance(value, float) and value for value in values):
             raise ScpiError(-109 if len(values) < 2 else -224)
-        model.state["MEAS:DEL"] = tuple(int(value) for value in values)
+        first, second = values
+        model.state.measure.delay_edges = int(first), int(second)
     else:
-        model.state["MEAS:THR"] = _threshold_definition(model, values)
+        model.state.measure.thresholds = _threshold_definition(model, values)
     model.shown.forget_traces()
 
 
@@ -205,8 +205,8 @@ def _definition(model: SimulatedDso7104B, what: str, source: str | None = None) 
     """Return what was defined; the standard thresholds are told as what they are (from memory, unverified)."""
     del source
     if what == "DEL":
-        return ",".join(("DEL", *map(signed_integer, model.state["MEAS:DEL"])))
-    kind, *numbers = model.state["MEAS:THR"]
+        return ",".join(("DEL", *map(signed_integer, model.state.measure.delay_edges)))
+    kind, *numbers = model.state.measure.thresholds
     return ",".join(("THR", "PERC" if kind == "STAN" else kind, *map(model.nr3, numbers)))
 
 
@@ -226,8 +226,8 @@ def _threshold_definition(model: SimulatedDso7104B, values: tuple[Any, ...]) -> 
 
 def _counter(model: SimulatedDso7104B, source: str | None) -> Any:
     """Return what the hardware counter has counted at the end of its gate; it looks at channels alone."""
-    name = source or model.state["MEAS:SOUR"][0]
-    if name == "FUNC" or not model.state[f"{name}:DISP"]:
+    name = source or model.state.measure.sources[0]
+    if name == "FUNC" or not model.state.is_shown(name):
         return model.nr3(INVALID)
     return model.count(int(name[4:]))
 
@@ -251,7 +251,7 @@ def _value_at(model: SimulatedDso7104B, seconds: float, source: str | None) -> A
 
 
 def _sources(model: SimulatedDso7104B) -> str:
-    return ",".join(model.state["MEAS:SOUR"])
+    return ",".join(model.state.measure.sources)
 
 
 MEASURE_COMMANDS = (
@@ -272,11 +272,11 @@ MEASURE_COMMANDS = (
     ),
     Command("MEASure:RESults", query=_results),
     Command("MEASure:CLEar", do=_clear),
-    setting("MEASure:SHOW", "MEAS:SHOW", Boolean(), boolean),
-    setting(
+    attribute("MEASure:SHOW", Boolean(), "state.measure.shown", boolean),
+    attribute(
         "MEASure:STATistics",
-        "MEAS:STAT",
         Choice(("ON", "CURRent", "MINimum", "MAXimum", "MEAN", "STDDev", "COUNt")),
+        "state.measure.statistics",
     ),
     _measurement("VPP", MeasuredTrace.peak_to_peak),
     _measurement("VMAX", MeasuredTrace.maximum),

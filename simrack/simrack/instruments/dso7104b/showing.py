@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from simrack.instruments.dso7104b.record import Record
+    from simrack.instruments.dso7104b.settings import ScopeSettings
 
 _SCREEN_POINTS = 1000
 
@@ -23,7 +24,7 @@ class ShownRecords:
     says that :MEASure:STATistics? counts all segments.
     """
 
-    def __init__(self, state: dict[str, Any], time_base_error: float) -> None:
+    def __init__(self, state: ScopeSettings, time_base_error: float) -> None:
         self._state = state
         self._time_base_error = time_base_error
         self.records: list[Record] = []
@@ -35,7 +36,7 @@ class ShownRecords:
     def show(self, records: list[Record], *, segmented: bool = False) -> None:
         """Show these records, the first of them, and forget all others."""
         self.records, self._segmented = records, segmented
-        self._state["SEGM:IND"] = 1
+        self._state.acquire.segment = 1
         self.analysed = False
         self._sent = None
         self._traces.clear()
@@ -45,7 +46,7 @@ class ShownRecords:
         """The record on the screen, of the chosen segment; -230 if there is none."""
         if not self.records:
             raise ScpiError(-230, "Data corrupt or stale")
-        index: int = self._state["SEGM:IND"]
+        index: int = self._state.acquire.segment
         return self.records[min(index, len(self.records)) - 1]
 
     def segments(self) -> int:
@@ -61,7 +62,7 @@ class ShownRecords:
 
     def measured(self, source: str, record: Record | None = None) -> MeasuredTrace:
         """Return the trace of `source` for measurements; -230 where it is not shown."""
-        if not self._state[f"{source}:DISP"]:
+        if not self._state.is_shown(source):
             raise ScpiError(-230)
         return self.trace(source, record)
 
@@ -89,7 +90,7 @@ class ShownRecords:
         )
 
     def _thresholds(self) -> Thresholds:
-        kind, upper, middle, lower = self._state["MEAS:THR"]
+        kind, upper, middle, lower = self._state.measure.thresholds
         return Thresholds() if kind == "STAN" else Thresholds(upper, middle, lower, absolute=kind == "ABS")
 
     def forget_traces(self) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import base64
-import json
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from simrack.instruments.dso7104b.declarations import (
     OPTIONAL_SOURCE,
@@ -12,10 +13,9 @@ from simrack.instruments.dso7104b.declarations import (
     SourceParameter,
     nothing,
     registers,
-    setting,
 )
 from simrack.instruments.dso7104b.math_settings import math_scale, math_trace
-from simrack.instruments.dso7104b.settings import CHANNELS, default_setup
+from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
 from simrack.scpi import (
     Block,
     Boolean,
@@ -25,6 +25,7 @@ from simrack.scpi import (
     Limits,
     ScpiError,
     Text,
+    attribute,
     block,
     boolean,
     quoted,
@@ -32,8 +33,6 @@ from simrack.scpi import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
@@ -54,7 +53,7 @@ def _digitize(model: SimulatedDso7104B, *sources: str) -> Pending:
 
 
 def _show(model: SimulatedDso7104B, source: str, *, shown: bool) -> None:
-    model.state[f"{source}:DISP"] = shown
+    model.state.show(source, shown)
 
 
 def _blank(model: SimulatedDso7104B, source: str | None) -> None:
@@ -70,8 +69,8 @@ def _activity(model: SimulatedDso7104B) -> Any:
 def _activity_now(model: SimulatedDso7104B) -> str:
     edges = levels = 0
     for bit, channel in enumerate(CHANNELS):
-        above = model.shown.trace(f"CHAN{channel}").volts >= model.state[f"LEV:CHAN{channel}"]
-        edges |= (above.any() and not above.all()) << bit
+        above = model.shown.trace(f"CHAN{channel}").volts >= model.state.levels_v[f"CHAN{channel}"]
+        edges |= bool(above.any() and not above.all()) << bit
         levels |= bool(above[-1]) << bit
     return f"{signed_integer(edges)},{signed_integer(levels)}"
 
@@ -98,7 +97,7 @@ ROOT_COMMANDS = (
     Command("VIEW", (SOURCE,), do=lambda model, source: _show(model, source, shown=True)),
     Command(
         "STATus",
-        query=lambda model, source: model.state[f"{source}:DISP"],
+        query=lambda model, source: model.state.is_shown(source),
         query_parameters=(SOURCE,),
         reply=boolean,
     ),
@@ -113,7 +112,7 @@ ROOT_COMMANDS = (
     *registers("OVLenable", "OVLRegister", lambda model: model.overload),
     *registers("HWEenable", "HWERegister[:EVENt]", lambda model: model.hardware),
     Command("HWERegister:CONDition", query=lambda model: model.hardware.condition, reply=signed_integer),
-    setting("AUToscale:CHANnels", "AUT:CHAN", Choice(("ALL", "DISPlayed"))),
+    attribute("AUToscale:CHANnels", Choice(("ALL", "DISPlayed")), "state.autoscale_channels"),
 )
 """Root and common commands."""
 
@@ -127,7 +126,7 @@ def _picture(model: SimulatedDso7104B, kind: str, area: str | None, palette: str
 
     if kind == "TIFF" and (area == "SCR" or palette in {"COL", "GRAY"}):
         raise ScpiError(-221)
-    look = PictureStyle("MON" if kind == "TIFF" else palette or "COL", ink_saver=model.state["HARD:INKS"])
+    look = PictureStyle("MON" if kind == "TIFF" else palette or "COL", ink_saver=model.state.hardcopy.ink_saver)
     return model.look(lambda: block(screenshot(_traces(model), kind, look), 8))
 
 
@@ -137,13 +136,13 @@ def _traces(model: SimulatedDso7104B) -> dict[int, NDArray[Any]]:
         record = model.shown.record
     except ScpiError:
         return {}
-    shown = [channel for channel in CHANNELS if model.state[f"CHAN{channel}:DISP"]]
+    shown = [channel for channel in CHANNELS if model.state.channel[channel].shown]
     traces = {
         channel: (model.shown.trace(f"CHAN{channel}").volts - record.views[channel].offset_v)
         / record.views[channel].range_v
         for channel in shown
     }
-    if model.state["FUNC:DISP"]:
+    if model.state.function.shown:
         range_, offset = math_scale(model.state)
         traces[_MATH] = (math_trace(model.state, record, _POINTS).values - offset) / range_
     return traces
@@ -153,9 +152,9 @@ def _hard_copy_learned(model: SimulatedDso7104B) -> str:
     """Return the settings in the shape of a sibling's sample (from memory, unverified)."""
     state = model.state
     return (
-        f':HARD:APR "";AREA {state["HARD:AREA"]};FACT {boolean(state["HARD:FACT"])};'
-        f"FFE {boolean(state['HARD:FFE'])};INKS {boolean(state['HARD:INKS'])};"
-        f"PAL {state['HARD:PAL']};LAY {state['HARD:LAY']}"
+        f':HARD:APR "";AREA {state.hardcopy.area};FACT {boolean(state.hardcopy.factors)};'
+        f"FFE {boolean(state.hardcopy.form_feed)};INKS {boolean(state.hardcopy.ink_saver)};"
+        f"PAL {state.hardcopy.palette};LAY {state.hardcopy.layout}"
     )
 
 
@@ -168,19 +167,15 @@ def _setup(model: SimulatedDso7104B) -> bytes:
     It is opaque, but of ASCII characters without the end of a line: PyMeasure's tests for a real DSOX1102G read it as
     text and send it back.
     """
-    return block(base64.b64encode(json.dumps(model.state).encode()), 8)
+    return block(base64.b64encode(msgspec.json.encode(model.state)), 8)
 
 
 def _set_setup(model: SimulatedDso7104B, data: bytes) -> None:
     try:
-        state = json.loads(base64.b64decode(data, validate=True))
-    except ValueError:
+        setup = msgspec.json.decode(base64.b64decode(data, validate=True), type=ScopeSettings)
+    except (ValueError, msgspec.DecodeError):
         raise ScpiError(-161) from None
-    defaults = default_setup()
-    if not isinstance(state, dict) or set(state) != set(defaults):
-        raise ScpiError(-161)
-    tuples = {key: tuple(state[key]) for key, value in defaults.items() if isinstance(value, tuple)}
-    model.restore(state | tuples)
+    model.restore(setup)
 
 
 def _set_date(model: SimulatedDso7104B, year: int, month: int, day: int) -> None:
@@ -195,36 +190,27 @@ def _list_of(values: tuple[int, ...]) -> str:
     return ",".join(map(signed_integer, values))
 
 
-def _put(name: str) -> Callable[..., None]:
-    def write(model: SimulatedDso7104B, value: Any) -> None:
-        setattr(model, name, value)
-
-    return write
-
-
 def _display_learned(model: SimulatedDso7104B) -> str:
     """Return the settings in the shape of the siblings' sample (from memory, unverified)."""
-    state = model.state
-    return (
-        f":DISP:LAB {boolean(state['DISP:LAB'])};CONN {boolean(state['DISP:VECT'])};PERS {state['DISP:PERS']};"
-        f"SOUR {state['DISP:SOUR']}"
-    )
+    own = model.state.display
+    connected = boolean(own.vectors)
+    return f":DISP:LAB {boolean(own.labels)};CONN {connected};PERS {own.persistence};SOUR {own.memory}"
 
 
 def _system_learned(model: SimulatedDso7104B) -> str:
     """Return the settings; of what a real one says there nothing is known."""
     state = model.state
-    return f":SYST:LOCK {boolean(state['SYST:LOCK'])};PROT:LOCK {boolean(state['SYST:PROT'])}"
+    return f":SYST:LOCK {boolean(state.locked)};PROT:LOCK {boolean(state.protection_locked)}"
 
 
 SYSTEM_COMMANDS = (
     Command("DISPlay", query=_display_learned),
-    setting("DISPlay:CONNect", "DISP:VECT", Boolean(), boolean),
-    setting("DISPlay:SOURce", "DISP:SOUR", Choice(("PMEMory<0-9>",))),
+    attribute("DISPlay:CONNect", Boolean(), "state.display.vectors", boolean),
+    attribute("DISPlay:SOURce", Choice(("PMEMory<0-9>",)), "state.display.memory"),
     Command("SYSTem", query=_system_learned),
-    setting("DISPlay:VECTors", "DISP:VECT", Boolean(), boolean),
-    setting("DISPlay:LABel", "DISP:LAB", Boolean(), boolean),
-    setting("DISPlay:PERSistence", "DISP:PERS", Choice(("MINimum", "INFinite"))),
+    attribute("DISPlay:VECTors", Boolean(), "state.display.vectors", boolean),
+    attribute("DISPlay:LABel", Boolean(), "state.display.labels", boolean),
+    attribute("DISPlay:PERSistence", Choice(("MINimum", "INFinite")), "state.display.persistence"),
     Command("DISPlay:CLEar", do=nothing),
     Command(
         "DISPlay:DATA",
@@ -237,16 +223,18 @@ SYSTEM_COMMANDS = (
         reply=bytes,
     ),
     Command("HARDcopy", query=_hard_copy_learned),
-    setting("HARDcopy:AREA", "HARD:AREA", Choice(("SCReen",))),
-    setting("HARDcopy:FACTors", "HARD:FACT", Boolean(), boolean),
-    setting("HARDcopy:FFEed", "HARD:FFE", Boolean(), boolean),
-    setting("HARDcopy:FORMat", "HARD:FORM", Choice(("BMP", "BMP8bit", "PNG", "CSV", "ASCiixy", "BINary"))),
-    setting("HARDcopy:INKSaver", "HARD:INKS", Boolean(), boolean),
-    setting("HARDcopy:LAYout", "HARD:LAY", Choice(("LANDscape", "PORTrait"))),
-    setting("HARDcopy:PALette", "HARD:PAL", Choice(("COLor", "GRAYscale", "NONE"))),
+    attribute("HARDcopy:AREA", Choice(("SCReen",)), "state.hardcopy.area"),
+    attribute("HARDcopy:FACTors", Boolean(), "state.hardcopy.factors", boolean),
+    attribute("HARDcopy:FFEed", Boolean(), "state.hardcopy.form_feed", boolean),
+    attribute(
+        "HARDcopy:FORMat", Choice(("BMP", "BMP8bit", "PNG", "CSV", "ASCiixy", "BINary")), "state.hardcopy.format"
+    ),
+    attribute("HARDcopy:INKSaver", Boolean(), "state.hardcopy.ink_saver", boolean),
+    attribute("HARDcopy:LAYout", Choice(("LANDscape", "PORTrait")), "state.hardcopy.layout"),
+    attribute("HARDcopy:PALette", Choice(("COLor", "GRAYscale", "NONE")), "state.hardcopy.palette"),
     Command("HARDcopy[:STARt]", do=nothing),
-    Command("SYSTem:SETup", (Block(),), do=_set_setup, query=_setup, query_parameters=(), reply=bytes),
-    Command("SYSTem:DSP", (Text(limit=254),), do=_put("message"), query=lambda model: model.message, reply=quoted),
+    Command("SYSTem:SETup", (Block(),), do=_set_setup, query=_setup, reply=bytes),
+    attribute("SYSTem:DSP", Text(limit=254), "message", quoted),
     Command(
         "SYSTem:DATE",
         (Integer(limits=Limits(1980, 2099)), Integer(limits=Limits(1, 12)), Integer(limits=Limits(1, 31))),
@@ -261,7 +249,7 @@ SYSTEM_COMMANDS = (
         query=lambda model: model.time,
         reply=_list_of,
     ),
-    setting("SYSTem:LOCK", "SYST:LOCK", Boolean(), boolean),
-    setting("SYSTem:PROTection:LOCK", "SYST:PROT", Boolean(), boolean),
+    attribute("SYSTem:LOCK", Boolean(), "state.locked", boolean),
+    attribute("SYSTem:PROTection:LOCK", Boolean(), "state.protection_locked", boolean),
 )
 """Display, hard copy and system."""

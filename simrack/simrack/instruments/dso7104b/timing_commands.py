@@ -4,9 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from simrack.instruments.dso7104b.declarations import clipped, number, setting
+from simrack.instruments.dso7104b.declarations import clipped
 from simrack.instruments.dso7104b.sampling import memory_points, sample_rate_hz
-from simrack.scpi import Boolean, Choice, Command, Integer, Limits, Number, ScpiError, boolean, signed_integer
+from simrack.scpi import (
+    Boolean,
+    Choice,
+    Command,
+    Integer,
+    Limits,
+    Number,
+    ScpiError,
+    attribute,
+    boolean,
+    signed_integer,
+)
 
 if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
@@ -16,28 +27,28 @@ _SCALE = Number(unit="S", limits=Limits(500e-12, 50.0))
 _POSITION = Number(unit="S", limits=Limits(-500.0, 500.0))
 
 
-def _scale(name: str, key: str) -> Command:
+def _scale(pattern: str, name: str) -> Command:
     """Declare a scale, a tenth of the range of the same window."""
 
     def write(model: SimulatedDso7104B, seconds: float) -> None:
-        model.state[key] = 10.0 * seconds
+        setattr(model.state.timebase, name, 10.0 * seconds)
 
     return Command(
-        name, (_SCALE,), do=write, query=lambda model: model.nr3(model.state[key] / 10.0), query_parameters=()
+        pattern, (_SCALE,), do=write, query=lambda model: model.nr3(getattr(model.state.timebase, name) / 10.0)
     )
 
 
 def _learned(model: SimulatedDso7104B) -> str:
     state = model.state
     return (
-        f":TIM:MODE {state['TIM:MODE']};REF {state['TIM:REF']};"
-        f"MAIN:RANG {state['TIM:RANG']:+.2E};POS {state['TIM:POS']:+.1E}"
+        f":TIM:MODE {state.timebase.mode};REF {state.timebase.reference};"
+        f"MAIN:RANG {state.timebase.range_s:+.2E};POS {state.timebase.position_s:+.1E}"
     )
 
 
 def _set_index(model: SimulatedDso7104B, index: float) -> None:
     """Show another segment: one of those that were acquired."""
-    model.state["SEGM:IND"] = int(clipped(model, index, 1, max(1, model.shown.segments())))
+    model.state.acquire.segment = int(clipped(model, index, 1, max(1, model.shown.segments())))
 
 
 def _analyze(model: SimulatedDso7104B) -> None:
@@ -51,36 +62,30 @@ def _acquire_learned(model: SimulatedDso7104B) -> str:
     """Return how it acquires, in the shape of the siblings' guides (unverified for this model)."""
     state = model.state
     return (
-        f":ACQ:MODE {state['ACQ:MODE']};TYPE {state['ACQ:TYPE']};COMP {state['ACQ:COMP']};"
-        f"COUN {state['ACQ:COUN']};SEGM:COUN {state['SEGM:COUN']}"
+        f":ACQ:MODE {state.acquire.mode};TYPE {state.acquire.type};COMP {state.acquire.complete_percent};"
+        f"COUN {state.acquire.count};SEGM:COUN {state.acquire.segments}"
     )
 
 
 TIMING_COMMANDS = (
     Command("ACQuire", query=_acquire_learned),
     Command("TIMebase", query=_learned),
-    setting("TIMebase:MODE", "TIM:MODE", Choice(("MAIN", "WINDow", "XY", "ROLL"))),
-    number("TIMebase[:MAIN]:RANGe", "TIM:RANG", _RANGE),
-    _scale("TIMebase:SCALe", "TIM:RANG"),
-    number("TIMebase[:MAIN]:POSition", "TIM:POS", _POSITION),
-    number("TIMebase:DELay", "TIM:POS", _POSITION),
-    setting("TIMebase:REFerence", "TIM:REF", Choice(("LEFT", "CENTer", "RIGHt"))),
-    setting("TIMebase:VERNier", "TIM:VERN", Boolean(), boolean),
-    number("TIMebase:WINDow:POSition", "WIND:POS", _POSITION),
-    number("TIMebase:WINDow:RANGe", "WIND:RANG", _RANGE),
-    _scale("TIMebase:WINDow:SCALe", "WIND:RANG"),
-    setting("ACQuire:TYPE", "ACQ:TYPE", Choice(("NORMal", "AVERage", "HRESolution", "PEAK"))),
-    setting("ACQuire:MODE", "ACQ:MODE", Choice(("RTIMe", "ETIMe", "SEGMented"))),
-    setting("ACQuire:COUNt", "ACQ:COUN", Integer(limits=Limits(2, 65536)), signed_integer),
-    setting("ACQuire:COMPlete", "ACQ:COMP", Integer(limits=Limits(0, 100)), signed_integer),
-    setting("ACQuire:SEGMented:COUNt", "SEGM:COUN", Integer(limits=Limits(2, 2000)), signed_integer),
-    Command(
-        "ACQuire:SEGMented:INDex",
-        (Integer(),),
-        do=_set_index,
-        query=lambda model: model.state["SEGM:IND"],
-        reply=signed_integer,
-    ),
+    attribute("TIMebase:MODE", Choice(("MAIN", "WINDow", "XY", "ROLL")), "state.timebase.mode"),
+    attribute("TIMebase[:MAIN]:RANGe", _RANGE, "state.timebase.range_s", "nr3"),
+    _scale("TIMebase:SCALe", "range_s"),
+    attribute("TIMebase[:MAIN]:POSition", _POSITION, "state.timebase.position_s", "nr3"),
+    attribute("TIMebase:DELay", _POSITION, "state.timebase.position_s", "nr3"),
+    attribute("TIMebase:REFerence", Choice(("LEFT", "CENTer", "RIGHt")), "state.timebase.reference"),
+    attribute("TIMebase:VERNier", Boolean(), "state.timebase.vernier", boolean),
+    attribute("TIMebase:WINDow:POSition", _POSITION, "state.timebase.window_position_s", "nr3"),
+    attribute("TIMebase:WINDow:RANGe", _RANGE, "state.timebase.window_range_s", "nr3"),
+    _scale("TIMebase:WINDow:SCALe", "window_range_s"),
+    attribute("ACQuire:TYPE", Choice(("NORMal", "AVERage", "HRESolution", "PEAK")), "state.acquire.type"),
+    attribute("ACQuire:MODE", Choice(("RTIMe", "ETIMe", "SEGMented")), "state.acquire.mode"),
+    attribute("ACQuire:COUNt", Integer(limits=Limits(2, 65536)), "state.acquire.count", signed_integer),
+    attribute("ACQuire:COMPlete", Integer(limits=Limits(0, 100)), "state.acquire.complete_percent", signed_integer),
+    attribute("ACQuire:SEGMented:COUNt", Integer(limits=Limits(2, 2000)), "state.acquire.segments", signed_integer),
+    attribute("ACQuire:SEGMented:INDex", Integer(), "state.acquire.segment", signed_integer, do=_set_index),
     Command("ACQuire:SEGMented:ANALyze", do=_analyze),
     Command("ACQuire:POINts", query=lambda model: memory_points(model.state, model.kind), reply=signed_integer),
     Command("ACQuire:SRATe", query=lambda model: model.nr3(sample_rate_hz(model.state, model.kind))),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from simrack.instruments.dso7104b.declarations import CHANNEL, clipped, number, setting
+from simrack.instruments.dso7104b.declarations import CHANNEL, clipped
 from simrack.scpi import (
     Boolean,
     Choice,
@@ -16,6 +16,7 @@ from simrack.scpi import (
     Integer,
     Limits,
     Number,
+    attribute,
     boolean,
     comma_list,
     signed_integer,
@@ -31,56 +32,45 @@ def _reach(model: SimulatedDso7104B, source: str) -> tuple[float, float]:
     """Return the lowest and the highest level: 0.75 of full scale about the centre of the screen."""
     if not source.startswith("CHAN"):
         return -_EXTERNAL_REACH_V, _EXTERNAL_REACH_V
-    centre, reach = model.state[f"{source}:OFFS"], 0.75 * model.state[f"{source}:RANG"]
+    centre, reach = model.state.channel_of(source).offset_v, 0.75 * model.state.channel_of(source).range_v
     return centre - reach, centre + reach
 
 
-def _level(pattern: str, source_key: str) -> Command:
+def _level(pattern: str, mode: str) -> Command:
     """Declare the level of a mode's source, or of the one that is named."""
 
     def write(model: SimulatedDso7104B, volts: float, source: str | None) -> None:
-        named = source or model.state[source_key]
-        model.state[f"LEV:{named}"] = clipped(model, volts, *_reach(model, named))
+        named = source or getattr(model.state, mode).source
+        model.state.levels_v[named] = clipped(model, volts, *_reach(model, named))
 
     return Command(
         pattern,
         (Number(unit="V"), Choice(("CHANnel<1-4>", "EXTernal"), required=False)),
         do=write,
-        query=lambda model, source: model.nr3(model.state[f"LEV:{source or model.state[source_key]}"]),
+        query=lambda model, source: model.nr3(model.state.levels_v[source or getattr(model.state, mode).source]),
         query_parameters=(Choice(("CHANnel<1-4>", "EXTernal"), required=False),),
     )
 
 
 def _set_reject(model: SimulatedDso7104B, word: str) -> None:
     """Turn one filter on and the other off; LF is the coupling of that name."""
-    model.state["TRIG:HFR"] = word == "HF"
+    model.state.trigger.reject_hf = word == "HF"
     if word == "LF":
-        model.state["TRIG:COUP"] = "LFR"
-    elif model.state["TRIG:COUP"] == "LFR":
-        model.state["TRIG:COUP"] = "DC"
+        model.state.trigger.coupling = "LFR"
+    elif model.state.trigger.coupling == "LFR":
+        model.state.trigger.coupling = "DC"
 
 
 def _reject(model: SimulatedDso7104B) -> str:
-    if model.state["TRIG:COUP"] == "LFR":
+    if model.state.trigger.coupling == "LFR":
         return "LF"
-    return "HF" if model.state["TRIG:HFR"] else "OFF"
+    return "HF" if model.state.trigger.reject_hf else "OFF"
 
 
-def _times(pattern: str, key: str, less: Limits, greater: Limits) -> Command:
-    """Declare a range of times; the larger one is the upper limit, whatever the order."""
-    limits = Number(unit="S", limits=Limits(greater.minimum, less.maximum))
-
-    def write(model: SimulatedDso7104B, one: float, other: float) -> None:
-        upper = clipped(model, max(one, other), less.minimum, less.maximum)
-        model.state[key] = (upper, clipped(model, min(one, other), greater.minimum, greater.maximum))
-
-    return Command(
-        pattern,
-        (limits, limits),
-        do=write,
-        query=lambda model: comma_list(model.nr3)(model.state[key]),
-        query_parameters=(),
-    )
+def _set_pulse_range(model: SimulatedDso7104B, one: float, other: float) -> None:
+    """Take a range of times; the larger one is the upper limit, whatever the order."""
+    upper = clipped(model, max(one, other), 15e-9, 10.0)
+    model.state.pulse.range_s = (upper, clipped(model, min(one, other), 10e-9, 9.99))
 
 
 _SOURCE = Choice(("CHANnel<1-4>", "EXTernal", "LINE"))
@@ -91,46 +81,51 @@ def _learned(model: SimulatedDso7104B) -> str:
     """Return what all modes have in common, and the edge (siblings' guides; of other modes nothing is known)."""
     state = model.state
     general = (
-        f":TRIG:MODE {state['TRIG:MODE']};SWE {state['TRIG:SWE']};NREJ {boolean(state['TRIG:NREJ'])};"
-        f"HFR {boolean(state['TRIG:HFR'])};HOLD {state['TRIG:HOLD'] * 1e9:+.13f}E-09"
+        f":TRIG:MODE {state.trigger.mode};SWE {state.trigger.sweep};NREJ {boolean(state.trigger.reject_noise)};"
+        f"HFR {boolean(state.trigger.reject_hf)};HOLD {state.trigger.holdoff_s * 1e9:+.13f}E-09"
     )
-    if state["TRIG:MODE"] != "EDGE":
+    if state.trigger.mode != "EDGE":
         return general
-    source = state["TRIG:SOUR"]
+    source = state.trigger.source
     return (
-        f"{general};:TRIG:EDGE:SOUR {source};LEV {state[f'LEV:{source}']:+.5E};SLOP {state['TRIG:SLOP']};"
-        f"REJ {_reject(model)};COUP {state['TRIG:COUP']}"
+        f"{general};:TRIG:EDGE:SOUR {source};LEV {state.levels_v[source]:+.5E};SLOP {state.trigger.slope};"
+        f"REJ {_reject(model)};COUP {state.trigger.coupling}"
     )
 
 
 TRIGGER_COMMANDS = (
     Command("TRIGger", query=_learned),
-    setting("TRIGger:MODE", "TRIG:MODE", Choice(("EDGE", "GLITch", "TV"))),
-    setting("TRIGger:SWEep", "TRIG:SWE", Choice(("AUTO", "NORMal"))),
-    setting("TRIGger[:EDGE]:SOURce", "TRIG:SOUR", _SOURCE),
-    _level("TRIGger[:EDGE]:LEVel", "TRIG:SOUR"),
-    setting("TRIGger[:EDGE]:SLOPe", "TRIG:SLOP", Choice(("POSitive", "NEGative", "EITHer", "ALTernate"))),
-    setting("TRIGger[:EDGE]:COUPling", "TRIG:COUP", Choice(("AC", "DC", "LFReject"))),
+    attribute("TRIGger:MODE", Choice(("EDGE", "GLITch", "TV")), "state.trigger.mode"),
+    attribute("TRIGger:SWEep", Choice(("AUTO", "NORMal")), "state.trigger.sweep"),
+    attribute("TRIGger[:EDGE]:SOURce", _SOURCE, "state.trigger.source"),
+    _level("TRIGger[:EDGE]:LEVel", "trigger"),
+    attribute("TRIGger[:EDGE]:SLOPe", Choice(("POSitive", "NEGative", "EITHer", "ALTernate")), "state.trigger.slope"),
+    attribute("TRIGger[:EDGE]:COUPling", Choice(("AC", "DC", "LFReject")), "state.trigger.coupling"),
     Command("TRIGger[:EDGE]:REJect", (Choice(("OFF", "LF", "HF")),), do=_set_reject, query=_reject),
-    setting("TRIGger:HFReject", "TRIG:HFR", Boolean(), boolean),
-    setting("TRIGger:NREJect", "TRIG:NREJ", Boolean(), boolean),
-    number("TRIGger:HOLDoff", "TRIG:HOLD", Number(unit="S", limits=Limits(60e-9, 10.0))),
+    attribute("TRIGger:HFReject", Boolean(), "state.trigger.reject_hf", boolean),
+    attribute("TRIGger:NREJect", Boolean(), "state.trigger.reject_noise", boolean),
+    attribute("TRIGger:HOLDoff", Number(unit="S", limits=Limits(60e-9, 10.0)), "state.trigger.holdoff_s", "nr3"),
     Command("TRIGger:FORCe", do=lambda model: model.force(), urgent=True),
-    setting("TRIGger:GLITch:SOURce", "GLIT:SOUR", _SOURCE),
-    _level("TRIGger:GLITch:LEVel", "GLIT:SOUR"),
-    setting("TRIGger:GLITch:QUALifier", "GLIT:QUAL", Choice(("GREaterthan", "LESSthan", "RANGe"))),
-    setting("TRIGger:GLITch:POLarity", "GLIT:POL", Choice(("POSitive", "NEGative"))),
-    number("TRIGger:GLITch:LESSthan", "GLIT:LESS", _PULSE_TIME),
-    number("TRIGger:GLITch:GREaterthan", "GLIT:GRE", _PULSE_TIME),
-    _times("TRIGger:GLITch:RANGe", "GLIT:RANG", Limits(15e-9, 10.0), Limits(10e-9, 9.99)),
-    setting("TRIGger:TV:SOURce", "TV:SOUR", CHANNEL),
-    setting(
-        "TRIGger:TV:MODE",
-        "TV:MODE",
-        Choice(("FIEld<1-2>", "AFIelds", "ALINes", "LINE", "VERTical", "LFIeld<1-2>", "LALTernate", "LVERtical")),
+    attribute("TRIGger:GLITch:SOURce", _SOURCE, "state.pulse.source"),
+    _level("TRIGger:GLITch:LEVel", "pulse"),
+    attribute("TRIGger:GLITch:QUALifier", Choice(("GREaterthan", "LESSthan", "RANGe")), "state.pulse.qualifier"),
+    attribute("TRIGger:GLITch:POLarity", Choice(("POSitive", "NEGative")), "state.pulse.polarity"),
+    attribute("TRIGger:GLITch:LESSthan", _PULSE_TIME, "state.pulse.less_s", "nr3"),
+    attribute("TRIGger:GLITch:GREaterthan", _PULSE_TIME, "state.pulse.greater_s", "nr3"),
+    Command(
+        "TRIGger:GLITch:RANGe",
+        (Number(unit="S", limits=Limits(10e-9, 10.0)),) * 2,
+        do=_set_pulse_range,
+        query=lambda model: comma_list(model.nr3)(model.state.pulse.range_s),
     ),
-    setting("TRIGger:TV:STANdard", "TV:STAN", Choice(("GENeric", "NTSC", "PALM", "PAL", "SECam"))),
-    setting("TRIGger:TV:POLarity", "TV:POL", Choice(("POSitive", "NEGative"))),
-    setting("TRIGger:TV:LINE", "TV:LINE", Integer(limits=Limits(1, 1125)), signed_integer),
+    attribute("TRIGger:TV:SOURce", CHANNEL, "state.television.source"),
+    attribute(
+        "TRIGger:TV:MODE",
+        Choice(("FIEld<1-2>", "AFIelds", "ALINes", "LINE", "VERTical", "LFIeld<1-2>", "LALTernate", "LVERtical")),
+        "state.television.mode",
+    ),
+    attribute("TRIGger:TV:STANdard", Choice(("GENeric", "NTSC", "PALM", "PAL", "SECam")), "state.television.standard"),
+    attribute("TRIGger:TV:POLarity", Choice(("POSitive", "NEGative")), "state.television.polarity"),
+    attribute("TRIGger:TV:LINE", Integer(limits=Limits(1, 1125)), "state.television.line", signed_integer),
 )
 """What is said to :TRIGger."""

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from simrack.instruments.dso7104b.conditions import EdgeCondition, NeverMet, PulseCondition, Video
 from simrack.instruments.dso7104b.inputs import EXTERNAL, LINE
 from simrack.instruments.dso7104b.trigger import Comparator, SyncTips, Trigger
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
+
+    from simrack.instruments.dso7104b.settings import ScopeSettings
 
 _LINE_S = {"NTSC": 63.556e-6, "PALM": 63.556e-6, "PAL": 64e-6, "SEC": 64e-6, "GEN": 64e-6}
 _UNPLUGGED_V = 1e-9
 _HALF_DIVISION = 0.5
 
 
-def trigger_of(state: Mapping[str, Any]) -> Trigger:
+def trigger_of(state: ScopeSettings) -> Trigger:
     """Return the trigger that the settings mean."""
-    return _MODES[state["TRIG:MODE"]](state)
+    return _MODES[state.trigger.mode](state)
 
 
 def _input(source: str) -> int:
@@ -28,55 +30,55 @@ def _input(source: str) -> int:
     return named[source] if source in named else int(source[4:])
 
 
-def comparator_of(state: Mapping[str, Any], source: str, side: float = 0.0) -> Comparator:
+def comparator_of(state: ScopeSettings, source: str, side: float = 0.0) -> Comparator:
     """Return a comparator at the source's level; noise reject gives it a division of hysteresis."""
-    band_v = state[f"{source}:RANG"] / 8.0 if state["TRIG:NREJ"] and source.startswith("CHAN") else 0.0
-    level_v = 0.0 if source == "LINE" else state[f"LEV:{source}"]
+    band_v = state.channel_of(source).range_v / 8.0 if state.trigger.reject_noise and source.startswith("CHAN") else 0.0
+    level_v = 0.0 if source == "LINE" else state.levels_v[source]
     if source == "EXT":
         level_v += _UNPLUGGED_V  # what is at 0 V is not above a level of 0 V
-    return Comparator.at(level_v, band_v, side, reject="HF" if state["TRIG:HFR"] else "")
+    return Comparator.at(level_v, band_v, side, reject="HF" if state.trigger.reject_hf else "")
 
 
-def _coupled(state: Mapping[str, Any], comparator: Comparator) -> Comparator:
+def _coupled(state: ScopeSettings, comparator: Comparator) -> Comparator:
     """Return a comparator behind the coupling that the edge trigger has."""
-    coupling = state["TRIG:COUP"]
+    coupling = state.trigger.coupling
     reject = "LF" if coupling == "LFR" else comparator.filter
     return Comparator(comparator.level_v, comparator.low_v, comparator.high_v, coupling == "AC", reject)
 
 
-def _edge(state: Mapping[str, Any]) -> Trigger:
-    source, slope = state["TRIG:SOUR"], state["TRIG:SLOP"]
+def _edge(state: ScopeSettings) -> Trigger:
+    source, slope = state.trigger.source, state.trigger.slope
     side = {"POS": 1.0, "NEG": -1.0}.get(slope, 0.0)
     channel = _input(source)
     make = partial(EdgeCondition, channel, rising=slope != "NEG", falling=slope != "POS")
     return Trigger({channel: _coupled(state, comparator_of(state, source, side))}, make)
 
 
-def _pulse(state: Mapping[str, Any]) -> Trigger:
-    source, positive = state["GLIT:SOUR"], state["GLIT:POL"] == "POS"
-    less, greater = state["GLIT:RANG"]
+def _pulse(state: ScopeSettings) -> Trigger:
+    source, positive = state.pulse.source, state.pulse.polarity == "POS"
+    less, greater = state.pulse.range_s
     least, most = {
-        "LESS": (0.0, state["GLIT:LESS"]),
-        "GRE": (state["GLIT:GRE"], math.inf),
+        "LESS": (0.0, state.pulse.less_s),
+        "GRE": (state.pulse.greater_s, math.inf),
         "RANG": (greater, less),
-    }[state["GLIT:QUAL"]]
+    }[state.pulse.qualifier]
     channel = _input(source)
     make = partial(PulseCondition, channel, positive=positive, least_s=least, most_s=most)
     return Trigger({channel: comparator_of(state, source)}, make)
 
 
-def _television(state: Mapping[str, Any]) -> Trigger:
+def _television(state: ScopeSettings) -> Trigger:
     """Return the trigger on any line or any field; of a certain line or field it never knows."""
-    mode, source = state["TV:MODE"], state["TV:SOUR"]
+    mode, source = state.television.mode, state.television.source
     if mode not in {"ALIN", "AFI", "VERT"}:
         return Trigger({}, NeverMet)
-    channel, negative = _input(source), state["TV:POL"] == "NEG"
-    make = partial(Video, channel, negative=negative, line_s=_LINE_S[state["TV:STAN"]], field=mode != "ALIN")
-    swing_v = _HALF_DIVISION * state[f"{source}:RANG"] / 8.0
+    channel, negative = _input(source), state.television.polarity == "NEG"
+    make = partial(Video, channel, negative=negative, line_s=_LINE_S[state.television.standard], field=mode != "ALIN")
+    swing_v = _HALF_DIVISION * state.channel_of(source).range_v / 8.0
     return Trigger({channel: comparator_of(state, source)}, make, SyncTips(negative, swing_v))
 
 
-_MODES: dict[str, Callable[[Mapping[str, Any]], Trigger]] = {
+_MODES: dict[str, Callable[[ScopeSettings], Trigger]] = {
     "EDGE": _edge,
     "GLIT": _pulse,
     "TV": _television,

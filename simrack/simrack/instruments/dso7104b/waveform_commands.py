@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from simrack.instruments.dso7104b.declarations import SOURCE, clipped, setting
+from simrack.instruments.dso7104b.declarations import SOURCE, clipped
 from simrack.instruments.dso7104b.installed import INVALID
 from simrack.instruments.dso7104b.math_settings import MathTrace, math_scale, math_trace
 from simrack.instruments.dso7104b.sampling import memory_points
-from simrack.scpi import Boolean, Choice, Command, Number, boolean, real, signed_integer
+from simrack.scpi import Boolean, Choice, Command, Number, attribute, boolean, real, signed_integer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -35,11 +36,11 @@ def _listed(model: SimulatedDso7104B, wanted: float) -> int:
 def _points(model: SimulatedDso7104B) -> int:
     """Return how many points :WAVeform:DATA? sends: a listed number, rounded down."""
     state = model.state
-    wanted = state["WAV:POIN"]
+    wanted = state.waveform.points
     # RAW and MAX read the memory, which only a stopped acquisition of NORM or HRES type holds: averages have at most
     # 1000 points, minima and maxima are those of the screen (siblings' guides)
-    shallow = state["ACQ:TYPE"] in {"AVER", "PEAK"} or state["WAV:SOUR"] == "FUNC"
-    if state["WAV:MODE"] == "NORM" or model.running or shallow:
+    shallow = state.acquire.type in {"AVER", "PEAK"} or state.waveform.source == "FUNC"
+    if state.waveform.points_mode == "NORM" or model.running or shallow:
         return _listed(model, min(wanted, model.kind.screen_points))
     return min(_listed(model, wanted), memory_points(model.state, model.kind))
 
@@ -49,10 +50,10 @@ def _set_points(model: SimulatedDso7104B, points: float) -> None:
     screen, deepest = model.kind.screen_points, model.kind.record_lengths[-1]
     words = {-1.0: ("NORM", screen), -2.0: ("MAX", deepest), -3.0: ("RAW", deepest)}
     if points in words:
-        model.state["WAV:MODE"], model.state["WAV:POIN"] = words[points]
+        model.state.waveform.points_mode, model.state.waveform.points = words[points]
         return
-    most = screen if model.state["WAV:MODE"] == "NORM" else deepest
-    model.state["WAV:POIN"] = _listed(model, clipped(model, points, 100, most))
+    most = screen if model.state.waveform.points_mode == "NORM" else deepest
+    model.state.waveform.points = _listed(model, clipped(model, points, 100, most))
 
 
 # --- scaling
@@ -64,15 +65,15 @@ def _math(model: SimulatedDso7104B) -> MathTrace:
 
 def _vertical(model: SimulatedDso7104B) -> tuple[float, float]:
     """Return range and offset of the source as it was acquired."""
-    if model.state["WAV:SOUR"] == "FUNC":
+    if model.state.waveform.source == "FUNC":
         return math_scale(model.state)
-    view = model.shown.record.views[int(model.state["WAV:SOUR"][4:])]
+    view = model.shown.record.views[int(model.state.waveform.source[4:])]
     return view.range_v, view.offset_v
 
 
 def _horizontal(model: SimulatedDso7104B) -> tuple[float, float]:
     """Return increment and origin, s; Hz of an FFT."""
-    if model.state["WAV:SOUR"] == "FUNC":
+    if model.state.waveform.source == "FUNC":
         trace = _math(model)
         return trace.step, trace.first
     screen = model.shown.record.screen
@@ -81,14 +82,14 @@ def _horizontal(model: SimulatedDso7104B) -> tuple[float, float]:
 
 def _scaling(model: SimulatedDso7104B) -> tuple[float, float, int, float, float, int]:
     """Return xincrement, xorigin, xreference, yincrement, yorigin, yreference: the value sent where yorigin is."""
-    levels = _LEVELS[model.state["WAV:FORM"]]
+    levels = _LEVELS[model.state.waveform.format]
     range_, offset = _vertical(model)
     return (*_horizontal(model), 0, range_ / levels, offset, 0 if _signed(model) else levels // 2)
 
 
 def _signed(model: SimulatedDso7104B) -> bool:
     """Tell whether codes are sent as signed integers; of ASCii numbers :WAVeform:UNSigned says nothing."""
-    return model.state["WAV:FORM"] != "ASC" and not model.state["WAV:UNS"]
+    return model.state.waveform.format != "ASC" and not model.state.waveform.unsigned
 
 
 def _preamble(model: SimulatedDso7104B) -> Any:
@@ -98,8 +99,8 @@ def _preamble(model: SimulatedDso7104B) -> Any:
 def _preamble_now(model: SimulatedDso7104B) -> str:
     x_increment, x_origin, x_reference, y_increment, y_origin, y_reference = _scaling(model)
     fields = (
-        signed_integer(_FORMATS[model.state["WAV:FORM"]]),
-        signed_integer(_TYPES[model.state["ACQ:TYPE"]]),
+        signed_integer(_FORMATS[model.state.waveform.format]),
+        signed_integer(_TYPES[model.state.acquire.type]),
         signed_integer(_points(model)),
         signed_integer(_average_count(model)),
         model.nr3(x_increment),
@@ -113,7 +114,7 @@ def _preamble_now(model: SimulatedDso7104B) -> str:
 
 
 def _average_count(model: SimulatedDso7104B) -> int:
-    return int(model.state["ACQ:COUN"]) if model.state["ACQ:TYPE"] == "AVER" else 1
+    return int(model.state.acquire.count) if model.state.acquire.type == "AVER" else 1
 
 
 def _scaled(name: str, index: int, *, integer: bool = False) -> Command:
@@ -135,15 +136,15 @@ def _codes(model: SimulatedDso7104B) -> Iterator[NDArray[np.float64]]:
     if not _shown(model):
         return iter((np.full(_points(model), _HOLE),))
     range_, offset = _vertical(model)
-    levels = _LEVELS[model.state["WAV:FORM"]]
+    levels = _LEVELS[model.state.waveform.format]
     return (_coded(volts, range_, offset, levels) for volts in _blocks(model))
 
 
 def _blocks(model: SimulatedDso7104B) -> Iterator[NDArray[np.float64]]:
-    if model.state["WAV:SOUR"] == "FUNC":
+    if model.state.waveform.source == "FUNC":
         return iter((_math(model).values,))
-    channel, points = int(model.state["WAV:SOUR"][4:]), _points(model)
-    peak = model.state["ACQ:TYPE"] == "PEAK"
+    channel, points = int(model.state.waveform.source[4:]), _points(model)
+    peak = model.state.acquire.type == "PEAK"
     return model.shown.record.peak_blocks(channel, points) if peak else model.shown.record.blocks(channel, points)
 
 
@@ -167,10 +168,10 @@ def _data(model: SimulatedDso7104B) -> Any:
 
 def _asked(model: SimulatedDso7104B) -> tuple[Any, ...]:
     """Return all that what :WAVeform:DATA? sends of a record depends on."""
-    keys = ["WAV:SOUR", "WAV:FORM", "WAV:UNS", "WAV:BYT", "ACQ:TYPE"]
-    if model.state["WAV:SOUR"] == "FUNC":
-        keys += sorted(key for key in model.state if key.startswith(("FUNC:", "GOFT:")))
-    return (_shown(model), _points(model), *(model.state[key] for key in keys))
+    state, waveform = model.state, model.state.waveform
+    math_ = deepcopy(state.function) if waveform.source == "FUNC" else None
+    sent = (waveform.source, waveform.format, waveform.unsigned, waveform.byte_order, state.acquire.type, math_)
+    return (_shown(model), _points(model), *sent)
 
 
 def _shown(model: SimulatedDso7104B) -> bool:
@@ -179,17 +180,17 @@ def _shown(model: SimulatedDso7104B) -> bool:
     PyMeasure's tests for a real DSOX1102G expect something that can be read; a hole is a place without data (5000
     series guide). That holes are what is sent is unverified.
     """
-    return bool(model.state[f"{model.state['WAV:SOUR']}:DISP"])
+    return model.state.is_shown(model.state.waveform.source)
 
 
 def _data_now(model: SimulatedDso7104B) -> Any:
-    form, signed = model.state["WAV:FORM"], _signed(model)
+    form, signed = model.state.waveform.format, _signed(model)
     if form == "ASC":
         written = _writing(model)
         texts = (written(some) for codes in _codes(model) for some in _cut(codes))
         return model.shown.sent(_asked(model), (b"," * (place > 0) + text for place, text in enumerate(texts)))
     half = _LEVELS[form] // 2 if signed else 0
-    order = ">" if model.state["WAV:BYT"] == "MSBF" else "<"
+    order = ">" if model.state.waveform.byte_order == "MSBF" else "<"
     kind = ("i" if signed else "u") + ("1" if form == "BYTE" else "2")
     return model.shown.sent(_asked(model), (_bytes(codes, half, f"{order}{kind}") for codes in _codes(model)))
 
@@ -226,17 +227,17 @@ def _learned(model: SimulatedDso7104B) -> str:
     """Return what is sent how, in the shape of the siblings' guides."""
     state = model.state
     return (
-        f":WAV:UNS {boolean(state['WAV:UNS'])};VIEW {state['WAV:VIEW']};BYT {state['WAV:BYT']};"
-        f"FORM {state['WAV:FORM']};POIN {signed_integer(_points(model))};SOUR {state['WAV:SOUR']}"
+        f":WAV:UNS {boolean(state.waveform.unsigned)};VIEW {state.waveform.view};BYT {state.waveform.byte_order};"
+        f"FORM {state.waveform.format};POIN {signed_integer(_points(model))};SOUR {state.waveform.source}"
     )
 
 
 WAVEFORM_COMMANDS = (
     Command("WAVeform", query=_learned),
-    setting("WAVeform:SOURce", "WAV:SOUR", SOURCE),
-    setting("WAVeform:FORMat", "WAV:FORM", Choice(("BYTE", "WORD", "ASCii"))),
-    setting("WAVeform:UNSigned", "WAV:UNS", Boolean(), boolean),
-    setting("WAVeform:BYTeorder", "WAV:BYT", Choice(("MSBFirst", "LSBFirst"))),
+    attribute("WAVeform:SOURce", SOURCE, "state.waveform.source"),
+    attribute("WAVeform:FORMat", Choice(("BYTE", "WORD", "ASCii")), "state.waveform.format"),
+    attribute("WAVeform:UNSigned", Boolean(), "state.waveform.unsigned", boolean),
+    attribute("WAVeform:BYTeorder", Choice(("MSBFirst", "LSBFirst")), "state.waveform.byte_order"),
     Command(
         "WAVeform:POINts",
         (Number(words={"NORMal": -1.0, "MAXimum": -2.0, "RAW": -3.0}),),
@@ -244,7 +245,7 @@ WAVEFORM_COMMANDS = (
         query=_points,
         reply=signed_integer,
     ),
-    setting("WAVeform:POINts:MODE", "WAV:MODE", Choice(("NORMal", "MAXimum", "RAW"))),
+    attribute("WAVeform:POINts:MODE", Choice(("NORMal", "MAXimum", "RAW")), "state.waveform.points_mode"),
     Command("WAVeform:PREamble", query=_preamble),
     Command(
         "WAVeform:DATA",
@@ -257,9 +258,9 @@ WAVEFORM_COMMANDS = (
     _scaled("YORigin", 4),
     _scaled("YREFerence", 5, integer=True),
     Command("WAVeform:COUNt", query=_average_count, reply=signed_integer),
-    Command("WAVeform:TYPE", query=lambda model: model.state["ACQ:TYPE"]),
+    Command("WAVeform:TYPE", query=lambda model: model.state.acquire.type),
     Command("WAVeform:SEGMented:COUNt", query=_looked_at(lambda model: signed_integer(model.shown.segments()))),
     Command("WAVeform:SEGMented:TTAG", query=_looked_at(_time_tag)),
-    setting("WAVeform:VIEW", "WAV:VIEW", Choice(("MAIN",))),
+    attribute("WAVeform:VIEW", Choice(("MAIN",)), "state.waveform.view"),
 )
 """What is said to :WAVeform."""
