@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import vcfbench
+from vcfbench.archive.quantities import named_values
 from vcfbench.errors import BenchError
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.runs.quantities import named_values
 
 if TYPE_CHECKING:
     from vcfbench import Run

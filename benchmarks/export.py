@@ -13,9 +13,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from vcfbench.record.journal import Journal
-from vcfbench.record.schema import CHUNK_READINGS
-from vcfbench.runs.export import FORMATS, export_run
+from vcfbench.archive.export import FORMATS, export_run
+from vcfbench.records.journal import Journal
+from vcfbench.records.schema import CHUNK_READINGS
 
 STEP = {"step": 1, "rate_deg_s": 0.0, "v_vc_v": 0.0, "table_deg_s": 0.0, "samples": 0, "interval_s": 0.02}
 

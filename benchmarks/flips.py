@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import vcfbench
-from vcfbench.record.journal import append_line
-from vcfbench.record.seal import Sealer
-from vcfbench.record.signing import SigningKey, new_key
-from vcfbench.runs.amending import amend_run
-from vcfbench.runs.verified import verify_run
+from vcfbench.archive.amending import amend_run
+from vcfbench.archive.verified import verify_run
+from vcfbench.records.journal import append_line
+from vcfbench.records.seal import Sealer
+from vcfbench.records.signing import SigningKey, new_key
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

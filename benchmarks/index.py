@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import vcfbench
-from vcfbench.record.seal import Sealer
-from vcfbench.runs.index import RunIndex
-from vcfbench.runs.summary import selection_of
+from vcfbench.archive.index import RunIndex
+from vcfbench.archive.summary import selection_of
+from vcfbench.records.seal import Sealer
 
 if TYPE_CHECKING:
     from collections.abc import Callable

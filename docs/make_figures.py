@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import vcfbench
-from vcfbench.report.plot import save_figure
+from vcfbench.reports.plot import save_figure
 
 NAMES = ("report-output.svg", "report-residuals.svg")
 """In the order of the report of `virtual-coriolis`, which has one figure more."""

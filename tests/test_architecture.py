@@ -23,14 +23,15 @@ FLOORS = [
     {"cli", "testing", "__main__"},
     {"page", "studies"},
     {"runs"},
+    {"archive"},
     {"procedures"},
-    {"report"},
+    {"reports"},
     {"steps"},
     {"bench"},
-    {"drivers", "record", "analysis", "sim"},
+    {"drivers", "records", "analysis", "sim"},
     {"interfaces", "models", "specifications", "files", "extras", "typed", "errors", "clock", "version"},
 ]
-SEALED = {"drivers", "record", "analysis", "sim"}
+SEALED = {"drivers", "records", "analysis", "sim"}
 FROM_THE_RACK = {"vcfbench.clock": "simrack.clock", "vcfbench.specifications": "simrack.specifications"}
 KNOW_THE_SIMULATION = (
     *("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.cli.serve", "vcfbench.sim", "vcfbench.testing"),

@@ -14,11 +14,11 @@ from scipy.io import loadmat
 import vcfbench
 from benchmarks.export import record
 from tests import warm
-from tests.records import sealed
+from tests.seals import sealed
+from vcfbench.archive import export_formats
+from vcfbench.archive.export import FORMATS, export_run
+from vcfbench.archive.export_table import ExportColumn, ExportTable
 from vcfbench.errors import ConfigError
-from vcfbench.runs import export_formats
-from vcfbench.runs.export import FORMATS, export_run
-from vcfbench.runs.export_table import ExportColumn, ExportTable
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,11 +15,11 @@ import pytest
 import vcfbench
 from tests import warm
 from tests.postgresql import database
-from tests.records import sealed
+from tests.seals import sealed
 from tests.test_run_summaries import NAMES, QUICK, TOLD, change
+from vcfbench.archive.index import BESIDE, RunIndex
+from vcfbench.archive.summary import selection_of
 from vcfbench.errors import ConfigError
-from vcfbench.runs.index import BESIDE, RunIndex
-from vcfbench.runs.summary import selection_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

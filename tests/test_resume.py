@@ -18,16 +18,16 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests import warm
-from tests.records import sealed
+from tests.seals import sealed
+from vcfbench.archive.keeping import keep_of_device
+from vcfbench.archive.run import breaks
 from vcfbench.bench.writing import bench_text
 from vcfbench.cli.main import app
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, PlanError
-from vcfbench.record.journal import read_journal
+from vcfbench.records.journal import read_journal
 from vcfbench.runs.asked import Asked, Checked
-from vcfbench.runs.keeping import keep_of_device
 from vcfbench.runs.resumed import broken_off
-from vcfbench.runs.run import breaks
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -352,7 +352,7 @@ def test_a_store_that_takes_nothing_at_the_end_is_said_with_what_to_do(
     def full(*_: object) -> None:
         raise ConfigError("devices/G-1: no entry can be kept there: No space left on device")
 
-    monkeypatch.setattr("vcfbench.record.devices.DeviceStore.add", full)
+    monkeypatch.setattr("vcfbench.records.devices.DeviceStore.add", full)
     settings = {"rates_deg_s": (100.0, 0.0, -100.0), "samples": 2, "dut": "G-1", "devices": str(tmp_path / "devices")}
     settings |= {"k_vc": "150.0", "v_vc": "set", "cycles": 1}
     with pytest.raises(ConfigError, match=r"; the record has it: vcfbench device --add \S+ keeps it later") as failed:

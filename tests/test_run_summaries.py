@@ -13,10 +13,10 @@ import pytest
 
 import vcfbench
 from tests import warm
-from tests.records import sealed
+from tests.seals import sealed
+from vcfbench.archive.summary import KeyResult, summary_of
 from vcfbench.errors import ConfigError
-from vcfbench.record.directory import RunDirectory
-from vcfbench.runs.summary import KeyResult, summary_of
+from vcfbench.records.directory import RunDirectory
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -31,7 +31,7 @@ from vcfbench.interfaces import (
     lacking,
 )
 from vcfbench.procedures.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
-from vcfbench.record.schema import Status
+from vcfbench.records.schema import Status
 from vcfbench.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle
 from vcfbench.steps.executor import ReadingTaken
 from vcfbench.testing import serve_simulated

@@ -9,6 +9,14 @@ if TYPE_CHECKING:
     from vcfbench.analysis.allan import AllanPoint, allan_deviation
     from vcfbench.analysis.column import CalibrationColumn, Nonlinearity, Quantity
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
+    from vcfbench.archive.analyzed import TableAnalysis, analyze
+    from vcfbench.archive.compared import RunComparison, compare_runs
+    from vcfbench.archive.export import Exported, export_run
+    from vcfbench.archive.listing import run_summaries
+    from vcfbench.archive.recorded import list_runs, load_run
+    from vcfbench.archive.run import RawReading, Run
+    from vcfbench.archive.summary import RunSummary
+    from vcfbench.archive.written import write_certificate, write_report
     from vcfbench.bench.acceptance import Acceptance, Verdict
     from vcfbench.bench.bench import Bench, open_bench
     from vcfbench.bench.control import RunControl, RunState
@@ -64,23 +72,15 @@ if TYPE_CHECKING:
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
     from vcfbench.procedures.turntable import TurntableResult
     from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
-    from vcfbench.record.devices import Device, load_device
-    from vcfbench.record.metadata import Equipment, RunMetadata
-    from vcfbench.record.schema import Point, Status
-    from vcfbench.report.document import Axis, Cell, Column, Figure, Heading, Notice, Report, Series, Table, Text
-    from vcfbench.report.text import text_of
-    from vcfbench.runs.analyzed import TableAnalysis, analyze
+    from vcfbench.records.devices import Device, load_device
+    from vcfbench.records.metadata import Equipment, RunMetadata
+    from vcfbench.records.schema import Point, Status
+    from vcfbench.reports.document import Axis, Cell, Column, Figure, Heading, Notice, Report, Series, Table, Text
+    from vcfbench.reports.text import text_of
     from vcfbench.runs.asked import DryRun, dry_run
-    from vcfbench.runs.compared import RunComparison, compare_runs
     from vcfbench.runs.conduct import run
-    from vcfbench.runs.export import Exported, export_run
-    from vcfbench.runs.listing import run_summaries
-    from vcfbench.runs.recorded import list_runs, load_run
     from vcfbench.runs.resumed import resume
-    from vcfbench.runs.run import RawReading, Run
     from vcfbench.runs.started import StartedRun, start
-    from vcfbench.runs.summary import RunSummary
-    from vcfbench.runs.written import write_certificate, write_report
     from vcfbench.steps import Note, Settle
     from vcfbench.steps.dry_run import PlannedStep
     from vcfbench.steps.executor import (
@@ -366,19 +366,19 @@ _HOMES = {
         "Note",
         "Settle",
     ),
-    "record.devices": (
+    "records.devices": (
         "Device",
         "load_device",
     ),
-    "record.metadata": (
+    "records.metadata": (
         "Equipment",
         "RunMetadata",
     ),
-    "record.schema": (
+    "records.schema": (
         "Point",
         "Status",
     ),
-    "report.document": (
+    "reports.document": (
         "Axis",
         "Cell",
         "Column",
@@ -390,8 +390,8 @@ _HOMES = {
         "Table",
         "Text",
     ),
-    "report.text": ("text_of",),
-    "runs.analyzed": (
+    "reports.text": ("text_of",),
+    "archive.analyzed": (
         "TableAnalysis",
         "analyze",
     ),
@@ -399,27 +399,27 @@ _HOMES = {
         "DryRun",
         "dry_run",
     ),
-    "runs.compared": (
+    "archive.compared": (
         "RunComparison",
         "compare_runs",
     ),
     "runs.conduct": ("run",),
-    "runs.export": (
+    "archive.export": (
         "Exported",
         "export_run",
     ),
-    "runs.recorded": (
+    "archive.recorded": (
         "list_runs",
         "load_run",
     ),
     "runs.resumed": ("resume",),
-    "runs.run": (
+    "archive.run": (
         "RawReading",
         "Run",
     ),
-    "runs.listing": ("run_summaries",),
-    "runs.summary": ("RunSummary",),
-    "runs.written": (
+    "archive.listing": ("run_summaries",),
+    "archive.summary": ("RunSummary",),
+    "archive.written": (
         "write_certificate",
         "write_report",
     ),

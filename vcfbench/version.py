@@ -1,6 +1,12 @@
-"""The version of this package, as it is installed."""
+"""Versions of this package and of those that a record names."""
 
 from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 def installed_version() -> str:
@@ -11,3 +17,23 @@ def installed_version() -> str:
         return version("vcfbench")
     except PackageNotFoundError:
         return "0+unknown"
+
+
+def other_versions(header: Mapping[str, Any]) -> str:
+    """Say which versions of a record are not those that are installed here, empty where all are."""
+    then, now = header.get("versions", {}), installed_versions()
+    known = then if isinstance(then, dict) else {}
+    return ", ".join(
+        f"{name} {known[name]}, here {now[name]}" for name in now if known.get(name, now[name]) != now[name]
+    )
+
+
+@cache  # what is installed stays as it is, and asking opens a file of each package
+def installed_versions() -> Mapping[str, str]:
+    """Return the versions of Python, this package and the libraries that readings and results come through."""
+    import platform  # noqa: PLC0415
+    from importlib.metadata import version  # noqa: PLC0415
+
+    packages = ("numpy", "pyvisa", "pyvisa-py", "pyserial")
+    others = {package: version(package) for package in packages}
+    return {"python": platform.python_version(), "vcfbench": installed_version(), **others}

@@ -9,7 +9,7 @@ from vcfbench.bench.acceptance import judged
 from vcfbench.bench.settings import Limit, Match
 from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 
 K, K_VC = -0.0125, 150.0
 RATES = (20.0, 10.0, 0.0, -10.0, -20.0)

@@ -13,7 +13,7 @@ from vcfbench.bench.console import open_console, summary
 from vcfbench.bench.file import load_bench
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import Aborted, ConfigError, DeadlineExceeded, InterlockError, LimitError
-from vcfbench.record.raw import RawRecord
+from vcfbench.records.raw import RawRecord
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

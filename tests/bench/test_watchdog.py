@@ -18,7 +18,7 @@ from vcfbench.bench.writing import bench_text
 from vcfbench.cli.watchdog import SILENT_TURNS, TURN_S
 from vcfbench.clock import WallClock, sleep
 from vcfbench.errors import ConnectFailed
-from vcfbench.record.journal import append_line, read_journal
+from vcfbench.records.journal import append_line, read_journal
 from vcfbench.testing.benches import serve_simulated
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import vcfbench
 from vcfbench.cli.main import app
-from vcfbench.record.devices import Certificate, Conditions, DeviceStore, KvcCurve, Measured, SelfCalibration
+from vcfbench.records.devices import Certificate, Conditions, DeviceStore, KvcCurve, Measured, SelfCalibration
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,7 +8,7 @@ import pytest
 
 import vcfbench
 from tests import warm
-from tests.runs.test_written import QUICK
+from tests.archive.test_written import QUICK
 
 if TYPE_CHECKING:
     from pathlib import Path

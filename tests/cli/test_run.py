@@ -229,7 +229,7 @@ def test_a_display_that_fails_is_in_the_record_and_changes_nothing(
     def fail(*_: object) -> None:
         raise ValueError("I/O operation on closed file")
 
-    monkeypatch.setattr("vcfbench.report.progress.LineProgress.handle", fail)
+    monkeypatch.setattr("vcfbench.reports.progress.LineProgress.handle", fail)
     assert call("run", "turntable").exit_code == 0
     (journal,) = (tmp_path / "runs").glob("*/journal.jsonl")
     footer = json.loads(journal.read_text().splitlines()[-1])

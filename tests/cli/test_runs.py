@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.cli.test_run import Station, call, station
-from tests.records import sealed
+from tests.seals import sealed
 from vcfbench.bench.file import embedded_text
 from vcfbench.cli.runs import list_
 from vcfbench.errors import ConfigError
@@ -62,7 +62,7 @@ def test_a_list_of_whole_records_reads_no_readings_and_computes_nothing(
     def read(path: Path) -> None:
         raise AssertionError(f"{path} was read in full")
 
-    monkeypatch.setattr("vcfbench.record.directory.read_journal", read)
+    monkeypatch.setattr("vcfbench.records.directory.read_journal", read)
     listed = json.loads(call("runs", "list", "--json").stdout)["runs"]
     rows = [(line["status"], line["bench"], line["points"], line["verdict"]) for line in listed]
     assert rows == [("complete", "paper", 17, "fail"), ("complete", "paper", 17, None)]

@@ -20,8 +20,8 @@ from vcfbench.bench.file import embedded_text
 from vcfbench.cli import ending
 from vcfbench.cli.answer import given
 from vcfbench.errors import Aborted, BenchError, NotSafe
-from vcfbench.report.progress import NoProgress
-from vcfbench.report.shielded import Shielded
+from vcfbench.reports.progress import NoProgress
+from vcfbench.reports.shielded import Shielded
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

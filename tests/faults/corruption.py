@@ -19,7 +19,7 @@ from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TurntableResult
 from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
-from vcfbench.record.schema import Status
+from vcfbench.records.schema import Status
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured
 

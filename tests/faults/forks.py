@@ -24,7 +24,8 @@ __all__ = ["ForkHost", "Forked", "fork_host"]
 
 _PRELOADED = (
     "numpy, scipy.linalg, pyvisa, pyvisa_py, serial, vcfbench.bench.bench, vcfbench.bench.file, vcfbench.bench.served, "
-    "vcfbench.cli.conduct, vcfbench.procedures.virtual_coriolis.plan, vcfbench.drivers.registry, vcfbench.record.export"
+    "vcfbench.cli.conduct, "
+    "vcfbench.procedures.virtual_coriolis.plan, vcfbench.drivers.registry, vcfbench.records.export"
 )
 
 _HOST = f"""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import vcfbench
-from vcfbench.record.journal import read_journal
+from vcfbench.records.journal import read_journal
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -20,8 +20,8 @@ from tests.cli.test_run_served import QUICK
 from tests.conformance import walk
 from tests.conformance.test_exchanges import act
 from vcfbench.bench.file import embedded_text
-from vcfbench.record.export import result_text
-from vcfbench.record.plain import plain
+from vcfbench.records.export import result_text
+from vcfbench.records.plain import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -23,14 +23,14 @@ from vcfbench.page.app import EventStream, PageContent, application  # noqa: E40
 from vcfbench.page.parts import end_of, parts_of  # noqa: E402
 from vcfbench.page.server import LivePage  # noqa: E402
 from vcfbench.page.station import StationDirectories  # noqa: E402
-from vcfbench.record.directory import create_run  # noqa: E402
-from vcfbench.record.journal import Journal  # noqa: E402
-from vcfbench.report.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text  # noqa: E402
+from vcfbench.records.directory import create_run  # noqa: E402
+from vcfbench.records.journal import Journal  # noqa: E402
+from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text  # noqa: E402
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.runs.run import Run
+    from vcfbench.archive.run import Run
 
 HERE = "http://127.0.0.1:8330"
 

@@ -10,7 +10,7 @@ import vcfbench
 from vcfbench.page.following import JournalFollower, RunFollower
 from vcfbench.page.view import BrowserPosition, View
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.record.journal import Journal, being_written
+from vcfbench.records.journal import Journal, being_written
 from vcfbench.runs.asked import Beginning, dry_run
 
 if TYPE_CHECKING:

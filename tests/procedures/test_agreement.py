@@ -15,7 +15,7 @@ from vcfbench.procedures.sweep.agreement import (
     require_same_zero,
     require_steady_slope,
 )
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from vcfbench.procedures.measurand import UncertaintyPart, budget_table, measurand, said_of
-from vcfbench.report.text import table_text
+from vcfbench.reports.text import table_text
 
 
 def test_a_value_has_the_digits_of_its_uncertainty() -> None:

@@ -19,7 +19,7 @@ from vcfbench.procedures.budget.at_rest import about_horizon, flicker_counted
 from vcfbench.procedures.flicker import flicker_sources
 from vcfbench.procedures.kvc.settings import KVcSettings
 from vcfbench.procedures.sweep.window_noise import Flicker
-from vcfbench.record.devices import Conditions, DeviceStore, Measured, StaticNoise
+from vcfbench.records.devices import Conditions, DeviceStore, Measured, StaticNoise
 
 if TYPE_CHECKING:
     from pathlib import Path

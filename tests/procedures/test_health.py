@@ -23,8 +23,8 @@ from vcfbench.procedures.health.unmeasured import not_measured
 from vcfbench.procedures.known.k_vc_change import k_vc_change
 from vcfbench.procedures.measurand import UncertaintyPart, measurand
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
-from vcfbench.record.devices import Characteristics
-from vcfbench.record.devices import Measured as Kept
+from vcfbench.records.devices import Characteristics
+from vcfbench.records.devices import Measured as Kept
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.steps import AcMeasured, MeasureAc
 

@@ -19,7 +19,7 @@ from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.kvc.plan import K_VC
 from vcfbench.procedures.kvc.results import UNSEEN
-from vcfbench.record.devices import Certificate, Characterisation, Characteristics, Conditions, DeviceStore, Measured
+from vcfbench.records.devices import Certificate, Characterisation, Characteristics, Conditions, DeviceStore, Measured
 
 if TYPE_CHECKING:
     from pathlib import Path

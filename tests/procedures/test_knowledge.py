@@ -15,12 +15,12 @@ from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 import vcfbench
+from vcfbench.archive.results import evaluate
 from vcfbench.bench.file import checked_bench, embedded_text
 from vcfbench.cli.main import app
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
-from vcfbench.record.plain import plain
-from vcfbench.runs.results import evaluate
+from vcfbench.records.plain import plain
 from vcfbench.steps.measured import Measured
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from vcfbench.bench.settings import Match
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.virtual_coriolis.matching import Matching
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 
 K, K_VC = -0.0125, 40.0
 

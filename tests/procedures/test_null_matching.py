@@ -21,8 +21,8 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.sweep.schedule import KvcBy
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, null_results
-from vcfbench.record.schema import Point
-from vcfbench.report.text import text_of
+from vcfbench.records.schema import Point
+from vcfbench.reports.text import text_of
 from vcfbench.steps import Acquire
 from vcfbench.steps.dry_run import walk
 

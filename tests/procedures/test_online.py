@@ -21,8 +21,8 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.online.plan import ONLINE
 from vcfbench.procedures.online.results import online_results
-from vcfbench.record.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
-from vcfbench.report.document import Figure, Table
+from vcfbench.records.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
+from vcfbench.reports.document import Figure, Table
 from vcfbench.steps import (
     AskOperator,
     CheckRails,

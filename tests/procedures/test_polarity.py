@@ -20,7 +20,7 @@ from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.polarity import CAUSES, DRIVEN, POLARITY, TURNED, PolaritySettings, results
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.steps import AwaitRate, ConfigureScope, DriveReading, SetRate, SetVvc
 from vcfbench.steps.executor import Executor

@@ -15,7 +15,7 @@ from vcfbench.procedures.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
 from vcfbench.procedures.power.results import valid_output
 from vcfbench.procedures.power.settings import PowerSettings
-from vcfbench.record.devices import Characteristics
+from vcfbench.records.devices import Characteristics
 from vcfbench.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
 from vcfbench.steps.dry_run import walk
 from vcfbench.testing import simulated

@@ -9,13 +9,13 @@ import pytest
 
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.report.document import Figure
-from vcfbench.report.text import text_of
+from vcfbench.reports.document import Figure
+from vcfbench.reports.text import text_of
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured
 
 if TYPE_CHECKING:
-    from vcfbench.report.document import Report
+    from vcfbench.reports.document import Report
 
 VIRTUAL = """\
 Omega_z / (deg/s)   turntable / V   virtual Coriolis / V   V_Vc / V

@@ -17,8 +17,8 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.column.results import repeat_std_v, u_output_v
 from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
-from vcfbench.record.plain import plain
-from vcfbench.record.schema import Point, pooled_std_v
+from vcfbench.records.plain import plain
+from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.specifications import AGILENT_33220A
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]

@@ -26,7 +26,7 @@ from vcfbench.procedures.sweep.schedule import (
     window_grid,
 )
 from vcfbench.procedures.sweep.windows import drift_weights, sweep_of, window_times
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 
 MAGNITUDES = st.lists(st.sampled_from([0.5, 1.0, 2.0, 5.0, 10.0, 33.0, 200.0]), min_size=1, max_size=6)
 RATES = st.lists(st.floats(-400.0, 400.0, allow_subnormal=False), min_size=1, max_size=12)

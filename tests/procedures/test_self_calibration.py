@@ -24,7 +24,7 @@ from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
 from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.known.device import level_for
-from vcfbench.record.devices import Certificate, Characteristics, DeviceStore, Measured, SelfCalibration
+from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, Measured, SelfCalibration
 
 if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription

@@ -16,7 +16,7 @@ from vcfbench.errors import MeasurementError
 from vcfbench.procedures.steady.jumps import require_no_jump
 from vcfbench.procedures.steady.walk import Limits, Walk
 from vcfbench.procedures.sweep.schedule import Order, Zeros
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 from vcfbench.steps import Acquire, Window
 
 if TYPE_CHECKING:

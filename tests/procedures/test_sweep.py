@@ -17,8 +17,8 @@ from vcfbench.procedures.sweep.schedule import EARTH_DEG_S, Order, SweepSettings
 from vcfbench.procedures.sweep.window_noise import Flicker, WindowNoise
 from vcfbench.procedures.sweep.windows import sweep_of, window_times
 from vcfbench.procedures.turntable import SweptTurntableResult, TurntableResult, turntable_results
-from vcfbench.record.plain import plain
-from vcfbench.record.schema import Point
+from vcfbench.records.plain import plain
+from vcfbench.records.schema import Point
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:

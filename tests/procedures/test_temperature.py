@@ -17,8 +17,8 @@ from vcfbench.procedures.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
 from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
 from vcfbench.procedures.temperature.settings import TemperatureSettings
-from vcfbench.record.devices import Characteristics
-from vcfbench.record.schema import Point
+from vcfbench.records.devices import Characteristics
+from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.steps import (
     Acquire,

@@ -18,8 +18,8 @@ from vcfbench.procedures.budget.turntable import turntable_statement
 from vcfbench.procedures.sweep.windows import window_times
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
-from vcfbench.record.plain import plain
-from vcfbench.record.schema import Point
+from vcfbench.records.plain import plain
+from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.warm_output import warm_output
 
 if TYPE_CHECKING:

@@ -8,13 +8,13 @@ import pytest
 
 import vcfbench
 from vcfbench.procedures.known.levels import at_measured_levels, standing_for
-from vcfbench.record.schema import Point
-from vcfbench.report.document import Table
+from vcfbench.records.schema import Point
+from vcfbench.reports.document import Table
 from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter
 from vcfbench.studies.truth import truth_of
 
 if TYPE_CHECKING:
-    from vcfbench.runs.run import Run
+    from vcfbench.archive.run import Run
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, LimitError
-from vcfbench.report.document import Figure
+from vcfbench.reports.document import Figure
 from vcfbench.steps import DisableVibration, EnableVibration, EnableVvc, SampleModulated
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.known.scale_factor import ScaleFactor
 from vcfbench.procedures.warmup.plan import WARMUP, SwitchedOn, SwitchOnAndLog, WarmupSettings
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_results
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 from vcfbench.steps import Acquire, DisableSupply, EnableTable
 from vcfbench.steps.dry_run import walk
 

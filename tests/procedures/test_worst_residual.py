@@ -17,7 +17,7 @@ from vcfbench.procedures.budget.turntable import turntable_statement
 from vcfbench.procedures.budget.worst_residual import Residuals, ResidualSpread
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 
 if TYPE_CHECKING:
     from vcfbench.procedures.budget.statement import StatedValue

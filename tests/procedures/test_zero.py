@@ -23,7 +23,7 @@ from vcfbench.files import opened
 from vcfbench.procedures.known.scale_factor import ScaleFactor, scale_factor_of
 from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
 from vcfbench.procedures.zero.results import ZeroResult, with_what_is_let_through, zero_report, zero_results
-from vcfbench.record import journal
+from vcfbench.records import journal
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.steps.dry_run import walk

@@ -11,8 +11,8 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 import vcfbench
+from vcfbench.archive.quantities import values_of
 from vcfbench.cli.main import app
-from vcfbench.runs.quantities import values_of
 
 ROOT = Path(__file__).parents[2]
 NUMBER = {"k_vc": "150", "k_vc_u_deg_s_per_v": 0.01}

@@ -13,7 +13,7 @@ from vcfbench.bench.settings import PAPER_RATES_DEG_S, Match
 from vcfbench.errors import Aborted, BenchError, InterlockError, LinkLost, MeasurementError
 from vcfbench.interfaces import Regulation
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.record.schema import Status
+from vcfbench.records.schema import Status
 from vcfbench.steps.dry_run import walk
 from vcfbench.steps.executor import Execution, Executor, ReadingTaken, StepFailed, StepFinished, StepStarted
 from vcfbench.steps.measured import Measured

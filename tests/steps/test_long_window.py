@@ -16,9 +16,9 @@ from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
 from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.errors import BenchError, MeasurementError
 from vcfbench.procedures.routines import rails_of
-from vcfbench.record.damage import first_damage
-from vcfbench.record.journal import Journal, read_journal
-from vcfbench.record.schema import Status
+from vcfbench.records.damage import first_damage
+from vcfbench.records.journal import Journal, read_journal
+from vcfbench.records.schema import Status
 from vcfbench.steps import Acquire, Outcome, VerifyZero, Window, ZeroWindow
 from vcfbench.steps.executor import Execution, Executor, ReadingTaken
 from vcfbench.steps.tally import Tally
@@ -213,7 +213,7 @@ import sys
 from pathlib import Path
 from tests.steps.test_long_window import Quiet, acquire, run
 from vcfbench.steps.executor import ReadingTaken
-from vcfbench.record.journal import Journal
+from vcfbench.records.journal import Journal
 
 class Memory:
     count = 0
@@ -249,7 +249,7 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.bench.file import load_bench
 from vcfbench.steps.executor import Executor, ReadingTaken
 from vcfbench.steps import ConfigureMeter
-from vcfbench.record.journal import Journal
+from vcfbench.records.journal import Journal
 
 class Tick:
     count = 0

@@ -18,7 +18,7 @@ from vcfbench.procedures.power.plan import SuppliedAndLogged
 from vcfbench.procedures.power.results import RailsLogged
 from vcfbench.procedures.routines import rails_of
 from vcfbench.procedures.warmup.plan import SwitchedOn, SwitchOnAndLog
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 from vcfbench.steps import Acquire, Note, Outcome, RailsReading, Step, StepResult, VerifyZero, Window
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured

@@ -20,8 +20,8 @@ from vcfbench.errors import LinkLost, MeasurementError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.routines import energised, power_up, take, window_of
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
-from vcfbench.record.journal import JournalRecord
-from vcfbench.record.schema import Status
+from vcfbench.records.journal import JournalRecord
+from vcfbench.records.schema import Status
 from vcfbench.steps import (
     Acquire,
     CheckRails,

@@ -16,9 +16,9 @@ from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.bench.writing import bench_text
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.record.damage import first_damage
-from vcfbench.record.export import points_csv
-from vcfbench.record.schema import Point
+from vcfbench.records.damage import first_damage
+from vcfbench.records.export import points_csv
+from vcfbench.records.schema import Point
 from vcfbench.steps import (
     Acquire,
     AcquireWithVvc,

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from vcfbench.bench import lock
 from vcfbench.bench.lock import instrument_locks
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.record.devices import Conditions, DeviceStore, Measured, SelfCalibration
-from vcfbench.record.export import write_text
-from vcfbench.record.journal import Journal, append_line, read_journal
+from vcfbench.records.devices import Conditions, DeviceStore, Measured, SelfCalibration
+from vcfbench.records.export import write_text
+from vcfbench.records.journal import Journal, append_line, read_journal
 from vcfbench.testing import Disk
 
 if TYPE_CHECKING:

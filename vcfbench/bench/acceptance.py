@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 from msgspec import Struct
 
 from vcfbench.analysis.conformity import conformity
-from vcfbench.record.plain import plain
-from vcfbench.record.schema import pooled_std_v
+from vcfbench.records.plain import plain
+from vcfbench.records.schema import pooled_std_v
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.bench.settings import Limit
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 
 class Verdict(Struct, frozen=True):

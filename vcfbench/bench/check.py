@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.roles import Role
     from vcfbench.bench.station import UnopenedBench
     from vcfbench.interfaces import Identity, Instrument, RateTable, SafeReport
-    from vcfbench.record.metadata import Equipment
+    from vcfbench.records.metadata import Equipment
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.station import UnopenedBench
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Identity, Instrument
-    from vcfbench.record.raw import RawRecord
+    from vcfbench.records.raw import RawRecord
 
 __all__ = ["Console", "ConsoleReply", "Interrupted", "data_of", "open_console", "summary"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.record.metadata import Equipment
+from vcfbench.records.metadata import Equipment
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping

@@ -11,7 +11,7 @@ from textwrap import dedent
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.bench.simulated import chosen_seed, instrument_errors, named_parameters, physical_parameters
-from vcfbench.record.plain import field_names
+from vcfbench.records.plain import field_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

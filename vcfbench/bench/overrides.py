@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.record.plain import field_names
+from vcfbench.records.plain import field_names
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:

@@ -44,7 +44,7 @@ from vcfbench.bench.parts import (
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 __all__ = [
     "PAPER_RATES_DEG_S",

@@ -36,7 +36,7 @@ def analyze(
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Analyse a calibration table: scale factor, bias, every non-linearity, asymmetry, comparison."""
-    from vcfbench.runs.analyzed import analyze as analyzed  # noqa: PLC0415
+    from vcfbench.archive.analyzed import analyze as analyzed  # noqa: PLC0415
 
     analysis = analyzed(file, None if compare is None else _two_names(compare))
     if json:

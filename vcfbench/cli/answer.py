@@ -16,7 +16,7 @@ from vcfbench.errors import BenchError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.report.document import Report
+    from vcfbench.reports.document import Report
 
 _NARROWEST: Final = 40
 """A terminal that says it is narrower, or nothing of its size, gets lines of so many characters."""
@@ -31,7 +31,7 @@ def print_json(values: dict[str, Any]) -> None:
 
 def print_report(report: Report) -> None:
     """Print a report on stdout: as wide as a terminal there, if that is narrower than usual."""
-    from vcfbench.report.text import WIDTH, text_of  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
+    from vcfbench.reports.text import WIDTH, text_of  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
 
     width = min(WIDTH, get_terminal_size().columns) if sys.stdout.isatty() else WIDTH
     typer.echo(text_of(report, max(width, _NARROWEST)))

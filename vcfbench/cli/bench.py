@@ -135,7 +135,7 @@ def _shown(value: object) -> str:
 
 def _print_check(title: str, done: BenchCheck) -> None:
     from vcfbench.bench.equipment import calibration_words  # noqa: PLC0415
-    from vcfbench.report.text import left_table  # noqa: PLC0415
+    from vcfbench.reports.text import left_table  # noqa: PLC0415
 
     rows = (
         (

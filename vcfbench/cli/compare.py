@@ -29,11 +29,11 @@ def compare(
     json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")] = False,
 ) -> None:
     """Compare runs with the first of them: results with E_n, points, settings and equipment that differ."""
-    from vcfbench.record.directory import list_runs  # noqa: PLC0415
-    from vcfbench.report.text import text_of  # noqa: PLC0415
-    from vcfbench.runs.compared import compare_runs  # noqa: PLC0415
-    from vcfbench.runs.recorded import load_run  # noqa: PLC0415
-    from vcfbench.runs.written import write_document  # noqa: PLC0415
+    from vcfbench.archive.compared import compare_runs  # noqa: PLC0415
+    from vcfbench.archive.recorded import load_run  # noqa: PLC0415
+    from vcfbench.archive.written import write_document  # noqa: PLC0415
+    from vcfbench.records.directory import list_runs  # noqa: PLC0415
+    from vcfbench.reports.text import text_of  # noqa: PLC0415
 
     names = runs or [run.run for run in list_runs(directory)[-2:]]
     comparison = compare_runs(*(load_run(each, directory) for each in names))

@@ -37,7 +37,7 @@ def run_names(ctx: Any, incomplete: str) -> list[str]:
 
 def device_names(ctx: Any, incomplete: str) -> list[str]:
     """Return the serial numbers of the devices in the directory that the command line names so far."""
-    from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
+    from vcfbench.records.devices import DeviceStore  # noqa: PLC0415
 
     with suppress(Exception):
         serials = DeviceStore(Path(ctx.params.get("devices") or "devices")).serials()

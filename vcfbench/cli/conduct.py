@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from contextlib import AbstractContextManager
 
+    from vcfbench.archive.run import Run
     from vcfbench.bench.control import RunControl
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.signals import StopSignals
@@ -25,11 +26,10 @@ if TYPE_CHECKING:
     from vcfbench.cli.keys import Keys
     from vcfbench.page.server import LivePage
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.report.shielded import NoProgress
+    from vcfbench.reports.shielded import NoProgress
     from vcfbench.runs.asked import Asked, Beginning, DryRun
     from vcfbench.runs.conduct import Preparing
     from vcfbench.runs.expected import Expectation
-    from vcfbench.runs.run import Run
 
 _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
 """Terminals on which nothing can be drawn in place, by the name that they give themselves."""
@@ -63,7 +63,7 @@ def conduct(
     if options.dry_run:
         _dry_run(procedure, settings, options)
         return
-    from vcfbench.record.metadata import metadata_of  # noqa: PLC0415
+    from vcfbench.records.metadata import metadata_of  # noqa: PLC0415
     from vcfbench.runs.asked import Asked, prepare  # noqa: PLC0415
 
     metadata = metadata_of(options.metadata)
@@ -214,10 +214,10 @@ def _display(options: RunOptions, beginning: Beginning, page: LivePage | None) -
         page.begin(beginning)
     estimate_s = beginning.planned.bench_seconds
     if options.quiet:
-        from vcfbench.report.shielded import NoProgress  # noqa: PLC0415
+        from vcfbench.reports.shielded import NoProgress  # noqa: PLC0415
 
         return NoProgress()
-    from vcfbench.report.progress import LineProgress, LiveProgress  # noqa: PLC0415
+    from vcfbench.reports.progress import LineProgress, LiveProgress  # noqa: PLC0415
 
     if options.plain or not sys.stderr.isatty() or os.environ.get("TERM") in _WITHOUT_CURSOR:
         return LineProgress(sys.stderr, estimate_s)
@@ -247,7 +247,7 @@ def _show_text(run: Run, physical_minimum_s: float) -> None:
 
 
 def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> None:
-    from vcfbench.record.metadata import metadata_of  # noqa: PLC0415
+    from vcfbench.records.metadata import metadata_of  # noqa: PLC0415
     from vcfbench.runs.asked import Asked, Checked, prepare  # noqa: PLC0415
 
     try:

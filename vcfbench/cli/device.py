@@ -12,7 +12,7 @@ from vcfbench.cli.completion import device_names
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from vcfbench.record.devices import Certificate, Device, DeviceStore, Entry
+    from vcfbench.records.devices import Certificate, Device, DeviceStore, Entry
 
 _COLUMNS = (
     *("entry", "kind", "done", "scale_factor_v_per_deg_s", "u_scale_factor", "bias_v", "u_bias_v"),
@@ -47,10 +47,10 @@ def device(
     ] = None,
 ) -> None:
     """Show the certificates, self-calibrations and static records of a gyroscope, oldest first."""
-    from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
+    from vcfbench.records.devices import DeviceStore  # noqa: PLC0415
 
     if add is not None:
-        from vcfbench.runs.keeping import keep_of_device  # noqa: PLC0415
+        from vcfbench.archive.keeping import keep_of_device  # noqa: PLC0415
 
         if serial is not None:
             raise ConfigError(f"SERIAL: expected none with --add, came {serial!r}: the record says whose it is")
@@ -79,9 +79,9 @@ def device(
 
 def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
     """Draw the scale factor of each entry against the first that has one, ppm, over days."""
-    from vcfbench.record.devices import Certificate, SelfCalibration  # noqa: PLC0415
-    from vcfbench.report.document import Axis, Figure, Series  # noqa: PLC0415
-    from vcfbench.report.plot import save_figure  # noqa: PLC0415
+    from vcfbench.records.devices import Certificate, SelfCalibration  # noqa: PLC0415
+    from vcfbench.reports.document import Axis, Figure, Series  # noqa: PLC0415
+    from vcfbench.reports.plot import save_figure  # noqa: PLC0415
 
     found = [
         (record.done if isinstance(record, SelfCalibration) else record.issued, record.scale_factor_v_per_deg_s)
@@ -124,7 +124,7 @@ def _failed(since: Entry) -> str:
 
 def _row(entry: Entry) -> dict[str, Any]:
     """Return an entry by the names of the columns; None where it has no such value."""
-    from vcfbench.record.devices import Characterisation, SelfCalibration, StaticNoise  # noqa: PLC0415
+    from vcfbench.records.devices import Characterisation, SelfCalibration, StaticNoise  # noqa: PLC0415
 
     record = entry.record
     if isinstance(record, Characterisation):
@@ -170,8 +170,8 @@ def _print_entries(known: Device) -> None:
 
 def _print_table(known: Device, rows: list[dict[str, Any]]) -> None:
     """Print the table, whether the device has failed, and the scale factor drawn entry by entry."""
-    from vcfbench.report.document import Column, Table  # noqa: PLC0415
-    from vcfbench.report.text import table_text  # noqa: PLC0415
+    from vcfbench.reports.document import Column, Table  # noqa: PLC0415
+    from vcfbench.reports.text import table_text  # noqa: PLC0415
 
     columns = (
         *(Column("entry"), Column("kind", align="left"), Column("done")),
@@ -192,7 +192,7 @@ def _print_table(known: Device, rows: list[dict[str, Any]]) -> None:
 def _print_certificate(known: Certificate | None) -> None:
     """Print until when the K_Vc of the last certificate is good, and its sensitivities."""
     from vcfbench.procedures.known.k_vc_change import sensitivity_table  # noqa: PLC0415
-    from vcfbench.report.text import table_text  # noqa: PLC0415
+    from vcfbench.reports.text import table_text  # noqa: PLC0415
 
     if known is None or not known.sensitivities:
         return
@@ -207,8 +207,8 @@ def _print_certificate(known: Certificate | None) -> None:
 def _print_health(known: Device) -> None:
     """Print the properties that the last self-calibration measured, beside the certificate's."""
     from vcfbench.procedures.health.check import checked, health_parts  # noqa: PLC0415
-    from vcfbench.report.document import Report  # noqa: PLC0415
-    from vcfbench.report.text import text_of  # noqa: PLC0415
+    from vcfbench.reports.document import Report  # noqa: PLC0415
+    from vcfbench.reports.text import text_of  # noqa: PLC0415
 
     last = known.self_calibrations[-1] if known.self_calibrations else None
     named = {each.name: each.record for each in known.entries}

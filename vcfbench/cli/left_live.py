@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.lock import InUse
     from vcfbench.bench.safing import MadeSafe
-    from vcfbench.record.signing import SigningKey
+    from vcfbench.records.signing import SigningKey
 
 _LOOK_S: Final = 0.1
 _FREED_S: Final = 5.0
@@ -140,7 +140,7 @@ def _write(charge: dict[str, Any], said: Said, values: dict[str, Any]) -> None:
     """Add a line to the journal of the run, in place of one that was torn, and sign it where the run would have."""
     if b"journal" not in said or b"left" in said:  # who lives on closes its own record
         return
-    from vcfbench.record.journal import append_line  # noqa: PLC0415  # as above
+    from vcfbench.records.journal import append_line  # noqa: PLC0415  # as above
 
     key = None
     with suppress(Exception):  # a line that is not signed says more than none
@@ -150,6 +150,6 @@ def _write(charge: dict[str, Any], said: Said, values: dict[str, Any]) -> None:
 
 
 def _key_of(charge: dict[str, Any]) -> SigningKey | None:
-    from vcfbench.record.signing import named_key  # noqa: PLC0415  # as above
+    from vcfbench.records.signing import named_key  # noqa: PLC0415  # as above
 
     return named_key((charge["bench"].get("laboratory") or {}).get("signing_key"))

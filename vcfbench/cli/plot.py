@@ -34,8 +34,8 @@ def plot(
     runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
 ) -> None:
     """Draw the figures of a run."""
-    from vcfbench.runs.recorded import load_run  # noqa: PLC0415
-    from vcfbench.runs.written import write_figures  # noqa: PLC0415
+    from vcfbench.archive.recorded import load_run  # noqa: PLC0415
+    from vcfbench.archive.written import write_figures  # noqa: PLC0415
 
     recorded = load_run(run, runs)
     for path in write_figures(recorded, output or Path(f"{recorded.name}.svg"), figure):

@@ -37,8 +37,8 @@ def report(
     ] = False,
 ) -> None:
     """Write the report of a run: device, conditions, equipment, results, figures, verdict, provenance."""
-    from vcfbench.runs.recorded import load_run  # noqa: PLC0415
-    from vcfbench.runs.written import write_certificate, write_report  # noqa: PLC0415
+    from vcfbench.archive.recorded import load_run  # noqa: PLC0415
+    from vcfbench.archive.written import write_certificate, write_report  # noqa: PLC0415
 
     if words and not dcc:
         raise ConfigError("--set: what a certificate says goes with --dcc")

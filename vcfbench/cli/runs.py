@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vcfbench.archive.recomputed import printable
 from vcfbench.cli.answer import print_json, print_report, print_verdicts
 from vcfbench.cli.completion import run_names
 from vcfbench.errors import ConfigError
 from vcfbench.files import is_utf8, shown
-from vcfbench.runs.recomputed import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from vcfbench.record.directory import RunDirectory
-    from vcfbench.record.journal import JournalRecord
-    from vcfbench.runs.run import Run
-    from vcfbench.runs.summary import RunSummary
+    from vcfbench.archive.run import Run
+    from vcfbench.archive.summary import RunSummary
+    from vcfbench.records.directory import RunDirectory
+    from vcfbench.records.journal import JournalRecord
 
 app = typer.Typer(no_args_is_help=True, help="List and show records.")
 
@@ -66,8 +66,8 @@ def list_(
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each run.")] = False,
 ) -> None:
     """List the records, oldest first: device, key results, verdict."""
+    from vcfbench.archive.listing import run_summaries  # noqa: PLC0415
     from vcfbench.cli.metadata import tags_of  # noqa: PLC0415
-    from vcfbench.runs.listing import run_summaries  # noqa: PLC0415
 
     if json and csv:
         raise ConfigError("--json and --csv: expected one of the two, came both")
@@ -99,8 +99,8 @@ def show(
     json: Json_ = False,
 ) -> None:
     """Show one record: points, results, and how it ended. All is computed again from the journal."""
-    from vcfbench.record.directory import find_run  # noqa: PLC0415
-    from vcfbench.runs.recorded import recorded_run  # noqa: PLC0415
+    from vcfbench.archive.recorded import recorded_run  # noqa: PLC0415
+    from vcfbench.records.directory import find_run  # noqa: PLC0415
 
     directory = find_run(runs, run)
     record = directory.read()
@@ -136,7 +136,7 @@ def index(
     """Make or update the index of the records, which lists then use."""
     from msgspec import to_builtins  # noqa: PLC0415
 
-    from vcfbench.runs.index import RunIndex  # noqa: PLC0415
+    from vcfbench.archive.index import RunIndex  # noqa: PLC0415
 
     if index_ is None and not runs.is_dir():
         raise ConfigError(f"{shown(runs)}: there are no records to make an index of")
@@ -174,7 +174,7 @@ def export(
     """Write the points of a run, or every raw reading, for other programs."""
     from dataclasses import asdict  # noqa: PLC0415
 
-    from vcfbench.runs.export import export_run  # noqa: PLC0415
+    from vcfbench.archive.export import export_run  # noqa: PLC0415
 
     done = export_run(run, output, format=format_, raw=raw, runs=runs, progress=_progress())
     if json:
@@ -203,7 +203,7 @@ def amend(
     """Amend the metadata of a run, by a line that is added to its record. No reading can be changed."""
     from msgspec import to_builtins  # noqa: PLC0415
 
-    from vcfbench.runs.amending import amend_run  # noqa: PLC0415
+    from vcfbench.archive.amending import amend_run  # noqa: PLC0415
 
     changes = dict(_key_and_value(each) for each in set_)
     done = amend_run(run, changes, reason=reason, by=by, runs=runs)
@@ -232,8 +232,8 @@ def verify(
     """Check that records are as written: PASS, or the first fault; exit 1 unless all pass."""
     from msgspec import to_builtins  # noqa: PLC0415
 
-    from vcfbench.record.signing import public_key_of  # noqa: PLC0415
-    from vcfbench.runs.verified import verify_run  # noqa: PLC0415
+    from vcfbench.archive.verified import verify_run  # noqa: PLC0415
+    from vcfbench.records.signing import public_key_of  # noqa: PLC0415
 
     keys = [public_key_of(each) for each in key or ()]
     found = [verify_run(each, runs, keys=keys) for each in names]
@@ -252,7 +252,7 @@ def new_key(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the private key goes; FILE.pub is the public.")],
 ) -> None:
     """Make a key that signs records: name FILE in [laboratory] of the bench file, or in VCFBENCH_SIGNING_KEY."""
-    from vcfbench.record.signing import new_key as made  # noqa: PLC0415
+    from vcfbench.records.signing import new_key as made  # noqa: PLC0415
 
     public = made(file)
     typer.echo(
@@ -291,8 +291,8 @@ _SHOWN_RESULTS = 2
 
 
 def _print_list(known: Sequence[RunSummary]) -> None:
-    from vcfbench.report.document import Column, Table  # noqa: PLC0415
-    from vcfbench.report.text import table_text  # noqa: PLC0415
+    from vcfbench.reports.document import Column, Table  # noqa: PLC0415
+    from vcfbench.reports.text import table_text  # noqa: PLC0415
 
     rows = [list(map(str, _cells(each))) for each in known]  # a table escapes what would write on the terminal itself
     table = table_text(Table([Column(name) for name in _HEAD], rows))

@@ -71,7 +71,7 @@ def _json(bench: str, done: MadeSafe) -> dict[str, Any]:
 
 
 def _print(title: str, done: MadeSafe) -> None:
-    from vcfbench.report.text import left_table  # noqa: PLC0415
+    from vcfbench.reports.text import left_table  # noqa: PLC0415
 
     rows = (
         (each.role, each.found or "not known", "safe" if each.safe else "NOT SAFE", each.detail)

@@ -78,7 +78,7 @@ def study(
 @contextmanager
 def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
     """Show the progress of the study on stderr; when it is stopped say which runs are kept."""
-    from vcfbench.report.outlet import Outlet  # noqa: PLC0415
+    from vcfbench.reports.outlet import Outlet  # noqa: PLC0415
     from vcfbench.studies.conduct import Quiet, journal_of  # noqa: PLC0415
     from vcfbench.studies.progress import BarProgress, StudyLineProgress  # noqa: PLC0415
 
@@ -109,7 +109,7 @@ def _show_plan(plan: Plan, *, as_json: bool) -> None:
         figures = {"runs": total, "done": plan.had, "workers": plan.workers, "run_s": plan.run_s, "left_s": plan.left_s}
         print_json({"dry_run": True, "cases": cases, **figures})
         return
-    from vcfbench.report.text import left_table  # noqa: PLC0415
+    from vcfbench.reports.text import left_table  # noqa: PLC0415
     from vcfbench.studies.table import in_words  # noqa: PLC0415
 
     heads = list(cases[0])
@@ -131,7 +131,7 @@ def _show(result: StudyResult, *, as_json: bool) -> None:
     if as_json:
         print_json(result.as_json())
         return
-    from vcfbench.report.text import text_of  # noqa: PLC0415
+    from vcfbench.reports.text import text_of  # noqa: PLC0415
     from vcfbench.studies.result import beside  # noqa: PLC0415
 
     typer.echo(text_of(result.report()))

@@ -78,7 +78,7 @@ def talk(
         return
     from vcfbench.bench.console import open_console  # noqa: PLC0415
     from vcfbench.bench.file import load_bench  # noqa: PLC0415
-    from vcfbench.record.raw import RawRecord  # noqa: PLC0415
+    from vcfbench.records.raw import RawRecord  # noqa: PLC0415
 
     lines = iter(command) if command else None
     interactive = lines is None and sys.stdin.isatty()

@@ -34,7 +34,7 @@ def talk_to_bench(
     """
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
-    from vcfbench.record.raw import RawRecord  # noqa: PLC0415
+    from vcfbench.records.raw import RawRecord  # noqa: PLC0415
     from vcfbench.runs.by_hand import ByHand  # noqa: PLC0415
 
     with StopSignals() as signals, open_bench(bench, seed=seed, signals=signals) as opened:

@@ -26,7 +26,7 @@ from vcfbench.errors import BenchError
 from vcfbench.page.following import JournalFollower
 from vcfbench.page.parts import end_of
 from vcfbench.page.view import BrowserPosition
-from vcfbench.record.journal import being_written
+from vcfbench.records.journal import being_written
 
 if TYPE_CHECKING:
     from starlette.requests import Request
@@ -116,7 +116,7 @@ class PageContent:
 
 def _ended(directory: Path) -> dict[str, Any]:
     """Return results and verdict of a recorded run as the page shows them."""
-    from vcfbench.runs.recorded import load_run  # noqa: PLC0415  # needed once a run is over
+    from vcfbench.archive.recorded import load_run  # noqa: PLC0415  # needed once a run is over
 
     try:
         return end_of(load_run(directory))
@@ -126,9 +126,9 @@ def _ended(directory: Path) -> dict[str, Any]:
 
 def _report(directory: Path) -> str:
     """Return the whole report of a recorded run as one HTML file."""
-    from vcfbench.report.page import page_of  # noqa: PLC0415  # matplotlib comes with it
-    from vcfbench.runs.recorded import load_run  # noqa: PLC0415
-    from vcfbench.runs.reported import full_report, title_of  # noqa: PLC0415
+    from vcfbench.archive.recorded import load_run  # noqa: PLC0415
+    from vcfbench.archive.reported import full_report, title_of  # noqa: PLC0415
+    from vcfbench.reports.page import page_of  # noqa: PLC0415  # matplotlib comes with it
 
     with _DRAWING:
         run = load_run(directory)

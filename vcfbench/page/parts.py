@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.report.document import Figure, Heading, Notice, Table, Text
+from vcfbench.reports.document import Figure, Heading, Notice, Table, Text
 
 if TYPE_CHECKING:
-    from vcfbench.report.document import Part, Report
-    from vcfbench.runs.run import Run
+    from vcfbench.archive.run import Run
+    from vcfbench.reports.document import Part, Report
 
 
 def parts_of(report: Report) -> list[dict[str, Any]]:

@@ -6,16 +6,16 @@ from contextlib import suppress
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
+from vcfbench.archive.summary import summary_of
 from vcfbench.errors import BenchError
-from vcfbench.record.devices import Certificate, Characterisation, DeviceStore, StaticNoise
-from vcfbench.record.directory import RunDirectory
-from vcfbench.record.journal import being_written, read_header
-from vcfbench.runs.summary import summary_of
+from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, StaticNoise
+from vcfbench.records.directory import RunDirectory
+from vcfbench.records.journal import being_written, read_header
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.record.devices import Entry
+    from vcfbench.records.devices import Entry
 
 _MOST_RUNS: Final = 500
 _KEY_VALUES: Final = 3

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.analysis.running_fit import line_so_far
 from vcfbench.bench.control import RunState
-from vcfbench.report.bench_state import BenchState
+from vcfbench.reports.bench_state import BenchState
 from vcfbench.steps import NotChecked, Note
 from vcfbench.steps.step import Effect
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.decode import Recorded
     from vcfbench.steps.step import Step, StepResult
 

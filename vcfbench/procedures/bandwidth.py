@@ -28,7 +28,7 @@ from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
 from vcfbench.procedures.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import (
     CaptureSines,
     CheckRails,
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.rate_band import Known, RateBand, Tone
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.record.devices import Characteristics
+    from vcfbench.records.devices import Characteristics
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Routine
 
@@ -377,7 +377,7 @@ def _made_of(quantity: Measurand) -> str:
 
 def characteristics(found: Bandwidth) -> Characteristics:
     """Return the characteristics that K_Vc depends on, as a sweep found them; it knows one Q of both modes."""
-    from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
+    from vcfbench.records.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
 
     return Characteristics(
         drive_hz=Measured(value=found.drive_hz, u=found.u_drive_hz),

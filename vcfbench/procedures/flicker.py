@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.bench.settings import Sources
-    from vcfbench.record.devices import DeviceStore
+    from vcfbench.records.devices import DeviceStore
 
 
 class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
@@ -34,7 +34,7 @@ class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
         """
         if self.dut is None:
             return self
-        from vcfbench.record.devices import DeviceStore  # noqa: PLC0415  # few runs name a device
+        from vcfbench.records.devices import DeviceStore  # noqa: PLC0415  # few runs name a device
 
         found = flicker_sources(DeviceStore(Path(self.devices)), self.dut, utc_now(), outdated=self.outdated)
         sources = with_flicker(self.station.sources, found)
@@ -57,7 +57,7 @@ def flicker_sources(store: DeviceStore, serial: str, now: datetime, *, outdated:
     Raises:
         ConfigError: the record is out of date, or what is known of the device cannot be read.
     """
-    from vcfbench.record.devices import StaticNoise  # noqa: PLC0415  # as above
+    from vcfbench.records.devices import StaticNoise  # noqa: PLC0415  # as above
 
     entry = store.static_noise(serial)
     if entry is None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.procedures.procedure import Provenance
-    from vcfbench.record.devices import Characteristics, NewEntry
+    from vcfbench.records.devices import Characteristics, NewEntry
 
 
 class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
@@ -36,7 +36,7 @@ class _Named(Protocol):
 def require_room(settings: _Named) -> None:
     """See that an entry can be kept under the device's name, where one is given; ConfigError where none can."""
     if settings.dut is not None:
-        from vcfbench.record.devices import DeviceStore  # noqa: PLC0415  # few name a device
+        from vcfbench.records.devices import DeviceStore  # noqa: PLC0415  # few name a device
 
         DeviceStore(Path(settings.devices)).require_room(settings.dut)
 
@@ -52,7 +52,7 @@ class Keeps(Struct, frozen=True):
         seen = None if settings.dut is None else self.found(settings, results)
         if seen is None:
             return None
-        from vcfbench.record.devices import Characterisation, Conditions, NewEntry  # noqa: PLC0415  # as above
+        from vcfbench.records.devices import Characterisation, Conditions, NewEntry  # noqa: PLC0415  # as above
 
         at_c = seen.temperature_c
         conditions = Conditions(

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
-from vcfbench.record.devices import Measured, Share
-from vcfbench.report.digits import digits_of_u, digits_of_value, incomplete, stated_cells
-from vcfbench.report.document import Column, Table
+from vcfbench.records.devices import Measured, Share
+from vcfbench.reports.digits import digits_of_u, digits_of_value, incomplete, stated_cells
+from vcfbench.reports.document import Column, Table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from vcfbench.report.document import Cell
+    from vcfbench.reports.document import Cell
 
 _PREVAILS = 0.05
 """Part of the variance from which on a rectangle shows in U95; below, the sum is as normal as can be told."""

@@ -32,7 +32,7 @@ from vcfbench.procedures.routines import (
     window_of,
 )
 from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
-from vcfbench.report.document import Column, Report, Table, Text
+from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.steps import (
     AcquireWithVvc,
     ConfigureVvcMeter,
@@ -50,7 +50,7 @@ from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Routine
 

@@ -13,14 +13,14 @@ from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.models import ROLES
-from vcfbench.report.generic import generic_report
+from vcfbench.reports.generic import generic_report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from datetime import datetime
 
-    from vcfbench.record.devices import NewEntry
-    from vcfbench.report.document import Report
+    from vcfbench.records.devices import NewEntry
+    from vcfbench.reports.document import Report
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Plan
 

@@ -30,7 +30,7 @@ from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
-from vcfbench.report.document import Column, Report, Table, Text
+from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.steps import (
     Amplitudes,
     CheckRails,
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.record.devices import Characteristics
+    from vcfbench.records.devices import Characteristics
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context, Routine
 

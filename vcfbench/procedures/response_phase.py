@@ -11,7 +11,7 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.report.document import Axis, Column, Figure, Series, Table
+from vcfbench.reports.document import Axis, Column, Figure, Series, Table
 from vcfbench.steps import (
     CaptureSines,
     ConfigureScope,

@@ -34,7 +34,7 @@ from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
 
 if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.step import Routine
 
 T = TypeVar("T")

@@ -28,7 +28,7 @@ from vcfbench.procedures.sweep.schedule import (
     sweep_words,
     window_grid,
 )
-from vcfbench.report.document import Column, Report, Table, Text
+from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.sweep.found import SweepFound
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.step import Routine
 
 STEP = 1

@@ -36,7 +36,7 @@ from vcfbench.procedures.steady.walk import require_answer
 from vcfbench.procedures.steady.watched import watched
 from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import (
     AcquireWithVvc,
     CheckRails,

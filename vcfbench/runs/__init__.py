@@ -1,4 +1,1 @@
-"""Runs from Python: a procedure on a bench, from the bench file to the record, and records read back.
-
-The command line parses and prints; what a run is, is here.
-"""
+"""A run under way: requested, prepared, conducted, paused, taken up again."""

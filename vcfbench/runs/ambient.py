@@ -11,7 +11,7 @@ from vcfbench.errors import ConfigError, MeasurementError
 if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.record.metadata import RunMetadata
+    from vcfbench.records.metadata import RunMetadata
 
 
 def require_ambient(metadata: RunMetadata, description: BenchDescription) -> None:

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.files import dotted, shown
-from vcfbench.record.metadata import RunMetadata, metadata_of
+from vcfbench.records.metadata import RunMetadata, metadata_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.bench.station import Builder
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.runs.expected import Expectation
     from vcfbench.steps.dry_run import PlannedStep
     from vcfbench.steps.executor import Event, Execution, Executor, Observer

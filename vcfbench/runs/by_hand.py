@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.console import ConsoleReply
     from vcfbench.bench.signals import StopSignals
-    from vcfbench.record.raw import RawRecord
+    from vcfbench.records.raw import RawRecord
     from vcfbench.steps.step import Routine, Step
 
 _T = TypeVar("_T")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import ExitStack, nullcontext, suppress
-from functools import cache, partial
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from threading import Lock
@@ -12,26 +12,27 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct, field, structs, to_builtins
 
+from vcfbench.archive.results import evaluate, nothing
+from vcfbench.archive.run import Run, breaks
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import shown
-from vcfbench.record.export import points_csv, result_text, write_text
-from vcfbench.record.metadata import RunMetadata, equipment_of, metadata_of
-from vcfbench.record.schema import Status
-from vcfbench.report.kept import plain_report
+from vcfbench.records.export import points_csv, result_text, write_text
+from vcfbench.records.metadata import RunMetadata, equipment_of, metadata_of
+from vcfbench.records.schema import Status
+from vcfbench.reports.kept import plain_report
 from vcfbench.runs.ambient import with_ambient
 from vcfbench.runs.asked import Asked, Beginning, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
-from vcfbench.runs.results import evaluate, nothing
-from vcfbench.runs.run import Run, breaks
 from vcfbench.steps.executor import Executor, Paused, StepStarted
 from vcfbench.steps.step import LOOK_AT_SIGNALS
-from vcfbench.version import installed_version
+from vcfbench.version import installed_versions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from contextlib import AbstractContextManager
 
+    from vcfbench.archive.results import Evaluation
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.control import RunControl
     from vcfbench.bench.description import BenchDescription
@@ -39,13 +40,12 @@ if TYPE_CHECKING:
     from vcfbench.bench.watchdog import Watchdog
     from vcfbench.interfaces import Identity, SafeReport
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
-    from vcfbench.record.directory import RunDirectory
-    from vcfbench.record.journal import Journal
-    from vcfbench.record.signing import SigningKey
-    from vcfbench.report.shielded import Shielded
+    from vcfbench.records.directory import RunDirectory
+    from vcfbench.records.journal import Journal
+    from vcfbench.records.signing import SigningKey
+    from vcfbench.reports.shielded import Shielded
     from vcfbench.runs.asked import DryRun, Prepared
     from vcfbench.runs.pausing import Pausing
-    from vcfbench.runs.results import Evaluation
     from vcfbench.steps.executor import Event, Execution, Observer
     from vcfbench.steps.step import Operator
 
@@ -232,7 +232,7 @@ class _Course(Struct):
 def _perform(course: _Course, signals: StopSignals) -> None:
     """Open the bench, perform the plan, make all safe, and only then close the record."""
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
-    from vcfbench.report.shielded import Shielded  # noqa: PLC0415
+    from vcfbench.reports.shielded import Shielded  # noqa: PLC0415
     from vcfbench.runs.needs import roles_of  # noqa: PLC0415
 
     asked = course.asked
@@ -300,7 +300,7 @@ def _load_numpy() -> None:
 
 def _shielded(observers: Sequence[Observer]) -> dict[str, Shielded]:
     """Return each observer such that it can harm nobody, by a name for the record."""
-    from vcfbench.report.shielded import Shielded  # noqa: PLC0415
+    from vcfbench.reports.shielded import Shielded  # noqa: PLC0415
 
     return {
         f"{number} ({type(each).__name__})": Shielded(partial(_as_context, each))
@@ -369,7 +369,7 @@ class _Record(Struct):
 
         None where no record is to be kept, which real benches are not run without.
         """
-        from vcfbench.record.directory import create_run  # noqa: PLC0415
+        from vcfbench.records.directory import create_run  # noqa: PLC0415
 
         self.key = _key_of(self.prepared.description)
         runs = self.course.asked.runs
@@ -415,7 +415,7 @@ class _Record(Struct):
         return Pausing.of(asked.control, bench, self.prepared, asked.speed)
 
     def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0, done_s: float = 0.0) -> Journal:
-        from vcfbench.record.journal import Journal, MemoryJournal, SimulatedJournal  # noqa: PLC0415
+        from vcfbench.records.journal import Journal, MemoryJournal, SimulatedJournal  # noqa: PLC0415
 
         kept = self.course.directory
         on_disk = SimulatedJournal if self.prepared.description.simulated else Journal
@@ -446,7 +446,7 @@ class _Record(Struct):
             **({"method": method} if (method := self.prepared.procedure.method) else {}),
             "simulated": description.simulated,
             "seed": course.checked.seed,
-            "versions": _versions(),
+            "versions": installed_versions(),
             "identities": msgspec.to_builtins(identities),
             "options": msgspec.to_builtins(course.asked.options, enc_hook=shown),
             "settings": msgspec.to_builtins(self.prepared.settings),
@@ -497,7 +497,7 @@ class _Record(Struct):
             return
         kept = procedure.entry(settings, course.evaluation.results, self._made(course.evaluation))
         if kept is not None:
-            from vcfbench.record.devices import DeviceStore  # noqa: PLC0415
+            from vcfbench.records.devices import DeviceStore  # noqa: PLC0415
 
             try:
                 course.kept = DeviceStore(kept.store).add(kept.record).path
@@ -601,7 +601,7 @@ def _key_of(description: BenchDescription) -> SigningKey | None:
     """Return the key that signs the record; ConfigError where one is named that cannot be used."""
     if not description.laboratory.signing_key and not os.environ.get("VCFBENCH_SIGNING_KEY"):
         return None
-    from vcfbench.record.signing import named_key  # noqa: PLC0415  # few records are signed
+    from vcfbench.records.signing import named_key  # noqa: PLC0415  # few records are signed
 
     return named_key(description.laboratory.signing_key)
 
@@ -642,22 +642,3 @@ def profile_of(description: BenchDescription) -> dict[str, str]:
     from vcfbench.drivers.rate_table.profile import profile_text  # noqa: PLC0415
 
     return {"table_profile": profile_text(dialect)}
-
-
-def other_versions(header: Mapping[str, Any]) -> str:
-    """Say which versions of a record are not those that are installed here, empty where all are."""
-    then, now = header.get("versions", {}), _versions()
-    known = then if isinstance(then, dict) else {}
-    return ", ".join(
-        f"{name} {known[name]}, here {now[name]}" for name in now if known.get(name, now[name]) != now[name]
-    )
-
-
-@cache  # what is installed stays as it is, and asking opens a file of each package
-def _versions() -> Mapping[str, str]:
-    import platform  # noqa: PLC0415
-    from importlib.metadata import version  # noqa: PLC0415
-
-    packages = ("numpy", "pyvisa", "pyvisa-py", "pyserial")
-    others = {package: version(package) for package in packages}
-    return {"python": platform.python_version(), "vcfbench": installed_version(), **others}

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.step import Step, StepResult
 
 PAPER_WALK_DEG_SQRT_H: Final = 0.21
@@ -192,8 +192,8 @@ def _stated(
     procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]
 ) -> tuple[tuple[ExpectedValue, ...], tuple[tuple[str, str], ...]]:
     """Return the results with their U95, and the names of those with one that nobody can expect, with the reason."""
+    from vcfbench.archive.quantities import named_values  # noqa: PLC0415
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
-    from vcfbench.runs.quantities import named_values  # noqa: PLC0415
     from vcfbench.steps.measured import Foreseen  # noqa: PLC0415
 
     lines, points, gyro = [], [], _gyro(settings)

@@ -14,8 +14,8 @@ from vcfbench.errors import Aborted, NotSafe
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from vcfbench.archive.run import Run
     from vcfbench.bench.description import Notify
-    from vcfbench.runs.run import Run
 
 _FAILED = 1
 

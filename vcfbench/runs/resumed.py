@@ -11,9 +11,9 @@ from vcfbench.bench.description import CALIBRATION_KEYS
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
-from vcfbench.record.amendments import amended, amendments_of
-from vcfbench.record.metadata import metadata_from
-from vcfbench.record.schema import Status
+from vcfbench.records.amendments import amended, amendments_of
+from vcfbench.records.metadata import metadata_from
+from vcfbench.records.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
 from vcfbench.steps.step import Effect, Outcome
 from vcfbench.typed import typed
@@ -21,16 +21,16 @@ from vcfbench.typed import typed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from vcfbench.archive.run import Run
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.control import RunControl
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.interfaces import Identity
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.record.directory import RunDirectory
-    from vcfbench.record.journal import JournalRecord
-    from vcfbench.record.schema import Point
-    from vcfbench.runs.run import Run
+    from vcfbench.records.directory import RunDirectory
+    from vcfbench.records.journal import JournalRecord
+    from vcfbench.records.schema import Point
     from vcfbench.steps.executor import Execution, Executor, Observer
     from vcfbench.steps.replay import TakenOver
     from vcfbench.steps.step import Operator, Plan, Routine
@@ -97,7 +97,7 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
     Raises:
         ConfigError: there is none, or it cannot be resumed.
     """
-    from vcfbench.runs.recorded import directory_of  # noqa: PLC0415
+    from vcfbench.archive.recorded import directory_of  # noqa: PLC0415
 
     path = run if isinstance(run, str | Path) else run.directory
     if path is None:
@@ -160,9 +160,9 @@ class BrokenOff:
         from vcfbench.bench.station import checked_pace  # noqa: PLC0415
         from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
         from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
-        from vcfbench.runs.conduct import other_versions  # noqa: PLC0415
         from vcfbench.runs.needs import require_needs  # noqa: PLC0415
         from vcfbench.steps.replay import taken_over  # noqa: PLC0415
+        from vcfbench.version import other_versions  # noqa: PLC0415
 
         header = self.record.header
         _require_shape(header, shown(self.directory.journal))

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from vcfbench.archive.run import Run
     from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.record.metadata import RunMetadata
-    from vcfbench.runs.run import Run
+    from vcfbench.records.metadata import RunMetadata
     from vcfbench.steps.executor import Observer
     from vcfbench.steps.step import Operator
 

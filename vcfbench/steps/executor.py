@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from msgspec import Struct, to_builtins
 
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError
-from vcfbench.record.schema import Status
+from vcfbench.records.schema import Status
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Context, Effect, abandon, nobody
 from vcfbench.steps.supply import supply_behind
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
     from contextlib import AbstractContextManager
 
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps import Window
     from vcfbench.steps.replay import TakenOver
     from vcfbench.steps.step import OpenBench, Operator, Plan, Reading, Routine, Step, StepResult

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 from vcfbench.steps.decode import Recorded, result_of, step_of
 from vcfbench.steps.step import Step, StepResult
 
@@ -62,7 +62,7 @@ class Measured(Sequence[Point]):
 
     Args:
         points: the averaged points, as they were measured.
-        lines: begins to read the journal: its lines, as :func:`vcfbench.record.journal.lines_of` gives them.
+        lines: begins to read the journal: its lines, as :func:`vcfbench.records.journal.lines_of` gives them.
         known: whose certificates correct what is given out, points and readings alike; points count from one reference
             then, wherever the run paused. None gives out what was read.
     """

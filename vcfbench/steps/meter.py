@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import ReadsAcVoltage
-from vcfbench.record.schema import Point, fits_one_chunk
+from vcfbench.records.schema import Point, fits_one_chunk
 from vcfbench.steps.scatter import NoiseSeen
 from vcfbench.steps.step import Effect, Reading, Step, StepResult, problem
 from vcfbench.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail

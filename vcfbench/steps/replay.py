@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.record.journal import JournalRecord
+    from vcfbench.records.journal import JournalRecord
     from vcfbench.steps.step import Outcome, Plan, Routine
 
 _LOOKS_AT_DRIVE = (ConfigureScope, FindDrive, MeasureDrive)

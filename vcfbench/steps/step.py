@@ -17,7 +17,7 @@ from msgspec import Struct, field, to_builtins
 from msgspec.structs import replace
 
 from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
-from vcfbench.record.schema import CHUNK_READINGS, CHUNK_S
+from vcfbench.records.schema import CHUNK_READINGS, CHUNK_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
         RateTable,
         TemperatureChamber,
     )
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.scatter import NoiseSeen
 
 _T = TypeVar("_T")

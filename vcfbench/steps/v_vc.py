@@ -8,7 +8,7 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from vcfbench.interfaces import BeginsReadings
-from vcfbench.record.schema import Point
+from vcfbench.records.schema import Point
 from vcfbench.steps.meter import Acquire, ConfigureMeter, Window
 from vcfbench.steps.step import Effect, Reading, Step, StepResult, problem
 from vcfbench.steps.tally import Tally

@@ -6,7 +6,7 @@ import io
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.report.plot import matplotlib
+from vcfbench.reports.plot import matplotlib
 from vcfbench.studies.summary import headlines
 
 if TYPE_CHECKING:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.record.plain import plain
+from vcfbench.records.plain import plain
 from vcfbench.studies.truth import truth_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from vcfbench.archive.run import Run
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.runs.run import Run
 
 PARTS = (".u", ".u95", ".truth", ".z", ".covered")
 """Endings of names beside a value: its uncertainties, the true value, (value - truth)/u, and whether U95 holds it."""

@@ -9,7 +9,7 @@ from vcfbench.clock import WallClock
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from vcfbench.report.outlet import Outlet
+    from vcfbench.reports.outlet import Outlet
     from vcfbench.studies.one_run import RunRow
 
 _LINE_S = 10.0

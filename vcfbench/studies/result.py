@@ -9,7 +9,7 @@ import msgspec
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
-from vcfbench.report.document import Report, Text
+from vcfbench.reports.document import Report, Text
 from vcfbench.studies.journal import read_rows
 from vcfbench.studies.summary import CaseSummary, headlines, summaries, summary_table
 from vcfbench.studies.table import columns_of, write_table, written
@@ -101,7 +101,7 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         """Show the summary in a notebook."""
-        from vcfbench.report.html import html_of  # noqa: PLC0415
+        from vcfbench.reports.html import html_of  # noqa: PLC0415
 
         return html_of(self.report())
 

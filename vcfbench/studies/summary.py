@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
-from vcfbench.report.document import Column, Table
+from vcfbench.reports.document import Column, Table
 from vcfbench.studies.metrics import PARTS
 from vcfbench.studies.table import in_words
 

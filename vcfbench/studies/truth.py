@@ -15,8 +15,8 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from vcfbench.archive.run import Run
     from vcfbench.bench.description import BenchDescription
-    from vcfbench.runs.run import Run
 
     Output = Callable[[float, float | None], float]
 

@@ -9,7 +9,7 @@ import pytest
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
-from vcfbench.record.schema import Status
+from vcfbench.records.schema import Status
 from vcfbench.steps.executor import Execution, Executor
 
 if TYPE_CHECKING:

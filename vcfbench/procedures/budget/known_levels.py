@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vcfbench.analysis.budget import Source
     from vcfbench.bench.settings import Sources
     from vcfbench.procedures.budget.line import Floats
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 _ONE_LEVEL = 0.02
 """Levels that differ by no more of themselves are taken to be on one range, wherever the ranges are."""

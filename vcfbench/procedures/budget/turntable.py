@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.budget.statement import Statement
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 _MEANINGS = MappingProxyType(
     {

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.record.plain import field_names
-from vcfbench.report.digits import stated_cells
-from vcfbench.report.document import Column, Report, Table, Text
+from vcfbench.records.plain import field_names
+from vcfbench.reports.digits import stated_cells
+from vcfbench.reports.document import Column, Report, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

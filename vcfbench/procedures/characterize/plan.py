@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.bench.settings import PlacedInstrument
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
-    from vcfbench.record.devices import NewEntry
-    from vcfbench.report.document import Report
+    from vcfbench.records.devices import NewEntry
+    from vcfbench.reports.document import Report
     from vcfbench.specifications import VoltmeterSpecification
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context, StepResult
@@ -463,7 +463,7 @@ def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeR
 
 def _seen(settings: CharacterizeSettings, found: Mapping[str, PartResult]) -> dict[str, Any]:
     """Return the characteristics that K_Vc depends on, as the parts found them, else as known of the device."""
-    from vcfbench.record.devices import Characteristics, together  # noqa: PLC0415  # few certify
+    from vcfbench.records.devices import Characteristics, together  # noqa: PLC0415  # few certify
 
     made = [typed(settings.station.characteristics, Characteristics)]
     for part in found.values():

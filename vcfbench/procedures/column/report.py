@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.report.digits import incomplete, stated_cells
-from vcfbench.report.document import Axis, Column, Figure, Series, Table, Text
+from vcfbench.reports.digits import incomplete, stated_cells
+from vcfbench.reports.document import Axis, Column, Figure, Series, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.sweep.found import SweepFound
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 RATE = Axis("Omega_z", "deg/s")
 

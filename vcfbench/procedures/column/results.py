@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeGuard
 from msgspec.structs import replace
 
 from vcfbench.procedures.sweep.schedule import SweepSettings
-from vcfbench.record.schema import pooled_std_v
+from vcfbench.records.schema import pooled_std_v
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vcfbench.analysis.scale_factor import ScaleFactorResult
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.budget.statement import Statement
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 
 def acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:

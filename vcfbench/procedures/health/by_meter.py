@@ -34,7 +34,7 @@ from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
-    from vcfbench.record.devices import Characteristics
+    from vcfbench.records.devices import Characteristics
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Routine
 

@@ -10,9 +10,9 @@ from msgspec import Struct, structs
 from vcfbench.procedures.health.unmeasured import AMPLITUDES, MAY_HAVE
 from vcfbench.procedures.known.k_vc_change import KvcChange, KvcPart, k_vc_change
 from vcfbench.procedures.known.k_vc_since import charging_warning
-from vcfbench.record.devices import Characteristics
-from vcfbench.record.devices import Measured as Kept
-from vcfbench.report.document import Column, Table, Text
+from vcfbench.records.devices import Characteristics
+from vcfbench.records.devices import Measured as Kept
+from vcfbench.reports.document import Column, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

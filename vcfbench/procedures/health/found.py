@@ -17,8 +17,8 @@ from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
 from vcfbench.procedures.resonance import SenseDecay
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
-from vcfbench.record.devices import Characteristics
-from vcfbench.record.devices import Measured as Kept
+from vcfbench.records.devices import Characteristics
+from vcfbench.records.devices import Measured as Kept
 from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
 
 if TYPE_CHECKING:

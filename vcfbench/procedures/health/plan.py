@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.parts import Node
     from vcfbench.interfaces import Oscilloscope
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
-    from vcfbench.record.devices import Characteristics
+    from vcfbench.records.devices import Characteristics
     from vcfbench.steps.step import Routine
 
 _LEVEL_V = 0.7

@@ -10,8 +10,8 @@ from msgspec import structs
 from vcfbench.procedures.budget import phases
 from vcfbench.procedures.known.k_vc_change import ASSUMED, k_vc_change
 from vcfbench.procedures.measurand import UncertaintyPart
-from vcfbench.record.devices import Characteristics
-from vcfbench.record.devices import Measured as Kept
+from vcfbench.records.devices import Characteristics
+from vcfbench.records.devices import Measured as Kept
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping

@@ -16,8 +16,8 @@ from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.control_chart import cusum, recursive_residuals
 from vcfbench.bench.acceptance import Acceptance, Verdict
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.report.digits import incomplete
-from vcfbench.report.document import Text
+from vcfbench.reports.digits import incomplete
+from vcfbench.reports.document import Text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import Limit
     from vcfbench.procedures.known.device import KnownDevice, Reference
-    from vcfbench.record.devices import KvcCurve, Measured, Share
+    from vcfbench.records.devices import KvcCurve, Measured, Share
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -15,7 +15,7 @@ from vcfbench.files import shown
 from vcfbench.procedures.known.drift_limits import drift_limits
 from vcfbench.procedures.known.k_vc_change import require_characterised
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
-from vcfbench.record.devices import (
+from vcfbench.records.devices import (
     Certificate,
     Characteristics,
     KvcCurve,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.bench.settings import Gap, Limit
-    from vcfbench.record.devices import DeviceRecord, Entry
+    from vcfbench.records.devices import DeviceRecord, Entry
 
 UNSEEN = (
     "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",

@@ -14,8 +14,8 @@ from msgspec import structs
 
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
 from vcfbench.errors import ConfigError
-from vcfbench.record.devices import Characteristics, Measured, Sensitivity
-from vcfbench.report.document import Column, Table
+from vcfbench.records.devices import Characteristics, Measured, Sensitivity
+from vcfbench.reports.document import Column, Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence

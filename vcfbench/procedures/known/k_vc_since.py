@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from vcfbench.procedures.known.k_vc_change import temperature_coefficient
 from vcfbench.procedures.measurand import UncertaintyPart, measurand
-from vcfbench.record.devices import Characteristics
+from vcfbench.records.devices import Characteristics
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

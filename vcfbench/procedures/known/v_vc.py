@@ -21,7 +21,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.flicker import flicker_sources, with_flicker
 from vcfbench.procedures.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.procedures.routines import take
-from vcfbench.record.devices import Conditions, DeviceStore
+from vcfbench.records.devices import Conditions, DeviceStore
 from vcfbench.steps import MeasureVvc, VvcMeasured, move_leads
 from vcfbench.steps.measured import Measured
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import PlacedInstrument, ProcedureSettings
     from vcfbench.procedures.procedure import Provenance
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.step import Routine
 
 READINGS = "readings"

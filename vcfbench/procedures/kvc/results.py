@@ -54,9 +54,9 @@ from vcfbench.procedures.null_comparison.blocks import (
     nulled_levels,
 )
 from vcfbench.procedures.null_comparison.plan import block
-from vcfbench.record.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry
-from vcfbench.record.devices import Measured as Kept
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.records.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry
+from vcfbench.records.devices import Measured as Kept
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
@@ -67,8 +67,8 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.kvc.settings import KVcSettings
     from vcfbench.procedures.procedure import Provenance
-    from vcfbench.record.devices import Sensitivity
-    from vcfbench.record.schema import Point
+    from vcfbench.records.devices import Sensitivity
+    from vcfbench.records.schema import Point
     from vcfbench.steps.measured import Measured
 
 Floats: TypeAlias = "NDArray[np.float64]"

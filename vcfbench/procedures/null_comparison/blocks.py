@@ -18,7 +18,7 @@ from vcfbench.procedures.budget.at_rest import (
 )
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.sweep.windows import window_times
-from vcfbench.record.schema import pooled_std_v
+from vcfbench.records.schema import pooled_std_v
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
     from vcfbench.procedures.sweep.window_noise import Flicker
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

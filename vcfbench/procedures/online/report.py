@@ -9,7 +9,7 @@ from vcfbench.procedures.known.v_vc import (
     known_words,
 )
 from vcfbench.procedures.measurand import budget_table, said_of
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
     from vcfbench.procedures.online.results import OnlineResult, WindowFactor

@@ -38,7 +38,7 @@ from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from vcfbench.bench.parts import Node
-    from vcfbench.record.devices import Characteristics
+    from vcfbench.records.devices import Characteristics
     from vcfbench.steps.step import Routine
 
 _Amplitudes: TypeAlias = tuple[float, float, float]
@@ -192,7 +192,7 @@ def phase_characteristics(_settings: PhaseSettings, found: Phases) -> Characteri
     """Return the characteristics that K_Vc depends on: phases against the drive's velocity."""
     from msgspec import structs  # noqa: PLC0415  # few name a device
 
-    from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # as above
+    from vcfbench.records.devices import Characteristics, Measured  # noqa: PLC0415  # as above
 
     demodulator = found.demodulator_deg.kept()
     return Characteristics(

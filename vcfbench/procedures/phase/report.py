@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import SineRecords
 
 if TYPE_CHECKING:

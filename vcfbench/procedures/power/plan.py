@@ -51,7 +51,7 @@ from vcfbench.steps.step import Effect, Reading, Step
 if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.power.results import PowerResult
-    from vcfbench.record.devices import Characteristics
+    from vcfbench.records.devices import Characteristics
     from vcfbench.steps.step import Context, Routine
 
 _QUICK_NPLC = 1.0
@@ -245,7 +245,7 @@ def _at_rails(settings: PowerSettings) -> Routine[None]:
 
 def power_characteristics(settings: PowerSettings, found: PowerResult) -> Characteristics | None:
     """Return the effect of both rails on the slope; their effect on K_Vc takes a run by the table and one by V_Vc."""
-    from vcfbench.record.devices import Characteristics  # noqa: PLC0415  # few name a device
+    from vcfbench.records.devices import Characteristics  # noqa: PLC0415  # few name a device
 
     for effect in found.effects:
         if effect.rails == "both":

@@ -12,7 +12,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.models import find_model, resolve
 from vcfbench.procedures.known.scale_factor import scale_factor_used
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
 from vcfbench.steps import Acquire, Window
 from vcfbench.steps.step import Reading, StepResult

@@ -69,9 +69,9 @@ from vcfbench.procedures.self_calibration.shape import (
     orders_of,
     output_orders,
 )
-from vcfbench.record.devices import Characteristics, NewEntry, SelfCalibration
-from vcfbench.record.devices import Measured as Kept
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
+from vcfbench.records.devices import Measured as Kept
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps.measured import Foreseen
 
 if TYPE_CHECKING:
@@ -82,8 +82,8 @@ if TYPE_CHECKING:
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
-    from vcfbench.record.devices import KvcCurve
-    from vcfbench.record.schema import Point
+    from vcfbench.records.devices import KvcCurve
+    from vcfbench.records.schema import Point
     from vcfbench.steps.measured import Measured
 
 Floats: TypeAlias = "NDArray[np.float64]"

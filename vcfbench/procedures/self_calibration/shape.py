@@ -17,7 +17,7 @@ from vcfbench.analysis.chopped import polynomial_through_zero
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.record.devices import Characteristics
+    from vcfbench.records.devices import Characteristics
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.step import Step, StepResult
 
 _SIGMAS = 6.0

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

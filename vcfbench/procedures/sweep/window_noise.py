@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

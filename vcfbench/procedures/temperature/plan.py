@@ -65,8 +65,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.procedures.temperature.results import TemperatureResult
-    from vcfbench.record.devices import Characteristics
-    from vcfbench.record.schema import Point
+    from vcfbench.records.devices import Characteristics
+    from vcfbench.records.schema import Point
     from vcfbench.steps.step import Routine
 
 __all__ = ["TEMPERATURE", "AtTemperature", "plan"]
@@ -226,7 +226,7 @@ def _chopped(settings: TemperatureSettings) -> Routine[None]:
 
 def temperature_characteristics(settings: TemperatureSettings, found: TemperatureResult) -> Characteristics:
     """Return the characteristics that K_Vc depends on; that of K_Vc itself takes a run by the table and one by V_Vc."""
-    from vcfbench.record.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
+    from vcfbench.records.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
 
     by_table, seen_c = settings.by is ScaleFactorBy.TABLE, [each.temperature_c for each in found.points]
     frequency = found.frequency

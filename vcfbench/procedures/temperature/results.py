@@ -19,7 +19,7 @@ from vcfbench.procedures.known.scale_factor import scale_factor_used
 from vcfbench.procedures.known.v_vc import meter_error
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.tones import SCOPE_TIME_BASE
-from vcfbench.report.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import Done, SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.step import Step
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.temperature.settings import TemperatureSettings
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context
 

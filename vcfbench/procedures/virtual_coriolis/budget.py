@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.budget.line import Floats
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.virtual_coriolis.matching import Matching
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 MEANINGS = MappingProxyType(
     {

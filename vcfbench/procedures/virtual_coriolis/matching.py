@@ -13,7 +13,7 @@ from vcfbench.errors import MeasurementError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 _CLOSE_ENOUGH = 5e-4
 """Residual of the output over its span at which the rest is interpolated. The chord is within some per cent of the

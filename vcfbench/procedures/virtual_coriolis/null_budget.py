@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.budget.line import Floats
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 _OF_PAIR = {"k_vc": "rates over V_Vc at the match rate and its opposite, half the difference: no even order in it"}
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.k_vc_curve import KVcCurve
     from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.steps.step import Routine
 
 

@@ -15,13 +15,13 @@ from vcfbench.procedures.column.report import (
 )
 from vcfbench.procedures.known.levels import at_measured_levels, standing_for
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, SweptVirtualCoriolisResult
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
 
 def virtual_coriolis_report(_settings: object, points: Sequence[Point], results: VirtualCoriolisResult) -> Report:

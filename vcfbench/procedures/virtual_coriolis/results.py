@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
     from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
     from vcfbench.specifications import LevelSpecification
 
 

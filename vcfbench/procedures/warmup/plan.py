@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.bench.settings import Sources
-    from vcfbench.record.schema import Point
-    from vcfbench.report.document import Report
+    from vcfbench.records.schema import Point
+    from vcfbench.reports.document import Report
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context, Routine, Step
 

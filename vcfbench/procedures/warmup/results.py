@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand
-from vcfbench.report.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from vcfbench.analysis.model_fit import ModelFit
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.scale_factor import ScaleFactor
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
 
     Floats = NDArray[np.float64]
 

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.procedures.procedure import Provenance
-    from vcfbench.record.devices import NewEntry
+    from vcfbench.records.devices import NewEntry
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Routine
 
@@ -250,7 +250,7 @@ def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> New
     flicker = results.flicker
     if settings.dut is None or flicker is None:
         return None
-    from vcfbench.record.devices import Conditions, Measured, NewEntry, StaticNoise  # noqa: PLC0415  # few name a device
+    from vcfbench.records.devices import Conditions, Measured, NewEntry, StaticNoise  # noqa: PLC0415  # few name a device
 
     value, u = flicker
     scale_factor = results.scale_factor_v_per_deg_s

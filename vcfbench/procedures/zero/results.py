@@ -24,8 +24,8 @@ from vcfbench.analysis.type_a import u_of_combination
 from vcfbench.procedures.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
 from vcfbench.procedures.known.v_vc import away_from_warm_k
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand
-from vcfbench.report.digits import incomplete
-from vcfbench.report.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.digits import incomplete
+from vcfbench.reports.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -21,8 +21,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
-from vcfbench.record.journal import JournalRecord, read_journal
-from vcfbench.record.schema import Status
+from vcfbench.records.journal import JournalRecord, read_journal
+from vcfbench.records.schema import Status
 from vcfbench.testing.soaking.draw import Draw, drawn
 from vcfbench.testing.soaking.judge import VALUE_FAULTS, values_of, wrong_of, wrong_record, wrong_values
 from vcfbench.testing.soaking.trial import Clean, Ended, start

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.procedures.measurand import Measurand
-from vcfbench.record.schema import Status
+from vcfbench.records.schema import Status
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from vcfbench.record.journal import JournalRecord
+    from vcfbench.records.journal import JournalRecord
     from vcfbench.testing.soaking.draw import Draw
     from vcfbench.testing.soaking.trial import Clean, Ended
 

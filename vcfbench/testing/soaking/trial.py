@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from simrack.faults import FaultInjector
 
 import vcfbench.clock
-import vcfbench.record.journal
+import vcfbench.records.journal
 from vcfbench.bench.signals import StopSignals
 from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import Aborted, BenchError, ConfigError
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from vcfbench.archive.run import Run
     from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
-    from vcfbench.runs.run import Run
     from vcfbench.steps.executor import Event
     from vcfbench.testing.soaking.draw import Draw, Happening
 
@@ -172,7 +172,7 @@ class _Stage:
         """Try to go on with the run that is under way, as somebody at another terminal might."""
         found = sorted(self.folder.glob("*/journal.jsonl")) if self.folder is not None else []
         for journal in found:
-            if vcfbench.record.journal.being_written(journal):
+            if vcfbench.records.journal.being_written(journal):
                 try:
                     broken_off(journal.parent)
                 except ConfigError:
@@ -249,7 +249,7 @@ def _within(wall_s: float, ended: Ended) -> Iterator[None]:
 @contextmanager
 def _surroundings(draw: Draw) -> Iterator[None]:
     """Let clocks be set, and the journal be synchronised as on a real bench."""
-    journal, clock = vcfbench.record.journal, vcfbench.clock
+    journal, clock = vcfbench.records.journal, vcfbench.clock
     plain, day = journal.SimulatedJournal, clock.datetime  # type: ignore[attr-defined]
     _Shifted.by = timedelta()
     clock.datetime = _Shifted  # type: ignore[attr-defined]  # put back

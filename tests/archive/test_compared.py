@@ -1,0 +1,128 @@
+"""Runs beside each other."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+
+import vcfbench
+from tests import warm
+from tests.archive.test_written import QUICK
+from vcfbench import Point, Quantity, Run, Status
+from vcfbench.archive.compared import compare_runs
+from vcfbench.archive.quantities import ResultValue, values_of
+from vcfbench.errors import ConfigError
+from vcfbench.reports.document import Figure
+from vcfbench.reports.text import text_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+POINTS = (Point(1, 10.0, 0.0, 0.5, 3e-3, 9), Point(1, 0.0, 0.0, 0.25, 3e-3, 9))
+
+
+@dataclass(frozen=True)
+class Found:
+    gain: Quantity
+    offset_v: float
+    name: str = "x"
+    list_of_them: tuple[float, ...] = (1.0,)
+
+
+def made(gain: float, u: float, *, procedure: str = "own", unit: str = "V", points: tuple[Point, ...] = POINTS) -> Run:
+    return Run(procedure, Status.COMPLETE, points, Found(Quantity(gain, u, unit), 0.5))
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with two calibrations in it that differ in a setting and their seed."""
+    folder = tmp_path_factory.mktemp("two")
+    for seed, settle_s in ((3, 0.5), (4, 0.75)):
+        settings: dict[str, Any] = {**QUICK, "settle_s": settle_s}
+        vcfbench.run("turntable", seed=seed, settings=settings, runs=folder / "runs", metadata={"dut": f"G-{seed}"})
+    return folder
+
+
+def test_numbers_of_results_have_names_units_and_uncertainties() -> None:
+    assert values_of(made(2.0, 0.1)) == {
+        "gain": ResultValue("gain", 2.0, "V", 0.1),
+        "offset_v": ResultValue("offset_v", 0.5),
+    }
+    assert (ResultValue("a", 1.0, "V", 0.1).u95, ResultValue("a", 1.0, "V", 0.1).coverage_factor) == (0.2, 2.0)
+    assert ResultValue("a", 1.0, "V", 0.1, 0.19).coverage_factor == pytest.approx(1.9)
+    assert ResultValue("a", 1.0).u95 is None
+    assert values_of(Run("own", Status.COMPLETE)) == {}
+
+
+def test_combined_uncertainties_come_before_those_of_the_fit(two: Path) -> None:
+    run = vcfbench.load_run("last", two / "runs")
+    stated = run.results.uncertainty.value("scale_factor")
+    found = values_of(run)["scale_factor"]
+    assert (found.value, found.u, found.u95) == (stated.value, stated.u, stated.u95)
+    assert found.coverage_factor == pytest.approx(stated.coverage_factor)
+
+
+def test_differences_have_their_uncertainty_and_e_n() -> None:
+    gain, offset = compare_runs(made(2.0, 0.3), made(3.0, 0.4), made(1.5, 0.0)).results
+    assert gain.values == (2.0, 3.0, 1.5)
+    first, second = gain.differences
+    assert (first.value, first.u, first.e_n) == (1.0, 0.5, 1.0)
+    assert (second.value, second.u, second.e_n) == (-0.5, 0.3, pytest.approx(0.5 / 0.6))
+    assert offset.differences[0].e_n is None
+
+
+def test_results_in_other_units_and_points_of_other_steps_are_not_compared() -> None:
+    other = made(3.0, 0.4, unit="A", points=POINTS[:1])
+    comparison = compare_runs(made(2.0, 0.3), other)
+    assert [each.name for each in comparison.results] == ["offset_v"]
+    assert comparison.points == ()
+
+
+def test_what_shares_nothing_is_refused_in_words() -> None:
+    nothing = Run("other", Status.COMPLETE)
+    with pytest.raises(ConfigError, match=r"share neither results nor points: own \(own\) has gain, offset_v; other"):
+        compare_runs(made(2.0, 0.3), nothing)
+    with pytest.raises(ConfigError, match="expected 2 to 26 runs to compare, came 1"):
+        compare_runs(nothing)
+
+
+def test_a_comparison_shows_results_points_what_differs_and_figures_over_each_other(two: Path) -> None:
+    comparison = compare_runs(*vcfbench.list_runs(two / "runs"))
+    assert comparison.settings == {"settle_s": ("0.5", "0.75")}
+    assert comparison.equipment == {"dut": ("G-3", "G-4"), "seed": ("3", "4")}
+    assert comparison.instruments == ("oscilloscope DSO7104B MY49520121", "rate_source 33220A MY44021876")
+    report = comparison.report()
+    words = text_of(report)
+    assert "They are not where runs share instruments" in words
+    figures = [part for part in report.parts if isinstance(part, Figure)]
+    assert [each.title for each in figures] == [
+        *("Differences of the points", "Output against the table's rate", "Residuals of the least-squares line"),
+    ]
+    assert [each.label for each in figures[1].series] == [
+        *("A: turntable", "A: turntable, least-squares line", "B: turntable", "B: turntable, least-squares line"),
+    ]
+    assert len(figures[0].series[0].x) == 3
+
+
+@pytest.mark.exhaustive
+def test_the_command_prints_writes_and_answers_in_json(two: Path) -> None:
+    first, second = (run.name for run in vcfbench.list_runs(two / "runs"))
+    shown = warm.run(["vcfbench", "compare"], two)
+    assert shown.returncode == 0, shown.stderr
+    assert "Shared results" in shown.stdout
+    answered = warm.run(["vcfbench", "compare", str(first), "last", "--json", "-o", "both.html"], two)
+    answer = json.loads(answered.stdout)
+    assert answer["runs"] == [first, second]
+    assert {"name", "unit", "values", "u", "differences"} <= answer["results"][0].keys()
+    assert (two / "both.html").read_text(encoding="utf-8").count("<figure>") == 3
+
+
+def test_a_run_compared_with_itself_has_no_difference(two: Path) -> None:
+    run = vcfbench.load_run("last", two / "runs")
+    comparison = compare_runs(run, structs.replace(run))
+    assert {d.value for each in comparison.results for d in each.differences} == {0.0}
+    assert comparison.settings == {}

@@ -1,0 +1,149 @@
+"""Runs as Digital Calibration Certificates, read back by an independent library."""
+
+from __future__ import annotations
+
+import json
+import sys
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
+
+import pytest
+
+import vcfbench
+from tests import warm
+from tests.archive.test_written import QUICK
+from vcfbench.archive.certificate import certificate_words
+from vcfbench.archive.quantities import values_of
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench import Run
+
+SPACES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
+WORDS = {
+    "laboratory": "Gyroscope Laboratory",
+    "laboratory_address": "1 Example Street",
+    "country": "GR",
+    "customer": "ACME & Sons <b>",
+    "customer_address": "2 Some  Road\nTown",
+    "responsible": "A. Person",
+}
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    metadata = {"dut": "G-0042", "tags": {"item_model": "VCF-1", "batch": "7"}, "ambient_temperature_c": 23.1}
+    return vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path_factory.mktemp("runs"), metadata=metadata)
+
+
+@pytest.fixture(scope="module")
+def written(quick: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return vcfbench.write_certificate(quick, tmp_path_factory.mktemp("dcc") / "run.xml", WORDS)
+
+
+def text_at(tree: ET.Element, path: str) -> str | None:
+    return tree.findtext(path, namespaces=SPACES)
+
+
+@pytest.fixture
+def dcc(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """PyDCC without what it does beside reading.
+
+    Its check of signatures, of which there are none here, fails to load beside OpenSSL 3.0.10 and later; its validator
+    asks the network for schemas.
+    """
+    unused = SimpleNamespace(CertificateValidator=None, errors=None, ValidationContext=None)
+    monkeypatch.setitem(sys.modules, "certvalidator", unused)
+    module = pytest.importorskip("dcc.dcc")
+    monkeypatch.setattr(module, "DCCXMLValidator", SimpleNamespace)
+    return module
+
+
+def test_an_independent_library_reads_it(dcc: Any, quick: Run, written: Path) -> None:
+    certificate: Any = dcc.DCC(str(written))
+    assert certificate.is_loaded()
+    assert (certificate.version(), certificate.uid()) == ("3.3.0", quick.name)
+    assert certificate.calibration_laboratory_name() == "Gyroscope Laboratory"
+    assert certificate.mandatory_language() == "en"
+    assert certificate.item_id()["identifications"]["identification"]["value"] == "G-0042"
+    assert not certificate.status_report.is_signed
+    found = {name.split()[-1]: quantity for name, quantity in certificate.get_calibration_results("name", "en")}
+    scale_factor, expected = found["scale_factor"]["real"], values_of(quick)["scale_factor"]
+    assert float(scale_factor["value"]) == expected.value
+    assert scale_factor["unit"] == r"\volt\degree\tothe{-1}\second"
+    expanded = scale_factor["measurementUncertaintyUnivariate"]["expandedMU"]
+    assert float(expanded["valueExpandedMU"]) == expected.u95
+    assert expanded["coverageProbability"] == "0.95"
+    assert float(expanded["coverageFactor"]) == pytest.approx(expected.coverage_factor, abs=5e-4)
+    assert [float(each) for each in found["output"]["realListXMLList"]["valueXMLList"].split()] == [
+        point.output_v for point in quick.points
+    ]
+
+
+def test_it_says_whose_it_is_by_what_means_and_what_it_is_not(written: Path) -> None:
+    tree = ET.parse(written).getroot()  # noqa: S314  # ours
+    assert text_at(tree, ".//dcc:customer/dcc:name/dcc:content") == "ACME & Sons <b>"
+    assert text_at(tree, ".//dcc:customer/dcc:location/dcc:further/dcc:content") == "2 Some Road Town"
+    assert text_at(tree, ".//dcc:item/dcc:model") == "VCF-1"
+    assert text_at(tree, ".//dcc:influenceCondition//si:value") == "23.1"
+    said = " ".join(filter(None, (each.text for each in tree.iterfind(".//dcc:declaration/dcc:content", SPACES))))
+    assert "It is not signed" in said
+    assert "SIMULATED" in said
+    models = [each.text for each in tree.iterfind(".//dcc:measuringEquipment/dcc:model", SPACES)]
+    assert "34401A" in models
+    assert "least-squares line" in (text_at(tree, ".//dcc:usedMethod/dcc:description/dcc:content") or "")
+
+
+def test_the_same_record_gives_the_same_bytes(quick: Run, written: Path, tmp_path: Path) -> None:
+    assert vcfbench.write_certificate(quick, tmp_path / "again.xml", WORDS).read_bytes() == written.read_bytes()
+
+
+def test_all_that_is_missing_is_said_at_once(quick: Run) -> None:
+    with pytest.raises(ConfigError) as refused:
+        certificate_words(quick)
+    for key in WORDS:
+        assert f"--set {key}=..." in str(refused.value)
+    assert "serial" not in str(refused.value)
+    with pytest.raises(ConfigError, match=r"expected keys of laboratory, .* came 'custommer'"):
+        certificate_words(quick, {"custommer": "x"})
+    with pytest.raises(ConfigError, match="expected two capital letters"):
+        certificate_words(quick, {**WORDS, "country": "Greece"})
+
+
+def test_what_the_bench_file_tells_need_not_be_told_again(quick: Run, tmp_path: Path) -> None:
+    assert quick.directory is not None
+    header, *lines = (quick.directory / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+    answer = json.loads(header)
+    answer["bench"]["laboratory"] = {"name": "L", "address": "here", "country": "DE", "operator": "B. Person"}
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "journal.jsonl").write_text("\n".join([json.dumps(answer), *lines, ""]), encoding="utf-8")
+    words = certificate_words(
+        vcfbench.load_run(tmp_path / "run"), {"customer": "C", "customer_address": "there", "responsible": "D. Person"}
+    )
+    assert (words.laboratory, words.laboratory_address, words.country) == ("L", "here", "DE")
+    assert (words.serial, words.item_model, words.responsible) == ("G-0042", "VCF-1", "D. Person")
+
+
+def test_without_uncertainties_or_a_whole_run_there_is_none(tmp_path: Path) -> None:
+    run = vcfbench.Run("own", vcfbench.Status.COMPLETE, results={"gain": 2.0})
+    with pytest.raises(ConfigError, match="its results have no uncertainties"):
+        vcfbench.write_certificate(run, tmp_path / "x.xml", {**WORDS, "serial": "G-1", "identifier": "1"})
+    run = vcfbench.Run("own", vcfbench.Status.ABORTED)
+    with pytest.raises(ConfigError, match="needs a run that is complete, this one is aborted"):
+        vcfbench.write_certificate(run, tmp_path / "x.xml", {**WORDS, "serial": "G-1", "identifier": "1"})
+
+
+def test_the_command_writes_it_or_says_what_is_missing(quick: Run, tmp_path: Path) -> None:
+    assert quick.directory is not None
+    words = [word for key, value in WORDS.items() for word in ("--set", f"{key}={value}")]
+    done = warm.run(["vcfbench", "report", str(quick.directory), "--dcc", "-o", "a.xml", *words], tmp_path)
+    assert (done.returncode, done.stdout) == (0, "a.xml\n"), done.stderr
+    assert (tmp_path / "a.xml").read_bytes().startswith(b"<?xml")
+    refused = warm.run(["vcfbench", "report", str(quick.directory), "--dcc"], tmp_path)
+    assert refused.returncode == 2
+    assert "--set customer_address=..." in refused.stderr
+    refused = warm.run(["vcfbench", "report", str(quick.directory), "--set", "country=GR"], tmp_path)
+    assert (refused.returncode, "goes with --dcc" in refused.stderr) == (2, True)

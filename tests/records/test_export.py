@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from vcfbench.analysis.csv_table import POINT_COLUMNS as READ_BACK
+from vcfbench.analysis.csv_table import parse_table
+from vcfbench.errors import BenchError
+from vcfbench.records.export import POINT_COLUMNS, points_csv, write_text
+from vcfbench.records.schema import Point
+
+
+def points(step: int) -> list[Point]:
+    return [Point(step, rate, 0.0, -0.0125 * rate - 1.0 / 3.0, 1e-4, 10) for rate in (200.0, 0.0, -200.0)]
+
+
+def test_points_are_read_back_by_the_analysis_to_the_last_digit() -> None:
+    assert POINT_COLUMNS == READ_BACK
+    both = [*points(3), *points(4)]
+    series = parse_table(points_csv(both), "points.csv")
+    assert list(series) == ["turntable", "virtual"]
+    assert series["turntable"].output_v == tuple(point.output_v for point in points(3))
+
+
+def test_points_survive_json() -> None:
+    assert [Point.from_json(point.as_json()) for point in points(3)] == points(3)
+
+
+def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(BenchError, match="the journal beside it is whole"):
+        write_text(tmp_path, "x")
+
+
+def test_a_disk_that_is_full_leaves_no_half_of_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its first lines alone would be read as a table of fewer points."""
+    written = Path.write_bytes
+
+    def half(path: Path, data: bytes) -> int:
+        written(path, data[: len(data) // 2])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", half)
+    with pytest.raises(BenchError, match=r"points\.csv cannot be written: No space left on device"):
+        write_text(tmp_path / "points.csv", "step,rate_deg_s\n1,10.0\n1,0.0\n")
+    assert not list(tmp_path.iterdir())

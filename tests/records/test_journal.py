@@ -1,0 +1,244 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.records import journal as journal_module
+from vcfbench.records.journal import Journal, SimulatedJournal, read_journal
+from vcfbench.records.outline import outline_of
+from vcfbench.records.schema import Point, Status
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+POINT = Point(3, 200.0, 0.0, -2.5536, 1e-4, 10)
+
+
+def write(path: Path, points: int = 5, status: str = "complete") -> bytes:
+    journal = Journal(path)
+    journal.header({"run": "r", "procedure": "turntable"})
+    for number in range(1, points + 1):
+        journal.step({"n": number, "point": POINT.as_json()})
+    journal.footer({"status": status})
+    journal.close()
+    return path.read_bytes()
+
+
+def test_a_whole_journal_is_read_back(tmp_path: Path) -> None:
+    write(tmp_path / "j")
+    record = read_journal(tmp_path / "j")
+    assert record.status is Status.COMPLETE
+    assert record.points == (POINT,) * 5
+    assert record.header["procedure"] == "turntable"
+
+
+def test_every_line_is_json_and_carries_the_time_of_day(tmp_path: Path) -> None:
+    lines = write(tmp_path / "j").decode().splitlines()
+    assert [json.loads(line)["type"] for line in lines] == ["header", *["step"] * 5, "footer"]
+    assert all(json.loads(line)["utc"].endswith("+00:00") for line in lines)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    return write(tmp_path_factory.mktemp("journal") / "j")
+
+
+@settings(max_examples=150)
+@given(cut=st.floats(0.0, 1.0, exclude_max=True))
+def test_a_journal_cut_at_any_byte_keeps_its_whole_lines_and_is_never_complete(
+    whole: bytes, tmp_path_factory: pytest.TempPathFactory, cut: float
+) -> None:
+    kept = whole[: int(cut * len(whole))]
+    path = tmp_path_factory.getbasetemp() / "cut.jsonl"
+    path.write_bytes(kept)
+    record = read_journal(path)
+    assert record.status is Status.INCOMPLETE
+    whole_steps = kept[: kept.rfind(b"\n") + 1].count(b'"point"')
+    assert record.points == (POINT,) * whole_steps
+
+
+@settings(max_examples=50)
+@given(data=st.binary(max_size=200))
+def test_noise_is_an_empty_record_that_is_never_complete(data: bytes, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.getbasetemp() / "noise.jsonl"
+    path.write_bytes(data)
+    record = read_journal(path)
+    assert record.status in {Status.INCOMPLETE, Status.DAMAGED}
+    assert record.points == ()
+
+
+def test_what_comes_after_a_torn_line_proves_nothing(tmp_path: Path) -> None:
+    lines = write(tmp_path / "j").splitlines(keepends=True)
+    (tmp_path / "torn").write_bytes(b"".join([*lines[:3], lines[3][:20] + b"\n", *lines[4:]]))
+    record = read_journal(tmp_path / "torn")
+    assert record.status is Status.DAMAGED
+    assert record.damage == "line 4 is no JSON object"
+    assert len(record.points) == 2
+
+
+def test_a_line_without_end_is_not_read_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal_module, "_LONGEST_LINE", 200)
+    (tmp_path / "j").write_bytes(write(tmp_path / "whole").splitlines(keepends=True)[0] + b"[" * 1000)
+    assert read_journal(tmp_path / "j").damage == "line 2 has more than 200 bytes"
+
+
+def test_an_existing_journal_is_never_opened_for_writing(tmp_path: Path) -> None:
+    data = write(tmp_path / "j")
+    with pytest.raises(BenchError, match="cannot be written: File exists"):
+        Journal(tmp_path / "j")
+    assert (tmp_path / "j").read_bytes() == data
+
+
+def test_a_later_format_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "j").write_text('{"type":"header","format":99}\n')
+    with pytest.raises(ConfigError, match="format 99"):
+        read_journal(tmp_path / "j")
+
+
+HEADER = '{"type":"header","format":1,"procedure":"turntable","bench":{"name":"b"}}\n'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        HEADER + '{"type":"footer"}\n',
+        HEADER + '{"type":"footer","status":"splendid"}\n',
+        HEADER + '{"type":"step","point":{}}\n{"type":"footer","status":"complete"}\n',
+        HEADER + '{"type":"step","point":3}\n{"type":"footer","status":"complete"}\n',
+        '{"type":"header","format":1,"bench":3}\n',
+        '{"type":"header","format":1,"bench":[]}\n',
+        HEADER + '{"type":"footer","status":"aborted","error":"in words alone"}\n',
+        HEADER + '{"type":"footer","status":"aborted","error":[]}\n',
+        HEADER + '{"type":"step","n":1,"step_kind":"Acquire","point":POINT,"result":[]}\n',
+        HEADER + '{"type":"step","n":1,"point":BIG}\n{"type":"footer","status":"complete"}\n',
+    ],
+)
+def test_what_no_journal_wrote_is_one_sentence(text: str, tmp_path: Path) -> None:
+    point = json.dumps(POINT.as_json())
+    text = text.replace("POINT", point).replace("BIG", point.replace("200.0", "1e308"))
+    (tmp_path / "j").write_text(text)
+    with pytest.raises(ConfigError, match="no record of this program"):
+        read_journal(tmp_path / "j")
+
+
+def test_a_missing_journal_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="there is no such file"):
+        read_journal(tmp_path / "none")
+
+
+def test_one_write_and_one_sync_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = Journal(tmp_path / "j")
+    writes: list[bytes] = []
+    synced: list[int] = []
+    real_write = os.write
+
+    def count(descriptor: int, data: bytes) -> int:
+        writes.append(data)
+        return real_write(descriptor, data)
+
+    monkeypatch.setattr(os, "write", count)
+    monkeypatch.setattr(journal_module, "_sync", synced.append)
+    journal.step({"n": 1})
+    journal.step({"n": 2})
+    assert [data.count(b"\n") for data in writes] == [1, 1]
+    assert len(synced) == 2
+    journal.close()
+
+
+def test_a_simulated_run_is_synchronised_at_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its lines are in the file at once all the same: who kills the program loses none."""
+    synced: list[int] = []
+    monkeypatch.setattr(journal_module, "_sync", synced.append)
+    journal = SimulatedJournal(tmp_path / "j")
+    journal.step({"n": 1})
+    assert [line["n"] for line in journal.lines()] == [1]
+    assert not synced
+    journal.footer({})
+    assert len(synced) == 1
+    journal.close()
+
+
+def test_a_full_disk_is_an_error_of_the_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = Journal(tmp_path / "j")
+
+    def full(*_: Any) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(BenchError, match="cannot be written: No space left on device"):
+        journal.step({"n": 1})
+    journal.close()
+
+
+def test_line_ends_of_another_system_are_no_damage(tmp_path: Path) -> None:
+    data = write(tmp_path / "j")
+    (tmp_path / "j").write_bytes(data.replace(b"\n", b"\r\n"))
+    assert read_journal(tmp_path / "j").status is Status.COMPLETE
+
+
+@pytest.mark.parametrize("trouble", ["write", "half a line", "sync"])
+def test_a_line_that_failed_leaves_nothing_behind(
+    trouble: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is full for a moment: the next line must not be joined to what it took of this one."""
+    path, write = tmp_path / "j", os.write
+    journal = Journal(path)
+    journal.header({"procedure": "turntable", "bench": {"name": "paper"}})
+
+    def fail(*_: Any) -> int:
+        raise OSError(28, "No space left on device")
+
+    def half(descriptor: int, data: bytes) -> int:
+        return write(descriptor, data[: len(data) // 2])
+
+    with monkeypatch.context() as full:
+        if trouble == "sync":
+            full.setattr("vcfbench.records.journal._sync", fail)
+        else:
+            full.setattr(os, "write", half if trouble == "half a line" else fail)
+        with pytest.raises(BenchError, match="cannot be written"):
+            journal.step({"n": 1, "t_s": 0.0, "end_s": 1.0, "point": POINT.as_json()})
+    journal.error({"n": 1, "t_s": 1.0, "error": "it cannot be written"})
+    journal.footer({"status": "aborted", "points": 0})
+    journal.close()
+    record = read_journal(path)
+    assert (record.damage, record.status, len(record.errors)) == (None, Status.ABORTED, 1)
+    outline = outline_of(path)
+    assert outline is not None  # its sum holds
+    assert outline.marks is None
+
+
+CHILD = """
+import sys
+from pathlib import Path
+from vcfbench.records.journal import Journal
+from vcfbench.records.schema import Point
+journal = Journal(Path(sys.argv[1]))
+journal.header({"procedure": "turntable"})
+for number in range(1_000_000):
+    journal.step({"n": number + 1, "point": Point(3, float(number), 0.0, 0.0, 0.0, 10).as_json()})
+    print(number, flush=True)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
+def test_a_killed_process_loses_no_point(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    with subprocess.Popen([sys.executable, "-c", CHILD, str(path)], stdout=subprocess.PIPE, text=True) as child:  # noqa: S603
+        assert child.stdout is not None
+        printed = [int(child.stdout.readline()) for _ in range(50)]
+        child.kill()
+        printed += [int(line) for line in child.stdout.read().splitlines()]
+    record = read_journal(path)
+    assert len(record.points) >= len(printed)
+    assert [point.rate_deg_s for point in record.points] == list(range(len(record.points)))
+    assert record.status is Status.INCOMPLETE

@@ -1,0 +1,73 @@
+"""Every byte of a sealed journal, and lines forged, doubled, taken away or put elsewhere."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.records.test_journal import write
+from tests.seals import sealed
+from vcfbench.errors import ConfigError
+from vcfbench.records.journal import append_line, read_journal
+from vcfbench.records.schema import Status
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NOT_THERE = "is not what was written there: its seal is another"
+
+
+def damage_of(path: Path, data: bytes) -> str | None:
+    path.write_bytes(data)
+    try:
+        return read_journal(path).damage
+    except ConfigError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_no_byte_of_a_sealed_journal_changes_unseen(tmp_path: Path, *, killed: bool) -> None:
+    """In a record that was killed too, the last line and its end included."""
+    data = write(tmp_path / "j", points=1)
+    data = data[: data.rindex(b"\n", 0, -1) + 1] if killed else data
+    for place in (*range(0, len(data), 11), *range(len(data) - 5, len(data))):
+        changed = data[:place] + bytes([data[place] ^ 1 << place % 8]) + data[place + 1 :]
+        assert damage_of(tmp_path / "j", changed), (place, data[place : place + 20])
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (lambda lines: [*lines[:3], *lines[4:]], 4),
+        (lambda lines: [*lines[:3], lines[2], *lines[3:]], 4),
+        (lambda lines: [*lines[:3], lines[4], lines[3], *lines[5:]], 4),
+        (lambda lines: [*lines[:3], sealed(b'{"type":"step","n":3}\n'), *lines[4:]], 4),
+        (lambda lines: lines[1:], 1),
+    ],
+)
+def test_the_first_line_that_is_another_is_named(change: object, line: int, tmp_path: Path) -> None:
+    lines = write(tmp_path / "j").splitlines(keepends=True)
+    assert callable(change)
+    assert damage_of(tmp_path / "j", b"".join(change(lines))) == f"line {line} {NOT_THERE}"
+
+
+def test_a_line_that_is_added_later_is_sealed(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    data = write(path)
+    path.write_bytes(data[: data.rindex(b"\n", 0, -1) + 20])  # torn in the footer
+    append_line(path, {"type": "watchdog", "safe": True})
+    record = read_journal(path)
+    assert (record.damage, record.status, record.lines[-1]["type"]) == (None, Status.INCOMPLETE, "watchdog")
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_records_of_before_are_read_and_stay_unsealed(number: int, tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    header = f'{{"type":"header","format":{number},"procedure":"turntable","bench":{{"name":"b"}}}}\n'
+    path.write_text(header + '{"type":"footer","status":"aborted","points":0}\n')
+    assert (read_journal(path).status, read_journal(path).seal) == (Status.ABORTED, None)
+    path.write_text(header)
+    append_line(path, {"type": "watchdog", "safe": True})
+    assert b"seal" not in path.read_bytes()
+    assert read_journal(path).damage is None

@@ -1,0 +1,73 @@
+"""Records amended: a person's words about a run, corrected by a line of its own."""
+
+from __future__ import annotations
+
+import getpass
+import socket
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from vcfbench.records.amendments import amend
+from vcfbench.records.signing import named_key
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.records.amendments import Amendment
+    from vcfbench.records.directory import RunDirectory
+    from vcfbench.records.journal import JournalRecord
+
+
+class Amended(Struct, frozen=True):
+    """An amendment, and the places where the earlier words stay."""
+
+    run: str
+    amendment: Amendment
+    stays: tuple[str, ...] = ()
+
+
+def amend_run(
+    run: str | Path, changes: Mapping[str, str], *, reason: str, by: str | None = None, runs: str | Path = "runs"
+) -> Amended:
+    """Add a line to a record that corrects a person's words about its run; no earlier line is changed.
+
+    Args:
+        run: directory of the run, its name under `runs` (or the beginning or end of it, or ``"last"``).
+        changes: ``{"dut": "G-018"}``: ``dut``, ``operator``, ``note``, ``checked_by``, ``tags.KEY``, ``customer``;
+            an empty text takes it away.
+        reason: why.
+        by: who; None is who is logged in, and where.
+        runs: directory of the records.
+
+    Raises:
+        ConfigError: there is no such record, it is damaged, or something cannot be amended.
+        BenchError: its run goes on, or it cannot be written.
+    """
+    from vcfbench.archive.recorded import directory_of  # noqa: PLC0415
+
+    directory = directory_of(run, runs)
+    record = directory.read()
+    by = f"{getpass.getuser()}@{socket.gethostname()}" if by is None else by
+    key = named_key(None)  # no key that the record names: whose it is nobody knows
+    made = amend(directory.journal, record, changes, reason=reason, by=by, key=key)
+    device = next((each.was for each in made.changes if each.field == "dut"), None)
+    return Amended(directory.run, made, () if device is None else tuple(_stays(directory, record, device)))
+
+
+def _stays(directory: RunDirectory, record: JournalRecord, device: str) -> list[str]:
+    """Name the effects of a run under the serial number that it was told."""
+    from vcfbench.errors import ConfigError  # noqa: PLC0415
+    from vcfbench.records.devices import DeviceStore  # noqa: PLC0415
+
+    settings = record.header.get("settings")
+    if not isinstance(settings, dict) or settings.get("dut") != device:
+        return []
+    said = [f"the results went by what was known of {device}, where they go by what is known of a device"]
+    try:
+        entries = DeviceStore(Path(str(settings.get("devices", "devices")))).entries(device)
+    except ConfigError:
+        return said
+    kept = [each.path for each in entries if each.record.conditions.run == directory.run]
+    return said + [f"{path} is of this run, and stays with {device}" for path in kept]

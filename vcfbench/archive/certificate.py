@@ -1,0 +1,89 @@
+"""Entries of a certificate that no measurement tells: laboratory, customer, device, responsible person."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from vcfbench.archive.run import Run
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CertificateWords:
+    """Laboratory, customer, device and responsible person of a calibration; entries with a default may be left out.
+
+    `country` is that of the laboratory, two capital letters (ISO 3166-1); `identifier` the certificate's own number;
+    `responsible` the person who answers for it; `item` what the device is, `serial` its serial number.
+    """
+
+    laboratory: str
+    laboratory_address: str
+    country: str
+    customer: str
+    customer_address: str
+    responsible: str
+    serial: str
+    identifier: str
+    item: str = "MEMS gyroscope"
+    item_manufacturer: str = ""
+    item_model: str = ""
+    laboratory_email: str = ""
+    laboratory_code: str = ""
+    customer_email: str = ""
+
+
+_KNOWN: Final = tuple(field.name for field in fields(CertificateWords))
+_NEEDED: Final = {
+    "laboratory": "name in [laboratory] of the bench file",
+    "laboratory_address": "address in [laboratory] of the bench file",
+    "country": "country in [laboratory] of the bench file",
+    "customer": "",
+    "customer_address": "",
+    "responsible": "--operator of the run, or operator in [laboratory] of the bench file",
+    "serial": "--dut of the run",
+}
+"""Entries without a default, and the places to give them beside `--set` and the tags of the run."""
+
+
+def certificate_words(run: Run, given: Mapping[str, str] | None = None) -> CertificateWords:
+    """Return the entries of a certificate of `run`: those `given`, else the run's tags, its record, and its bench file.
+
+    Raises:
+        ConfigError: something is missing, all of it in one; a key is unknown; a country is no two capital letters.
+    """
+    given = given or {}
+    unknown = [key for key in given if key not in _KNOWN]
+    if unknown:
+        raise ConfigError(f"certificate: expected keys of {', '.join(_KNOWN)}, came {', '.join(map(repr, unknown))}")
+    tags = {key: value for key, value in run.metadata.tags.items() if key in _KNOWN}
+    stated = {**_of_record(run), **tags, **given}
+    found = {key: " ".join(value.split()) for key, value in stated.items() if value and value.strip()}
+    missing = [key for key in _NEEDED if key not in found]
+    if missing:
+        words = "; ".join(f"{key} ({_NEEDED[key]})" if _NEEDED[key] else key for key in missing)
+        raise ConfigError(
+            f"a calibration certificate of {run.name} needs {words}",
+            hint=f"{' '.join(f'--set {key}=...' for key in missing)}, or as --tag KEY=VALUE of the run",
+        )
+    if not re.fullmatch("[A-Z]{2}", found["country"]):
+        raise ConfigError(f"country: expected two capital letters (ISO 3166-1), came {found['country']!r}")
+    return CertificateWords(**found)
+
+
+def _of_record(run: Run) -> dict[str, str | None]:
+    laboratory: Mapping[str, Any] = run.header.get("bench", {}).get("laboratory") or {}
+    return {
+        "laboratory": laboratory.get("name"),
+        "laboratory_address": laboratory.get("address"),
+        "laboratory_email": laboratory.get("email"),
+        "country": laboratory.get("country"),
+        "responsible": run.metadata.operator or laboratory.get("operator"),
+        "serial": run.metadata.dut,
+        "identifier": f"{run.name} revision {run.revision}" if run.amendments else run.name,
+    }

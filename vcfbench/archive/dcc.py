@@ -1,0 +1,272 @@
+"""A run as a Digital Calibration Certificate: the XML of PTB's schema, DCC 3.3.0 with D-SI 2.2.
+
+Source: https://ptb.de/dcc/v3.3.0/ and https://ptb.de/si/v2.2.1/, the published schemas. What is written is not signed,
+and is no certificate of an accredited laboratory unless a laboratory makes it one.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from typing import TYPE_CHECKING, Final
+from xml.etree import ElementTree as ET
+
+from vcfbench.archive.quantities import values_of
+from vcfbench.archive.reported import method_of
+from vcfbench.archive.si_units import in_si
+from vcfbench.errors import ConfigError
+from vcfbench.records.schema import Status
+from vcfbench.reports.digits import incomplete
+from vcfbench.reports.text import printable_lines
+from vcfbench.reports.typography import in_unicode
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vcfbench.archive.certificate import CertificateWords
+    from vcfbench.archive.quantities import ResultValue
+    from vcfbench.archive.run import Run
+    from vcfbench.records.metadata import Equipment
+
+SCHEMA_VERSION: Final = "3.3.0"
+_DCC: Final = "https://ptb.de/dcc"
+_SI: Final = "https://ptb.de/si"
+_XSI: Final = "http://www.w3.org/2001/XMLSchema-instance"
+_COVERAGE: Final = "0.95"
+_UNSIGNED: Final = (
+    "This file was written by a measuring program. It is not signed, and it is not the certificate of an accredited "
+    "laboratory unless a laboratory checks it, completes it and makes it one."
+)
+_SIMULATED: Final = "SIMULATED: instruments and device were simulated. Nothing in this file was measured."
+_CONFORMITY: Final = {"pass": "pass", "fail": "fail", "marginal": "conditionalFail"}
+
+
+def dcc_of(run: Run, words: CertificateWords) -> bytes:
+    """Return the certificate of `run` as XML in UTF-8, the same bytes for the same record and words.
+
+    Values with an uncertainty become D-SI quantities with their expanded uncertainty for 95 % and its factor; those in
+    a unit that D-SI has no words for stand as text, values without an uncertainty are left out.
+
+    Raises:
+        ConfigError: the run is not complete, or its results have no uncertainty.
+    """
+    if run.status is not Status.COMPLETE:
+        raise ConfigError(f"run {run.name}: a certificate needs a run that is complete, this one is {run.status.value}")
+    values = [each for each in values_of(run).values() if each.u is not None]
+    if not values:
+        raise ConfigError(f"run {run.name}: its results have no uncertainties, and a certificate without is none")
+    for prefix, space in (("dcc", _DCC), ("si", _SI), ("xsi", _XSI)):
+        ET.register_namespace(prefix, space)
+    root = ET.Element(f"{{{_DCC}}}digitalCalibrationCertificate", {"schemaVersion": SCHEMA_VERSION})
+    root.set(f"{{{_XSI}}}schemaLocation", f"{_DCC} https://ptb.de/dcc/v{SCHEMA_VERSION}/dcc.xsd")
+    _administrative(_under(root, "administrativeData"), run, words, values)
+    _measured(_under(_under(root, "measurementResults"), "measurementResult"), run, values)
+    ET.indent(root)
+    said = ET.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- {_UNSIGNED} -->\n{said}\n'.encode()
+
+
+def _under(parent: ET.Element, name: str, text: str | None = None, space: str = _DCC) -> ET.Element:
+    """Add an element; of its text nothing is left that XML could not hold, or that is space alone."""
+    element = ET.SubElement(parent, f"{{{space}}}{name}")
+    if text is not None:
+        element.text = " ".join(printable_lines(text).split()) or "-"
+    return element
+
+
+def _say(parent: ET.Element, name: str, *lines: str) -> ET.Element:
+    """Add an element that holds words in a language."""
+    element = _under(parent, name)
+    for line in lines:
+        _under(element, "content", line).set("lang", "en")
+    return element
+
+
+def _administrative(parent: ET.Element, run: Run, words: CertificateWords, values: Sequence[ResultValue]) -> None:
+    software = _under(parent, "dccSoftware")
+    for name, version in _software(run):
+        one = _under(software, "software")
+        _say(one, "name", name)
+        _under(one, "release", version)
+    _core(_under(parent, "coreData"), run, words)
+    item = _under(_under(parent, "items"), "item")
+    _say(item, "name", words.item)
+    if words.item_manufacturer:
+        _say(_under(item, "manufacturer"), "name", words.item_manufacturer)
+    if words.item_model:
+        _under(item, "model", words.item_model)
+    _identification(_under(item, "identifications"), "manufacturer", words.serial, "serial number")
+    laboratory = _under(parent, "calibrationLaboratory")
+    if words.laboratory_code:
+        _under(laboratory, "calibrationLaboratoryCode", words.laboratory_code)
+    contact = _under(laboratory, "contact")
+    _contact(contact, words.laboratory, words.laboratory_email, words.laboratory_address, words.country)
+    person = _under(_under(parent, "respPersons"), "respPerson")
+    _say(_under(person, "person"), "name", words.responsible)
+    _under(person, "mainSigner", "true")
+    _contact(_under(parent, "customer"), words.customer, words.customer_email, words.customer_address)
+    _statements(_under(parent, "statements"), run, values)
+
+
+def _software(run: Run) -> Sequence[tuple[str, str]]:
+    return [(name, str(version)) for name, version in run.header.get("versions", {}).items()] or [("vcfbench", "-")]
+
+
+def _core(parent: ET.Element, run: Run, words: CertificateWords) -> None:
+    began, ended = _days(run)
+    _under(parent, "countryCodeISO3166_1", words.country)
+    _under(parent, "usedLangCodeISO639_1", "en")
+    _under(parent, "mandatoryLangCodeISO639_1", "en")
+    _under(parent, "uniqueIdentifier", words.identifier)
+    if run.name is not None:
+        _identification(_under(parent, "identifications"), "calibrationLaboratory", run.name, "name of the record")
+    _under(parent, "beginPerformanceDate", began)
+    _under(parent, "endPerformanceDate", ended)
+    _under(parent, "performanceLocation", "laboratory")
+
+
+def _days(run: Run) -> tuple[str, str]:
+    """Return the days on which the run began and ended; simulated bench time passed on no calendar."""
+    began = datetime.fromisoformat(str(run.header.get("utc")))
+    took_s = 0.0 if run.simulated else run.bench_seconds or 0.0
+    return f"{began:%Y-%m-%d}", f"{began + timedelta(seconds=took_s):%Y-%m-%d}"
+
+
+def _identification(parent: ET.Element, issuer: str, value: str, name: str) -> None:
+    one = _under(parent, "identification")
+    _under(one, "issuer", issuer)
+    _under(one, "value", value)
+    _say(one, "name", name)
+
+
+def _contact(parent: ET.Element, name: str, email: str, address: str, country: str = "") -> None:
+    _say(parent, "name", name)
+    if email:
+        _under(parent, "eMail", email)
+    location = _under(parent, "location")
+    if country:
+        _under(location, "countryCode", country)
+    _say(location, "further", address)
+
+
+def _statements(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> None:
+    _say(_under(parent, "statement"), "declaration", _UNSIGNED)
+    if run.simulated:
+        _say(_under(parent, "statement"), "declaration", _SIMULATED)
+    if missing := dict.fromkeys(name for each in values for name in each.missing):
+        said = f"INCOMPLETE: uncertainties are stated here without {', '.join(missing)}, of which nothing was known"
+        _say(_under(parent, "statement"), "declaration", said)
+    for each in run.not_checked:
+        _say(_under(parent, "statement"), "declaration", f"not checked: {each}")
+    if run.verdict is not None:
+        one = _under(parent, "statement")
+        limits = [f"{e.key} from {e.low:g} to {e.high:g}: {e.word}" for e in run.verdict.limits]
+        _say(one, "declaration", "Conformity with the limits of the bench file", *limits)
+        _under(one, "conformity", _CONFORMITY[run.verdict.word])
+
+
+def _measured(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> None:
+    header = run.header
+    _say(parent, "name", in_unicode(str(header.get("title") or run.procedure)))
+    method = _under(_under(parent, "usedMethods"), "usedMethod")
+    _say(method, "name", run.procedure)
+    _say(method, "description", in_unicode(method_of(run)))
+    if run.equipment:
+        equipment = _under(parent, "measuringEquipments")
+        for each in run.equipment:
+            _equipment(_under(equipment, "measuringEquipment"), each)
+    _conditions(parent, run)
+    results = _under(parent, "results")
+    result = _under(results, "result")
+    _say(result, "name", "values")
+    data = _under(result, "data")
+    for value in values:
+        _quantity(data, value)
+    if run.points:
+        _points(_under(results, "result"), run)
+
+
+def _equipment(parent: ET.Element, each: Equipment) -> None:
+    _say(parent, "name", each.role.replace("_", " "))
+    calibration = {
+        "calibrated": each.calibrated,
+        "calibration due": each.calibration_due,
+        "certificate": each.certificate,
+    }
+    said = [f"{name}: {value}" for name, value in calibration.items() if value is not None]
+    if each.overdue:
+        said.append("the calibration was OVERDUE on the day of the run")
+    if said:
+        _say(parent, "description", *said)
+    if each.identity is not None and each.identity.maker:
+        _say(_under(parent, "manufacturer"), "name", each.identity.maker)
+    _under(parent, "model", each.model)
+    numbers = (
+        ("manufacturer", each.serial_number, "serial number"),
+        ("owner", each.inventory_number, "inventory number"),
+    )
+    known = [(issuer, number, name) for issuer, number, name in numbers if number]
+    if known:
+        identifications = _under(parent, "identifications")
+        for issuer, number, name in known:
+            _identification(identifications, issuer, number, name)
+
+
+def _conditions(parent: ET.Element, run: Run) -> None:
+    quantities = (
+        ("temperature of the room", run.metadata.ambient_temperature_c, r"\degreecelsius"),
+        ("relative humidity", run.metadata.humidity_percent, r"\percent"),
+    )
+    known = [(name, value, unit) for name, value, unit in quantities if value is not None]
+    if known:
+        conditions = _under(parent, "influenceConditions")
+        for name, value, unit in known:
+            one = _under(conditions, "influenceCondition")
+            _say(one, "name", name)
+            quantity = _under(_under(one, "data"), "quantity")
+            _real(quantity, value, 1.0, unit)
+
+
+def _quantity(parent: ET.Element, value: ResultValue) -> None:
+    quantity = _under(parent, "quantity")
+    _say(quantity, "name", value.name)
+    if said := (value.of + incomplete(value.missing)).removeprefix("; "):
+        _say(quantity, "description", in_unicode(said))
+    in_words = in_si(value.unit)
+    if in_words is None:
+        _say(quantity, "noQuantity", f"{value.value!r} {value.unit}, U95 {value.u95!r}, k {value.coverage_factor!r}")
+        return
+    real = _real(quantity, value.value, *in_words)
+    u95, factor = value.u95, value.coverage_factor
+    if u95 is None or factor is None:  # u = 0: there is no factor
+        return
+    expanded = _under(_under(real, "measurementUncertaintyUnivariate", space=_SI), "expandedMU", space=_SI)
+    _under(expanded, "valueExpandedMU", repr(in_words[0] * u95), _SI)
+    _under(expanded, "coverageFactor", f"{factor:.3f}", _SI)
+    _under(expanded, "coverageProbability", _COVERAGE, _SI)
+
+
+def _real(parent: ET.Element, value: float, scale: float, unit: str) -> ET.Element:
+    """Add a D-SI quantity: `value` times `scale`, in `unit`."""
+    real = _under(parent, "real", space=_SI)
+    _under(real, "value", repr(scale * value), _SI)
+    _under(real, "unit", unit, _SI)
+    return real
+
+
+def _points(parent: ET.Element, run: Run) -> None:
+    """Add the points as lists, step by step: their rates, V_Vc and the mean output."""
+    _say(parent, "name", "points")
+    _say(parent, "description", "means of the readings, in the order in which they were taken")
+    columns = {
+        "step": ([float(point.step) for point in run.points], r"\one"),
+        "rate": ([point.rate_deg_s for point in run.points], r"\degree\second\tothe{-1}"),
+        "V_Vc": ([point.v_vc_v for point in run.points], r"\volt"),
+        "output": ([point.output_v for point in run.points], r"\volt"),
+    }
+    table = _under(_under(parent, "data"), "list")
+    for name, (values, unit) in columns.items():
+        quantity = _under(table, "quantity")
+        _say(quantity, "name", name)
+        numbers = _under(quantity, "realListXMLList", space=_SI)
+        _under(numbers, "valueXMLList", " ".join(map(repr, values)), _SI)
+        _under(numbers, "unitXMLList", unit, _SI)

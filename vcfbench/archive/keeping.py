@@ -1,0 +1,68 @@
+"""Device entry of a complete record, added to the device store where the run itself could not."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.procedure import Provenance
+from vcfbench.records.schema import Status
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.archive.results import Evaluation
+    from vcfbench.records.devices import Entry
+    from vcfbench.records.directory import RunDirectory
+    from vcfbench.records.journal import JournalRecord
+
+
+def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | None = None) -> Entry:
+    """Add the device entry of a complete run, as the run does at its end; `devices` is another store than its own.
+
+    Raises:
+        ConfigError: the run is not complete or keeps nothing of a device, its entry is there already, or the store
+            does not take it.
+    """
+    from vcfbench.archive.recomputed import evaluation_of  # noqa: PLC0415
+    from vcfbench.archive.recorded import directory_of  # noqa: PLC0415
+    from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
+    from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
+    from vcfbench.records.devices import DeviceStore  # noqa: PLC0415
+
+    directory = directory_of(run, runs)
+    record = directory.read()
+    evaluation, why_none = evaluation_of(directory, record)
+    if record.status is not Status.COMPLETE or why_none is not None:
+        raise ConfigError(f"{directory.run} has no results to be kept: {why_none}")
+    if record.footer is None or record.footer.get("error") is not None:
+        raise ConfigError(f"{directory.run} ended with an error: nothing of it is kept")
+    chosen = procedure(str(record.header.get("procedure")))
+    settings = recorded_settings(chosen, record.header.get("settings"))
+    made = _made(directory, record, evaluation)
+    kept = None if chosen.entry is None else chosen.entry(settings, evaluation.results, made)
+    if kept is None:
+        raise ConfigError(f"{directory.run} keeps nothing of a device", hint="run it with --dut SERIAL")
+    store = DeviceStore(kept.store if devices is None else devices)
+    for each in store.entries(kept.record.serial):
+        if each.record.conditions.run == directory.run:
+            raise ConfigError(f"{each.path} is what {directory.run} keeps of its device already")
+    return store.add(kept.record)
+
+
+def _made(directory: RunDirectory, record: JournalRecord, evaluation: Evaluation) -> Provenance:
+    header, footer, verdict = record.header, record.footer or {}, evaluation.verdict
+    return Provenance(
+        bench=str(header["bench"].get("name")),
+        run=directory.run,
+        simulated=bool(header.get("simulated")),
+        instruments={role: _words_of(identity) for role, identity in header.get("identities", {}).items()},
+        finished=datetime.fromisoformat(footer["utc"]),
+        verdict=None if verdict is None else verdict.word,
+    )
+
+
+def _words_of(identity: dict[str, Any]) -> str:
+    fields = [str(identity.get(name) or "") for name in ("maker", "model", "serial", "firmware")]
+    return ",".join(fields) if any(fields) else "says nothing of itself"

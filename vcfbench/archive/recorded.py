@@ -1,0 +1,152 @@
+"""Records read back: everything is made again from the journal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
+
+from vcfbench import errors
+from vcfbench.archive.recomputed import evaluation_of, printable
+from vcfbench.archive.run import Run, breaks
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.records.amendments import amended, amendments_of
+from vcfbench.records.directory import RunDirectory, find_run
+from vcfbench.records.directory import list_runs as recorded_runs
+from vcfbench.records.metadata import equipment_of, metadata_from
+from vcfbench.records.schema import Status
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from datetime import datetime
+
+    from vcfbench.records.journal import JournalRecord
+
+
+def load_run(name_or_path: str | Path, runs: str | Path = "runs") -> Run:
+    """Return the run recorded in the directory `name_or_path`, or the one under `runs` of that name.
+
+    A name may be the beginning or end of one, or ``"last"``.
+
+    Raises:
+        ConfigError: there is no such record, more than one, or it cannot be read.
+    """
+    directory = directory_of(name_or_path, runs)
+    return recorded_run(directory, directory.read())
+
+
+def directory_of(name_or_path: str | Path, runs: str | Path = "runs") -> RunDirectory:
+    """Return the record that is meant, as :func:`load_run` takes it; ConfigError where there is none, or more."""
+    path = Path(name_or_path)
+    if path.name == "journal.jsonl":
+        path = path.parent
+    return RunDirectory(path) if (path / "journal.jsonl").is_file() else find_run(Path(runs), str(name_or_path))
+
+
+def list_runs(
+    runs: str | Path = "runs",
+    *,
+    dut: str | None = None,
+    since: str | datetime | None = None,
+    status: str | None = None,
+    procedure: str | None = None,
+    tags: Mapping[str, str] | None = None,
+) -> tuple[Run, ...]:
+    """Return the runs recorded under `runs`, oldest first; all of them, or those that are asked for.
+
+    One whose record cannot be read has the status ``"unreadable"`` and the reason as its `error`.
+
+    Args:
+        runs: directory of the records.
+        dut: only those of this device.
+        since: only those that began on this day (``"2026-01-15"``, UTC) or later, or from an instant on.
+        status: only those that ended so.
+        procedure: only those of this procedure.
+        tags: only those that have all of them.
+
+    Raises:
+        ConfigError: there is no such status, or the date is none.
+    """
+    if all(each is None for each in (dut, since, status, procedure, tags)):
+        return tuple(map(_run_or_why_not, recorded_runs(Path(runs))))
+    from vcfbench.archive.listing import run_summaries  # noqa: PLC0415
+
+    asked = run_summaries(runs, dut=dut, since=since, status=status, procedure=procedure, tags=tags)
+    return tuple(_run_or_why_not(RunDirectory(each.directory)) for each in asked)
+
+
+def _run_or_why_not(directory: RunDirectory) -> Run:
+    try:
+        return replace(recorded_run(directory, directory.read()), _measured=None)  # of many, none keeps its readings
+    except ConfigError as error:
+        run = Run("unknown", Status.UNREADABLE, error=error, directory=directory.path)
+        error.run = run
+        return run
+
+
+def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
+    """Return the run of `record` in `directory`."""
+    header, footer = record.header, record.footer or {}
+    evaluation, why_none = evaluation_of(directory, record)
+    lost, amendments = footer.get("observers_lost", ()), amendments_of(record.lines)
+    run = Run(
+        procedure=str(header.get("procedure")),
+        status=record.status,
+        points=record.points,
+        results=evaluation.results,
+        no_results=why_none,
+        error=_error(record),
+        verdict=evaluation.verdict,
+        directory=directory.path,
+        bench=header.get("bench", {}).get("name"),
+        simulated=header.get("simulated"),
+        seed=header.get("seed"),
+        bench_seconds=footer.get("bench_seconds"),
+        physical_minimum_s=footer.get("physical_minimum_s"),
+        asked_again=tuple(asked_again(record)),
+        observers_lost=tuple(lost),
+        damage=record.damage,
+        not_checked=not_checked(record),
+        metadata=amended(metadata_from(header), amendments),
+        amendments=amendments,
+        equipment=equipment_of(header),
+        resumed=tuple(map(printable, breaks(header, len(record.points)))),
+        pauses=tuple(map(printable, footer.get("pauses", ()))),
+        _own_report=evaluation.report,
+        _measured=evaluation.measured,
+    )
+    if run.error is not None:
+        run.error.run = run
+    return run
+
+
+def asked_again(record: JournalRecord) -> list[str]:
+    """Return which answers could not be believed, and in which step."""
+    steps = [f"step {step.get('n')}: {said}" for step in record.steps for said in step.get("asked_again", ())]
+    beside = ((line.get("why", "starting up again"), line.get("asked_again", ())) for line in record.restored)
+    return [f"{why}: {said}" for why, all_said in beside for said in all_said] + steps
+
+
+def not_checked(record: JournalRecord) -> tuple[str, ...]:
+    """Return the checks that the run left out, with the reasons."""
+    return tuple(str(step["not_checked"]) for step in record.steps if "not_checked" in step)
+
+
+def _error(record: JournalRecord) -> BenchError | None:
+    """Return the error that the record tells of: its damage, that of its last line, or its last failed step."""
+    if record.damage is not None:
+        return ConfigError(f"the record is damaged: {record.damage}")
+    if record.footer is not None:
+        recorded = record.footer.get("error")
+        return None if recorded is None else _of_kind(recorded.get("kind"), recorded.get("what"))
+    if record.errors:
+        return _of_kind(record.errors[-1].get("error_kind"), record.errors[-1].get("error"))
+    return None
+
+
+def _of_kind(kind: object, what: object) -> BenchError:
+    """Return the error of a record; its words hold already where and when it happened."""
+    found = getattr(errors, kind) if isinstance(kind, str) and kind in errors.__all__ else BenchError
+    error: BenchError = found(str(what))
+    return error

@@ -1,0 +1,329 @@
+"""Integrity of a record: its seals, its form, its numbers, the files beside it, its signatures."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import msgspec
+from msgspec import Struct, field
+
+from vcfbench.archive.recomputed import evaluation_of
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import read_file, shown
+from vcfbench.records.amendments import amendments_of
+from vcfbench.records.directory import RunDirectory
+from vcfbench.records.export import points_csv
+from vcfbench.records.plain import plain
+from vcfbench.records.schema import Point, Status
+from vcfbench.steps.decode import Recorded, result_of, step_of
+from vcfbench.steps.step import Step, StepResult
+from vcfbench.typed import typed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from vcfbench.records.journal import JournalRecord
+
+_KINDS: Final = frozenset(
+    {"header", "step", "readings", "restored", "error", "watchdog", "footer", "amendment", "signature"}
+)
+_MOST: Final = 1 << 30
+
+
+class Verification(Struct, frozen=True, kw_only=True):
+    """Verification of a record: ``PASS``, ``FAIL`` with the first deviation, or ``UNSEALED``.
+
+    `line` is the line of the journal that is wrong, None where it is something else; `notes` say what could not be
+    known. `seal` is that of the last line, `signed_by` the public keys of the signatures that hold.
+    """
+
+    run: str
+    verdict: Literal["PASS", "FAIL", "UNSEALED"]
+    wrong: str | None = None
+    line: int | None = None
+    status: str | None = None
+    lines: int = 0
+    points: int = 0
+    revision: int = 1
+    seal: str | None = None
+    signed_by: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def verify_run(run: str | Path, runs: str | Path = "runs", *, keys: Sequence[str] = ()) -> Verification:
+    """Verify that the record of a run is unchanged since it was written.
+
+    Checked are the chain of seals, form, order and counts of its lines, the files beside it, its results, which are
+    computed again from its points, the record that it was resumed from where that is beside it, and signatures. No code
+    that the record names is run.
+
+    Args:
+        run: directory of the run, its name under `runs` (or the beginning or end of it, or ``"last"``).
+        runs: directory of the records.
+        keys: public keys, in hexadecimal, of which one must have signed it; none: any may.
+
+    Raises:
+        ConfigError: there is no such record.
+    """
+    from vcfbench.archive.recorded import directory_of  # noqa: PLC0415
+
+    directory = directory_of(run, runs)
+    try:
+        record = directory.read()
+    except ConfigError as error:
+        return Verification(run=directory.run, verdict="FAIL", wrong=str(error), line=1)
+    check = _Check(directory, record, frozenset(keys))
+    try:
+        wrong = next(check.findings(), None)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, BenchError) as error:
+        wrong = f"no record of this program: {error!r}"
+    sound: Literal["PASS", "UNSEALED"] = "UNSEALED" if record.seal is None else "PASS"
+    named = re.match(r"line (\d+)", wrong or "")
+    return Verification(
+        run=directory.run,
+        verdict=sound if wrong is None else "FAIL",
+        wrong=wrong,
+        line=int(named[1]) if named else None,
+        status=record.status.value,
+        lines=len(record.lines),
+        points=sum("point" in each for each in record.steps),
+        revision=sum(each.get("type") == "amendment" for each in record.lines) + 1,
+        seal=record.seal,
+        signed_by=tuple(dict.fromkeys(check.signed_by)),
+        notes=tuple(check.notes),
+    )
+
+
+class _Header(Struct, frozen=True):
+    """Entries that every header has."""
+
+    run: str
+    procedure: str
+    utc: str
+    versions: dict[str, str]
+    identities: dict[str, Any]
+    settings: dict[str, Any]
+    bench: dict[str, Any]
+    metadata: dict[str, Any]
+    equipment: list[dict[str, Any]]
+    signed_by: str | None = None
+
+
+class _Check(Struct):
+    """The checks of one record, in their order; each yields deviations in words."""
+
+    directory: RunDirectory
+    record: JournalRecord
+    keys: frozenset[str]
+    notes: list[str] = field(default_factory=list)
+    signed_by: list[str] = field(default_factory=list)
+
+    def findings(self) -> Iterator[str]:
+        """Yield the deviations, the most telling first."""
+        record = self.record
+        if record.damage is not None:
+            yield record.damage
+        if not record.header:
+            yield "line 1: there is no whole header"
+        yield from self._form()
+        yield from self._amendments()
+        yield from self._signatures()
+        yield from self._files()
+        yield from self._results()
+        yield from self._earlier()
+        self._say_what_is_not_known()
+
+    def _form(self) -> Iterator[str]:
+        try:
+            header = typed(self.record.header, _Header)
+        except msgspec.ValidationError as error:
+            yield f"line 1: no header of this program: {error}"
+            return
+        if header.run != self.directory.run:
+            self.notes.append(f"the directory is called {self.directory.run}, the run was {header.run}")
+        own = set[str]()
+        for place, line in enumerate(self.record.lines, 1):
+            kind = line.get("type")
+            if kind not in _KINDS:
+                yield f"line {place}: lines of type {kind!r} are not known"
+            if not isinstance(line.get("utc"), str):
+                yield f"line {place}: it has no time of day"
+            if kind in {"step", "restored"}:
+                yield from (f"line {place}: {wrong}" for wrong in _step(line, own))
+        if own:
+            self.notes.append(f"steps that are not known here were not looked into: {', '.join(sorted(own))}")
+
+    def _amendments(self) -> Iterator[str]:
+        amendments = amendments_of(self.record.lines)
+        for number, each in enumerate(amendments, 2):
+            if each.revision != number:
+                yield f"amendment {number - 1} says revision {each.revision}, it makes revision {number}"
+
+    def _signatures(self) -> Iterator[str]:
+        """Hold each signature against the seal before it; a record that was to be signed must end with one."""
+        record, signed = self.record, False
+        promised = record.header.get("signed_by")
+        for place, line in enumerate(record.lines):
+            if line.get("type") == "signature":
+                yield from self._signature(place, line)
+                signed = True
+            elif line.get("type") != "amendment":
+                signed = False
+            elif promised is not None and not signed:  # who amends signs what is amended, not what was measured
+                yield f"line {place + 1} amends what was to be signed before, and is not"
+        yield from self._end_signed(promised, signed=signed)
+
+    def _end_signed(self, promised: str | None, *, signed: bool) -> Iterator[str]:
+        record = self.record
+        if self.keys and not signed:
+            yield "it ends without a signature"
+        if promised is not None and not signed and record.status is not Status.RUNNING:
+            yield "it was to be signed, and ends without a signature: lines may be missing from its end"
+        if signed and promised not in self.signed_by:
+            yield f"it is not signed by the key that its header names, {promised}"
+        if signed and record.lines[-1].get("type") != "signature":
+            if self.keys:
+                yield "what was amended after the last signature is not signed"
+            self.notes.append("what was amended after the last signature is not signed")
+        if signed and not self.keys:
+            self.notes.append("whose key signed it was not asked: --key")
+
+    def _signature(self, place: int, line: Mapping[str, Any]) -> Iterator[str]:
+        from vcfbench.records.signing import is_signed  # noqa: PLC0415  # few records have one
+
+        if not is_signed(line, self.record.seals[place - 1]):
+            yield f"line {place + 1} is no signature of the line before"
+        if self.keys and line["key"] not in self.keys:
+            yield f"line {place + 1} is signed by another key: {line['key']}"
+        self.signed_by.append(line["key"])
+
+    def _files(self) -> Iterator[str]:
+        """Hold the files beside the journal against their sums in the footer."""
+        if self.record.footer is None and self.record.status is not Status.RUNNING:
+            for name in ("points.csv", "result.json"):
+                if (self.directory.path / name).exists():
+                    yield f"{name} is made when the last line is, which is missing"
+        for name, stated in ((self.record.footer or {}).get("files") or {}).items():
+            try:
+                data = read_file(self.directory.path / Path(name).name, "a file of the record", _MOST)
+            except ConfigError as error:
+                yield error.what
+                continue
+            if sha256(data.replace(b"\r\n", b"\n")).hexdigest() != stated:
+                yield f"{shown(name)} is not what was written: its SHA-256 is another"
+
+    def _results(self) -> Iterator[str]:
+        """Compute points.csv and the results again."""
+        record, path = self.record, self.directory.path
+        if record.footer is None or record.footer.get("physical_minimum_s") is None:
+            return
+        written = read_file(path / "points.csv", "the points of a run", _MOST).replace(b"\r\n", b"\n")
+        if written.decode() != points_csv(record.points):
+            yield "points.csv has other points than the journal"
+        stored = msgspec.json.decode(read_file(path / "result.json", "the result of a run", _MOST))
+        if stored.get("points") != [each.as_json() for each in record.points]:
+            yield "result.json has other points than the journal"
+        if stored.get("status") != record.status.value or stored.get("procedure") != record.header.get("procedure"):
+            yield "result.json is of another run"
+        if record.status is not Status.COMPLETE:
+            return
+        evaluation, why_not = evaluation_of(self.directory, record)
+        if why_not is not None:
+            self.notes.append(f"the results were not computed again: {why_not}")
+            return
+        verdict = None if evaluation.verdict is None else evaluation.verdict.as_json()
+        again = json.loads(msgspec.json.encode({"results": plain(evaluation.results), "acceptance": verdict}))
+        differing = next(_differences({key: stored.get(key) for key in again}, again), None)
+        others = self._other_versions()
+        if differing is not None and others:
+            self.notes.append(f"computed again with other versions ({others}): {differing}")
+        elif differing is not None:
+            yield f"result.json: {differing}"
+        elif others:
+            self.notes.append(f"computed again with other versions, to the same: {others}")
+
+    def _other_versions(self) -> str:
+        from vcfbench.version import other_versions  # noqa: PLC0415
+
+        return other_versions(self.record.header)
+
+    def _earlier(self) -> Iterator[str]:
+        """Hold the steps taken over against the record that they come from, where that is beside this one."""
+        resumed_from = self.record.header.get("resumed_from")
+        if not isinstance(resumed_from, dict):
+            return
+        name = str(resumed_from.get("run"))
+        earlier = RunDirectory(self.directory.path.parent / Path(name).name)
+        if not earlier.journal.is_file():
+            self.notes.append(f"{name}, which it was resumed from, is not beside it: what was taken over stands alone")
+            return
+        before = earlier.read()
+        if before.damage is not None:
+            yield f"{name}, which it was resumed from: {before.damage}"
+        if resumed_from.get("seal") is not None and resumed_from["seal"] not in before.seals:
+            yield f"{name}, which it was resumed from, has no such seal any more: it was changed, or lines were cut off"
+        had = {line["n"]: line for line in before.steps}
+        for place, line in enumerate(self.record.lines, 1):
+            if line.get("type") == "step" and "taken_over" in line and not _same_step(line, had.get(line["n"])):
+                yield f"line {place}: step {line['n']} is not that of {name}"
+
+    def _say_what_is_not_known(self) -> None:
+        record = self.record
+        if record.seal is None:
+            self.notes.append("it is of before there were seals: whether a line was changed cannot be known")
+        if record.torn:
+            self.notes.append(f"it ends within line {len(record.lines) + 1}, which tells nothing")
+        if record.status is Status.RUNNING:
+            self.notes.append("its run goes on")
+        elif record.footer is None and not self.signed_by:
+            self.notes.append("it has no footer and no signature: whether lines were cut off its end cannot be known")
+        if record.seal is not None and not self.signed_by:
+            self.notes.append("not signed: who can write it could have made it all anew, or taken amendments away")
+
+
+def _step(line: Mapping[str, Any], own: set[str]) -> Iterator[str]:
+    """Yield the deviations of a step: its form, its key, its point; kinds that are not known here go to `own`."""
+    step, result = step_of(line), result_of(line)
+    for made, kind, known in (
+        (step, line["step_kind"], Step.kinds),
+        (result, line["result_kind"], StepResult.kinds),
+    ):
+        if isinstance(made, Recorded) and kind in known:
+            yield f"a {kind} of this form is not known"
+        elif isinstance(made, Recorded):
+            own.add(kind)
+    if isinstance(step, Step) and step.key != line["key"]:
+        yield f"it says {step.key}, its key is {line['key']}"
+    if isinstance(result, StepResult) and not isinstance(step, Recorded):
+        point = result.recorded_point
+        stated = Point.from_json(line["point"]) if "point" in line else None
+        if point != stated:
+            yield "its point is not that of its result"
+
+
+def _same_step(line: Mapping[str, Any], had: Mapping[str, Any] | None) -> bool:
+    """Tell whether a step that was taken over is the one that was there."""
+    apart = {"taken_over", "utc", "seal"}
+    return had is not None and {k: v for k, v in line.items() if k not in apart} == {
+        k: v for k, v in had.items() if k not in apart
+    }
+
+
+def _differences(stored: Any, again: Any, name: str = "") -> Iterator[str]:
+    """Yield in words where stored results are not those that were computed again, up to rounding."""
+    if isinstance(stored, dict) and isinstance(again, dict):
+        for key in {**stored, **again}:
+            yield from _differences(stored.get(key), again.get(key), f"{name}.{key}".removeprefix("."))
+    elif isinstance(stored, list) and isinstance(again, list) and len(stored) == len(again):
+        for place, (one, other) in enumerate(zip(stored, again, strict=True)):
+            yield from _differences(one, other, f"{name}[{place}]")
+    elif isinstance(stored, int | float) and isinstance(again, int | float):
+        if not math.isclose(stored, again, rel_tol=1e-6, abs_tol=1e-12):
+            yield f"{name} is {stored!r}, the points give {again!r}"
+    elif stored != again:
+        yield f"{name} is {str(stored)[:60]!r}, the points give {str(again)[:60]!r}"

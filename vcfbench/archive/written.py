@@ -1,0 +1,149 @@
+"""Reports, figures and certificates of runs as files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from vcfbench.archive.reported import full_report, title_of
+from vcfbench.errors import ConfigError
+from vcfbench.extras import need
+from vcfbench.files import shown
+from vcfbench.reports.document import Figure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from vcfbench.archive.run import Run
+    from vcfbench.reports.document import Report
+
+
+def write_report(run: Run, path: str | Path) -> tuple[Path, ...]:
+    """Write the whole report of `run` into `path` and return the files that were written, the report first.
+
+    Args:
+        run: any run, also one read back: ``vcfbench.load_run("last")``.
+        path: its suffix says as what: ``.html``, one file that needs nothing beside itself; ``.pdf``, which needs
+            ``pip install 'vcfbench[pdf]'``; ``.md``, with a file ``NAME-1.svg`` beside it for each figure.
+
+    Raises:
+        ConfigError: the suffix is none of these, the record cannot be read, or the file cannot be written.
+    """
+    return write_document(full_report(run), title_of(run), run.name or run.procedure, Path(path))
+
+
+def write_certificate(run: Run, path: str | Path, words: Mapping[str, str] | None = None) -> Path:
+    """Write `run` as a Digital Calibration Certificate (DCC, XML), not signed, and return the file.
+
+    Args:
+        run: one that is complete, with results that have uncertainties.
+        path: where it goes, ``.xml``.
+        words: what no measurement gives, by the fields of `CertificateWords`: ``{"customer": "ACME Ltd", ...}``; what
+            the run's tags, its record or the bench file tell may be left out.
+
+    Raises:
+        ConfigError: something is missing (all of it in one), the run can have no certificate, or the file cannot be
+            written.
+    """
+    from vcfbench.archive.certificate import certificate_words  # noqa: PLC0415
+    from vcfbench.archive.dcc import dcc_of  # noqa: PLC0415
+
+    path = Path(path)
+    written = dcc_of(run, certificate_words(run, words))
+    try:
+        path.write_bytes(written)
+    except OSError as error:
+        raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
+    return path
+
+
+def write_figures(run: Run, path: Path, number: int | None = None) -> tuple[Path, ...]:
+    """Draw the figures of the report of `run` into files and return those; of several each has its number in its name.
+
+    Args:
+        run: any run.
+        path: its suffix says as what: ``.svg``, ``.png``, ``.pdf``.
+        number: of the figure that is drawn alone, from 1; None for all.
+
+    Raises:
+        ConfigError: there is no such figure, the record cannot be read, or a file cannot be written.
+    """
+    from vcfbench.reports.plot import save_figure  # noqa: PLC0415
+
+    figures = [part for part in full_report(run).parts if isinstance(part, Figure)]
+    if not figures:
+        raise ConfigError(f"run {run.name or run.procedure}: its report has no figure")
+    if number is not None and not 1 <= number <= len(figures):
+        raise ConfigError(f"run {run.name or run.procedure}: expected a figure from 1 to {len(figures)}, came {number}")
+    chosen = {1: path} if len(figures) == 1 else {each: _numbered(path, each) for each in range(1, len(figures) + 1)}
+    if number is not None:
+        chosen = {number: path}
+    for each, file in chosen.items():
+        save_figure(figures[each - 1], file)
+    return tuple(chosen.values())
+
+
+def _numbered(path: Path, number: int) -> Path:
+    return path.with_name(f"{path.stem}-{number}{path.suffix}")
+
+
+def write_document(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
+    """Write `report` as :func:`write_report` does; `name` stands at the head of printed pages."""
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise ConfigError(f"{shown(path)}: expected a name that ends in {', '.join(_WRITERS)}")
+    try:
+        return writer(report, title, name, path)
+    except OSError as error:
+        raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
+
+
+def _html(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
+    from vcfbench.reports.page import page_of  # noqa: PLC0415
+
+    path.write_bytes(page_of(report, f"{title} ({name})", name).encode())
+    return (path,)
+
+
+def _pdf(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
+    from vcfbench.reports.page import page_of  # noqa: PLC0415
+
+    try:
+        weasyprint = need("weasyprint", "pdf", "a report as PDF")
+    except OSError as error:  # its wheel brings no Pango
+        hint = "install Pango (Debian: apt install libpango-1.0-0 libpangoft2-1.0-0), or print the .html from a browser"
+        raise ConfigError(f"a report as PDF needs WeasyPrint, which cannot be loaded: {error}", hint=hint) from error
+    page = page_of(report, f"{title} ({name})", name, printed=True)
+    path.write_bytes(weasyprint.HTML(string=page, url_fetcher=_nothing_from_elsewhere).write_pdf())
+    return (path,)
+
+
+def _nothing_from_elsewhere(url: str) -> dict[str, object]:
+    """Refuse every address: a report holds all that it shows."""
+    raise ConfigError(f"a report asks for nothing from elsewhere, came {url!r}")
+
+
+def _markdown(report: Report, _title: str, _name: str, path: Path) -> tuple[Path, ...]:
+    from urllib.parse import quote  # noqa: PLC0415
+
+    from vcfbench.reports.markdown import markdown_of  # noqa: PLC0415
+    from vcfbench.reports.plot import save_figure  # noqa: PLC0415
+
+    pictures: list[Path] = []
+
+    def place(figure: Figure, number: int) -> str:
+        picture = _numbered(path.with_suffix(".svg"), number)
+        save_figure(figure, picture)
+        pictures.append(picture)
+        return quote(picture.name)
+
+    text = markdown_of(report, place)
+    path.write_bytes(text.encode())
+    return (path, *pictures)
+
+
+_WRITERS: Final[dict[str, Callable[[Report, str, str, Path], tuple[Path, ...]]]] = {
+    ".html": _html,
+    ".pdf": _pdf,
+    ".md": _markdown,
+}

@@ -1,0 +1,199 @@
+"""Amendments of a finished record: changed metadata, checks, signatures. Lines are added, none changes.
+
+Only what a person says of a run can be amended; what was measured, set or answered stays as it is.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import msgspec
+from msgspec import Struct, to_builtins
+from msgspec.structs import replace
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import opened, shown
+from vcfbench.records.journal import append_line
+from vcfbench.records.metadata import metadata_from
+from vcfbench.typed import typed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from vcfbench.records.journal import JournalRecord
+    from vcfbench.records.metadata import RunMetadata
+    from vcfbench.records.signing import SigningKey
+
+_Said = TypeVar("_Said", bound=Struct)
+"""Metadata of a record: all of it, or as much as lists show."""
+CHECKED_BY: Final = "checked_by"
+_WORDS: Final = ("dut", "operator", "note")
+_TAG: Final = re.compile(r"tags?\.(.+)")
+_OF_CERTIFICATE: Final = ("customer", "customer_address", "customer_email", "item", "item_manufacturer", "item_model")
+"""Tags that a certificate takes its words from, by their names alone."""
+_AFTER: Final = (b'{"type":"amendment"', b'{"type":"signature"')
+"""Beginnings of the lines that may follow the footer."""
+_LONGEST_TAIL: Final = 1 << 22
+
+
+class Change(Struct, frozen=True):
+    """A word that was amended; None is nothing."""
+
+    field: str
+    was: str | None
+    now: str | None
+
+
+class Amendment(Struct, frozen=True, kw_only=True):
+    """One line: `revision` is that of the record from then on, which began as 1."""
+
+    revision: int
+    utc: str
+    by: str
+    reason: str
+    changes: tuple[Change, ...]
+
+    def words(self) -> str:
+        """Say in words the changes, their author, date and reason."""
+        changed = "; ".join(f"{each.field} {each.was or 'nothing'} -> {each.now or 'nothing'}" for each in self.changes)
+        return f"revision {self.revision}: {changed}, by {self.by}, {self.utc[:10]}: {self.reason}"
+
+
+class Check(Struct, frozen=True):
+    """Check of a revision of a record: its checker and date."""
+
+    by: str
+    revision: int
+    utc: str
+
+
+def amendments_of(lines: Iterable[Mapping[str, Any]]) -> tuple[Amendment, ...]:
+    """Return the amendments, in order.
+
+    Raises:
+        ConfigError: a line is none of this program.
+    """
+    try:
+        return tuple(typed(line, Amendment) for line in lines if line.get("type") == "amendment")
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"amendment: no line of this program: {error}") from None
+
+
+def amendments_at(path: Path) -> tuple[Amendment, ...]:
+    """Return the amendments in a journal, of which no more than its end is read; errors as above."""
+    with opened(path, "the journal of a run") as file:
+        file.seek(-min(_LONGEST_TAIL, os.fstat(file.fileno()).st_size), os.SEEK_END)
+        return amendments_of(map(msgspec.json.decode, lines_after(file.read())[0]))
+
+
+def lines_after(data: bytes) -> tuple[list[bytes], int]:
+    """Return the lines that stand after the footer, or whatever line is the last else, and where they begin."""
+    end, found = len(data), list[bytes]()
+    while data.startswith(_AFTER, start := data.rfind(b"\n", 0, max(0, end - 1)) + 1):
+        found.append(data[start:end])
+        end = start
+    return found[::-1], end
+
+
+def amended(metadata: _Said, amendments: Sequence[Amendment]) -> _Said:
+    """Return the metadata of a record with all amendments applied.
+
+    Raises:
+        ConfigError: a value cannot be what it is to be.
+    """
+    for each in amendments:
+        for change in each.changes:
+            metadata = _changed(metadata, change.field, change.now)
+    return metadata
+
+
+def amended_fields(amendments: Sequence[Amendment]) -> tuple[str, ...]:
+    """Return the names of the amended fields, each once."""
+    names = (change.field for each in amendments for change in each.changes if change.field != CHECKED_BY)
+    return tuple(dict.fromkeys(names))
+
+
+def check_of(amendments: Sequence[Amendment]) -> Check | None:
+    """Return the last check of the record; None where nobody has checked it, or the check was taken back."""
+    for each in reversed(amendments):
+        for change in each.changes:
+            if change.field == CHECKED_BY:
+                return None if change.now is None else Check(change.now, each.revision, each.utc)
+    return None
+
+
+def amend(
+    path: Path, record: JournalRecord, given: Mapping[str, str], *, reason: str, by: str, key: SigningKey | None = None
+) -> Amendment:
+    """Add a line to the journal at `path` that amends its record.
+
+    Args:
+        path: of the journal.
+        record: what stands in it.
+        given: new values by their names: ``dut``, ``operator``, ``note``, ``checked_by``, ``tags.KEY``, or a tag that
+            certificates know (``customer``); an empty one takes it away.
+        reason: why.
+        by: who.
+        key: what signs it, where the station has one.
+
+    Raises:
+        ConfigError: the record is damaged, or something cannot be amended, or not to that.
+        BenchError: its run goes on, or it cannot be written.
+    """
+    if record.damage is not None or not record.header:
+        raise ConfigError(f"{shown(path)}: the record is damaged, nothing is amended: {record.damage or 'no header'}")
+    if not reason.strip() or not by.strip():
+        raise ConfigError("amend: expected a reason and who amends, came an empty text")
+    before, changes = amendments_of(record.lines), []
+    metadata = amended(metadata_from(record.header), before)
+    for name, value in given.items():
+        field, now = _field(name), value.strip() or None
+        was = _value(metadata, before, field)
+        if was == now:
+            raise ConfigError(f"{name}: it is {now or 'nothing'} already")
+        metadata = _changed(metadata, field, now)
+        changes.append(Change(field, was, now))
+    if not changes:
+        raise ConfigError("amend: expected what is to be amended, came nothing", hint="--set dut=G-018")
+    made = {"revision": len(before) + 2, "by": by, "reason": reason, "changes": to_builtins(changes)}
+    append_line(path, {"type": "amendment", **made}, key)
+    return amendments_at(path)[-1]
+
+
+def _field(name: str) -> str:
+    """Return the name of an amended field as a line has it; ConfigError where it cannot be."""
+    if name in {*_WORDS, CHECKED_BY}:
+        return name
+    if tag := _TAG.fullmatch(name):
+        return f"tags.{tag[1]}"
+    if name in _OF_CERTIFICATE:
+        return f"tags.{name}"
+    known = ", ".join((*_WORDS, CHECKED_BY, *_OF_CERTIFICATE, "tags.KEY"))
+    raise ConfigError(
+        f"{name}: it cannot be amended, only what a person says of a run can: {known}",
+        hint="what was measured, set or answered stays; if it is wrong, run it anew",
+    )
+
+
+def _value(metadata: RunMetadata, amendments: Sequence[Amendment], field: str) -> str | None:
+    if field == CHECKED_BY:
+        check = check_of(amendments)
+        return None if check is None else check.by
+    if tag := _TAG.fullmatch(field):
+        return metadata.tags.get(tag[1])
+    value: str | None = getattr(metadata, field)
+    return value
+
+
+def _changed(metadata: _Said, field: str, now: str | None) -> _Said:
+    if field == CHECKED_BY:
+        return metadata
+    if tag := _TAG.fullmatch(field):
+        kept = {key: value for key, value in getattr(metadata, "tags", {}).items() if key != tag[1]}
+        return replace(metadata, tags=kept if now is None else {**kept, tag[1]: now})
+    if field not in _WORDS:
+        raise ConfigError(f"amendment: {field}: expected {', '.join(_WORDS)}, {CHECKED_BY} or tags.KEY")
+    return replace(metadata, **{field: now})

@@ -1,0 +1,184 @@
+"""Directories of records: one a run, named by its start, procedure and six random hexadecimal digits."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from vcfbench.clock import utc_now
+from vcfbench.errors import ConfigError
+from vcfbench.files import shown, try_lock
+from vcfbench.records.journal import JournalRecord, read_journal, read_start
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_STAMP = "%Y%m%dT%H%M%SZ"
+_STAMP_LENGTH = len("20260821T142530Z")
+_CLOCKS_DIFFER = timedelta(minutes=1)
+"""Two hosts that share a directory need not agree to the second."""
+_TRIAL_BYTES = 65_536
+
+
+class RunDirectory(Struct, frozen=True):
+    """The directory of one run: `20260821T142530Z-turntable-0a1b2c`."""
+
+    path: Path
+
+    @property
+    def run(self) -> str:
+        """The run's name."""
+        return self.path.name
+
+    @property
+    def journal(self) -> Path:
+        """The journal; everything else in the directory can be made again from it."""
+        return self.path / "journal.jsonl"
+
+    def read(self) -> JournalRecord:
+        """Read the journal."""
+        return read_journal(self.journal)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep others from resuming this run meanwhile, where the file system has locks.
+
+        Raises:
+            ConfigError: another program does so already.
+        """
+        on_windows = os.name == "nt"  # which opens no directory
+        descriptor = None
+        try:
+            with suppress(OSError):
+                path, flags = (self.journal, os.O_RDWR) if on_windows else (self.path, os.O_RDONLY)
+                descriptor = os.open(path, flags)
+                if not try_lock(descriptor):
+                    raise ConfigError(f"{self.run} is being resumed already, by another program")
+            yield
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
+
+    def discard(self) -> None:
+        """Take the directory away again, if nothing was recorded."""
+        with suppress(OSError):  # something is in it, or it cannot be taken away: it does no harm
+            self.path.rmdir()
+
+
+def create_run(runs: Path, procedure: str) -> RunDirectory:
+    """Make the directory of a new run under `runs`, and try whether a record can be kept there.
+
+    Raises:
+        ConfigError: it cannot be made, or takes no files: no right to, disk full.
+    """
+    path = runs / f"{utc_now():{_STAMP}}-{procedure}-{secrets.token_hex(3)}"
+    try:
+        path.mkdir(parents=True)
+        _try_out(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: no record can be kept there: {error.strerror}", hint="choose --runs") from error
+    return RunDirectory(path)
+
+
+def _try_out(path: Path) -> None:
+    """Write a file as long as a short record, and take it away; take the directory away too when that fails."""
+    trial = path / "trial"
+    try:
+        with trial.open("wb") as file:
+            file.write(bytes(_TRIAL_BYTES))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError:
+        with suppress(OSError):
+            trial.unlink(missing_ok=True)
+            path.rmdir()
+        raise
+    trial.unlink()
+
+
+def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
+    """Return the runs under `runs`, oldest first by the start in their headers; none when the directory is not there.
+
+    Names can be changed and files copied, so the name's stamp and the file's time count only where there is no header.
+    """
+    return tuple(sorted(recorded_runs(runs), key=_age))
+
+
+def recorded_runs(runs: Path) -> Iterator[RunDirectory]:
+    """Yield the runs under `runs`, in no order."""
+    return (RunDirectory(journal.parent) for journal in runs.glob("*/journal.jsonl"))
+
+
+def _age(run: RunDirectory) -> tuple[datetime, int, str]:
+    """Return the sorting key of a run: its start, then its end."""
+    changed_ns = _changed_ns(run)
+    return _started(run) or datetime.fromtimestamp(changed_ns / 1e9, UTC), changed_ns, run.run
+
+
+def _changed_ns(run: RunDirectory) -> int:
+    try:
+        return run.journal.stat().st_mtime_ns
+    except OSError:  # gone since, or a link to nowhere: reading it will say so
+        return 0
+
+
+def _started(run: RunDirectory) -> datetime | None:
+    """Return when a run began, by its header or else its name; None if neither tells."""
+    with suppress(ConfigError):
+        return _beginning(run, read_start(run.journal))
+    return _beginning(run, None)
+
+
+def began(run: RunDirectory, utc: object) -> datetime:
+    """Return when a run began: as its header has `utc`, or else by its name, or else its file."""
+    return _beginning(run, utc) or datetime.fromtimestamp(_changed_ns(run) / 1e9, UTC)
+
+
+def _beginning(run: RunDirectory, utc: object) -> datetime | None:
+    with suppress(ValueError):
+        if isinstance(utc, str):
+            return _instant(datetime.fromisoformat(utc))
+    with suppress(ValueError):
+        return _instant(datetime.strptime(run.run[:_STAMP_LENGTH], _STAMP))  # noqa: DTZ007  # the stamp is in UTC
+    return None
+
+
+def _instant(instant: datetime) -> datetime:
+    return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)
+
+
+def find_run(runs: Path, name: str) -> RunDirectory:
+    """Return the one run whose name begins or ends with `name`, or `last`, the one that began last.
+
+    Raises:
+        ConfigError: there is none, or more than one, or which is the last cannot be known: the newest lies in the
+            future, so the clock was set back since it began.
+    """
+    if not name:
+        raise ConfigError(f"{shown(runs)}: expected the name of a run, its beginning or end, or 'last', came nothing")
+    known = list_runs(runs)
+    if name == "last" and known:
+        return _last(known[-1])
+    exact = [run for run in known if run.run == name]
+    found = exact or [run for run in known if run.run.startswith(name) or run.run.endswith(name)]
+    if len(found) != 1:
+        what = f"{len(found)} runs are called" if found else "there is no run"
+        raise ConfigError(f"{shown(runs)}: {what} {name!r}", hint="vcfbench runs list shows them")
+    return found[0]
+
+
+def _last(newest: RunDirectory) -> RunDirectory:
+    started = _started(newest)
+    if started is not None and started > utc_now() + _CLOCKS_DIFFER:
+        raise ConfigError(
+            f"which run is the last cannot be told: {newest.run} began at {started:%Y-%m-%d %H:%M:%S} UTC, which is "
+            "still to come: the clock was set back",
+            hint="give the run's name; vcfbench runs list shows them",
+        )
+    return newest

@@ -1,0 +1,464 @@
+"""The journal of a run: JSON lines, one a step, on the disk before the next step begins.
+
+The first line (`header`) says who ran what on which bench; each further one (`step`) holds one step with its result,
+every raw reading included, or (`error`) the step that failed; the last (`footer`) says how the run ended. A run that
+was cut has no footer. Each line ends with a seal over all that stands before it (`vcfbench.records.seal`). Readings of
+a long step come before it, chunk by chunk (`readings`), so that a run that is cut in the middle of it loses the last
+chunk at most. In that of a run that was resumed the lines of the one before come first, then what brought the bench to
+where it was (`restored`). Bench time is in `t_s` and `end_s`, the time of day in `utc`. Every line and field is in
+docs/records.md.
+
+A reader ignores keys and types of lines that it does not know, so that a later version can add some.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from typing import IO, TYPE_CHECKING, Any
+from zlib import crc32
+
+import msgspec
+from msgspec import Struct
+from msgspec.structs import replace
+
+from vcfbench.clock import WallClock, sleep, utc_now
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import opened, shown, synchronise_names, try_lock, unlock
+from vcfbench.records.damage import first_damage, own_readings
+from vcfbench.records.schema import FORMAT, READABLE, SEALED, Point, Status
+from vcfbench.records.seal import SealChecker, Sealer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from vcfbench.records.signing import SigningKey
+
+_EXPECTED = "the journal of a run"
+_LONGEST_LINE = 1 << 24
+"""Bytes: a window of 100 000 readings, which format 1 wrote in one line, has some 5 MB."""
+_INSTANT_S = 0.2
+
+_FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+
+
+class Journal:
+    """An append-only file; never opens one that is there already.
+
+    Raises:
+        BenchError: the file cannot be made, or a line not be written whole (disk full, file system gone).
+    """
+
+    __slots__ = ("_descriptor", "_sealer", "_size", "path")
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._size = 0
+        self._sealer = Sealer()
+        try:
+            self._descriptor = os.open(path, _FLAGS, 0o644)
+        except OSError as error:
+            raise BenchError(f"the record {path} cannot be written: {error.strerror}") from error
+        _locked(self._descriptor)  # without locks nobody is kept from anything
+
+    def header(self, values: Mapping[str, Any]) -> None:
+        """Write the first line, and see that the record is found after a power cut: the names above it may be new."""
+        self._append({"type": "header", "format": FORMAT, "utc": _stamp(), **values})
+        self._see_names_to_disk()
+
+    def step(self, values: Mapping[str, Any]) -> None:
+        """Write one performed step."""
+        self._append({"type": "step", "utc": _stamp(), **values})
+
+    def readings(self, values: Mapping[str, Any]) -> None:
+        """Write a chunk of the readings of a step that is not yet done."""
+        self._append({"type": "readings", "utc": _stamp(), **values})
+
+    def restored(self, values: Mapping[str, Any]) -> None:
+        """Write one step that brings a bench to where it was when its run was broken off."""
+        self._append({"type": "restored", "utc": _stamp(), **values})
+
+    def paused(self, values: Mapping[str, Any]) -> None:
+        """Write that somebody pauses the run; the steps that bring the bench to rest are `restored`."""
+        self._append({"type": "paused", "utc": _stamp(), **values})
+
+    def went_on(self, values: Mapping[str, Any]) -> None:
+        """Write that somebody has it go on, how long it paused, and by how much the output moved."""
+        self._append({"type": "went_on", "utc": _stamp(), **values})
+
+    def error(self, values: Mapping[str, Any]) -> None:
+        """Write one failed step, with its measurements before it failed."""
+        self._append({"type": "error", "utc": _stamp(), **values})
+
+    def footer(self, values: Mapping[str, Any]) -> None:
+        """Write the last line."""
+        self._append({"type": "footer", "utc": _stamp(), **values})
+
+    def signature(self, key: SigningKey) -> None:
+        """Sign all lines until now."""
+        if self._sealer.seal is not None:
+            self._append({"type": "signature", "utc": _stamp(), **key.signature(self._sealer.seal)})
+
+    def lines(self) -> Iterator[dict[str, Any]]:
+        """Yield all lines until now, in order."""
+        return lines_of(self.path)
+
+    def close(self) -> None:
+        """Give the file back."""
+        os.close(self._descriptor)
+
+    def _see_to_disk(self) -> None:
+        """Have all lines on the disk before anything else happens."""
+        _sync(self._descriptor)
+
+    def _see_names_to_disk(self) -> None:
+        """Have the name of the record on the disk, and those of the directories that it lies in."""
+        for directory in self.path.absolute().parents[:3]:
+            synchronise_names(directory)
+
+    def _append(self, line: Mapping[str, Any]) -> None:
+        """Write one line with one system call, so that no other can come between, and see it to the disk.
+
+        One that the disk does not take whole is taken back: what is written later shall not be joined to its rest.
+        """
+        data = self._sealer.sealed(msgspec.json.encode(line))
+        try:
+            written = os.write(self._descriptor, data)
+            if written == len(data):
+                self._see_to_disk()
+        except OSError as error:
+            self._take_back()
+            raise BenchError(f"the record {self.path} cannot be written: {error.strerror}") from error
+        if written != len(data):
+            self._take_back()
+            raise BenchError(f"the record {self.path} cannot be written: the disk took {written} of {len(data)} bytes")
+        self._sealer.keep()
+        self._size += len(data)
+
+    def _take_back(self) -> None:
+        """Truncate the file to the lines before one that failed."""
+        with suppress(OSError):  # what is left of it is found when the record is read
+            os.ftruncate(self._descriptor, self._size)
+
+
+class SimulatedJournal(Journal):
+    """The journal of a run on a simulated bench: on the disk at its end, before that when the system brings it there.
+
+    A program that is killed loses nothing. What a power cut takes was not measured: the seed gives it again.
+    """
+
+    __slots__ = ()
+
+    def footer(self, values: Mapping[str, Any]) -> None:
+        """Write the last line, and see all of them to the disk."""
+        super().footer(values)
+        try:
+            _sync(self._descriptor)
+        except OSError as error:
+            raise BenchError(f"the record {self.path} may be lost by a power cut: {error.strerror}") from error
+
+    def _see_to_disk(self) -> None:
+        """Leave it to the system: steps follow each other faster than a disk takes them."""
+
+    _see_names_to_disk = _see_to_disk
+
+
+class MemoryJournal(Journal):
+    """The journal of a run that leaves no record: it has no file, and is gone with the run."""
+
+    __slots__ = ("_written",)
+
+    def __init__(self) -> None:
+        self._written: list[bytes] = []
+
+    def signature(self, key: SigningKey) -> None:
+        """Sign nothing: it is gone with the run."""
+
+    def lines(self) -> Iterator[dict[str, Any]]:
+        """Yield all lines until now, in order."""
+        return map(msgspec.json.Decoder(dict[str, Any]).decode, self._written)
+
+    def close(self) -> None:
+        """Do nothing: the lines can still be read."""
+
+    def _see_names_to_disk(self) -> None:
+        """Nothing has a name."""
+
+    def _append(self, line: Mapping[str, Any]) -> None:
+        self._written.append(msgspec.json.encode(line))
+
+
+def _sync(descriptor: int) -> None:
+    if sys.platform in {"darwin", "win32"}:
+        os.fsync(descriptor)
+    else:
+        os.fdatasync(descriptor)
+
+
+def _stamp() -> str:
+    return utc_now().isoformat(timespec="microseconds")
+
+
+def append_line(path: Path, values: Mapping[str, Any], key: SigningKey | None = None) -> None:
+    """Add a line to a journal that nobody writes any more, in place of one that was torn, sealed where the others are.
+
+    With a `key` a further line signs it.
+
+    Raises:
+        BenchError: a run goes on that writes it, or it cannot be written.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
+        try:
+            _add_lines(descriptor, path, values, key)
+        finally:
+            os.close(descriptor)
+    except OSError as error:
+        raise BenchError(f"the record {shown(path)} cannot be written: {error.strerror}") from error
+
+
+def _add_lines(descriptor: int, path: Path, values: Mapping[str, Any], key: SigningKey | None) -> None:
+    if not _locked(descriptor):
+        raise BenchError(f"the record {shown(path)} is being written: its run goes on")
+    with os.fdopen(descriptor, "rb", closefd=False) as file:
+        data = file.read()
+    kept = data[: data.rfind(b"\n") + 1]
+    line = msgspec.json.encode({**values, "utc": _stamp()})
+    if _is_sealed(_decoded(kept[: kept.find(b"\n") + 1]) or {}):
+        sealer = Sealer(kept.replace(b"\r\n", b"\n"))
+        line = sealer.sealed(line)
+        sealer.keep()
+        if key is not None and sealer.seal is not None:
+            signed = {"type": "signature", "utc": _stamp(), **key.signature(sealer.seal)}
+            line += sealer.sealed(msgspec.json.encode(signed))
+    else:
+        line += b"\n"
+    if len(kept) < len(data):
+        os.ftruncate(descriptor, len(kept))
+    try:
+        written = os.write(descriptor, line)
+        _sync(descriptor)
+    except OSError:
+        written = 0
+        raise
+    finally:
+        if written != len(line):
+            os.ftruncate(descriptor, len(kept))
+    if written != len(line):
+        raise BenchError(f"the record {shown(path)} cannot be written: the disk took {written} of {len(line)} bytes")
+
+
+def _locked(descriptor: int) -> bool:
+    """Lock a journal until it is closed; True as well where the file system has no locks.
+
+    Who asks whether a run goes on has the lock for an instant: that is no run.
+    """
+    clock = WallClock()
+    try:
+        while not (locked := try_lock(descriptor)) and clock.now() < _INSTANT_S:
+            sleep(clock, _INSTANT_S / 10)
+    except OSError:
+        return True
+    return locked
+
+
+def _is_sealed(first: Mapping[str, Any]) -> bool:
+    """Tell by its first line whether the lines of a journal have seals."""
+    return "seal" in first or first.get("format") in SEALED
+
+
+class JournalRecord(Struct, frozen=True):
+    """Contents of a journal.
+
+    `torn` tells that it ends in the middle of a line, as that of a run that was cut does; `damage` says in words what a
+    journal cannot have by itself, however the run ended: somebody, or a disk, has changed it since.
+    """
+
+    header: Mapping[str, Any]
+    steps: tuple[Mapping[str, Any], ...]
+    errors: tuple[Mapping[str, Any], ...]
+    footer: Mapping[str, Any] | None
+    torn: bool
+    damage: str | None = None
+    chunks: tuple[Mapping[str, Any], ...] = ()
+    restored: tuple[Mapping[str, Any], ...] = ()
+    lines: tuple[Mapping[str, Any], ...] = ()
+    """All of them, in the order of the file, without their seals."""
+    running: bool = False
+    """True while its run goes on."""
+    seals: tuple[str | None, ...] = ()
+    """Seal of each line; None where the record is of before there were seals."""
+
+    @property
+    def seal(self) -> str | None:
+        """Seal of the last whole line, which vouches for all of them."""
+        return self.seals[-1] if self.seals else None
+
+    @property
+    def status(self) -> Status:
+        """Status of the run; a record without a readable last line is incomplete, or of a run that goes on."""
+        if self.damage is not None:
+            return Status.DAMAGED
+        if self.footer is None or self.torn:
+            return Status.RUNNING if self.running else Status.INCOMPLETE
+        return Status(self.footer["status"])
+
+    @property
+    def points(self) -> tuple[Point, ...]:
+        """Every averaged point that is on the disk."""
+        return tuple(Point.from_json(step["point"]) for step in self.steps if "point" in step)
+
+    def readings_of(self, line: Mapping[str, Any]) -> tuple[Mapping[str, float], ...]:
+        """Return the readings, `t_s` (s) and `voltage_v` (V), of the step that a line is of: chunks and its own."""
+        number = line.get("n")
+        chunked = [reading for chunk in self.chunks if chunk.get("n") == number for reading in chunk["readings"]]
+        return (*chunked, *(own_readings(line) if line.get("type") != "readings" else ()))
+
+    @property
+    def unfinished(self) -> Mapping[str, Any] | None:
+        """The last chunk of readings, if the record ends before the step that they belong to; None if it does not."""
+        last = self.chunks[-1] if self.chunks else None
+        done = {line.get("n") for line in (*self.steps, *self.errors)}
+        return last if last is not None and last.get("n") not in done else None
+
+
+def read_journal(path: Path) -> JournalRecord:
+    """Read a journal, whole or cut at any byte.
+
+    Raises:
+        ConfigError: the file is not there, is no journal of a known format, or was not written by a Journal.
+    """
+    with opened(path, _EXPECTED) as file:
+        running = being_written(path)  # asked for before it is read: it may end meanwhile, and then has its last line
+        lines, torn, unreadable = _whole_lines(file)
+    seals = [line.pop("seal", None) for line in lines]
+    record = _record(lines, path, torn=torn, running=running, seals=seals)
+    try:
+        _ = record.status, record.points, record.header.get("bench", {}).get("name")
+        _ = None if (error := (record.footer or {}).get("error")) is None else error.get("what")
+        return replace(record, damage=unreadable or first_damage(lines))
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{shown(path)}: no record of this program: {error!r}") from error
+
+
+def being_written(path: Path) -> bool:
+    """Tell whether a run goes on that writes this journal; the system drops its lock when the process dies."""
+    try:
+        descriptor = os.open(path, os.O_RDWR)
+    except OSError:
+        return False
+    try:
+        if os.fstat(descriptor).st_size == 0:  # it may be about to be locked, and nobody is to come in between
+            return False
+        if not try_lock(descriptor):
+            return True
+        unlock(descriptor)
+    except OSError:  # a file system without locks tells nothing
+        return False
+    else:
+        return False
+    finally:
+        os.close(descriptor)
+
+
+def read_header(path: Path) -> Mapping[str, Any]:
+    """Return the first line of a journal, empty when it is none; ConfigError when it is no file that can be read."""
+    with opened(path, _EXPECTED) as file:
+        line = file.readline(_LONGEST_LINE)
+    header = _decoded(line) if line.endswith(b"\n") else None
+    return header if header is not None and header.get("type") == "header" else {}
+
+
+def read_start(path: Path) -> str | None:
+    """Return when the run of a journal began, as its first line says; None where it says nothing; errors as above."""
+    with opened(path, _EXPECTED) as file:
+        line = file.readline(_LONGEST_LINE)
+    try:
+        began = _BEGAN.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+    return began.utc if began.type == "header" and line.endswith(b"\n") else None
+
+
+class _Began(Struct, frozen=True):
+    type: str
+    utc: str
+
+
+_BEGAN = msgspec.json.Decoder(_Began)
+
+
+def lines_of(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the lines of a journal, one at a time, up to the first that is not whole: a long one needs no memory.
+
+    Raises:
+        ConfigError: it is no file that can be read.
+    """
+    with opened(path, _EXPECTED) as file:
+        while (line := file.readline(_LONGEST_LINE)).endswith(b"\n") and (values := _decoded(line)) is not None:
+            yield values
+
+
+def _record(
+    lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool, running: bool, seals: Sequence[object]
+) -> JournalRecord:
+    header = lines[0] if lines and lines[0].get("type") == "header" else {}
+    number = header.get("format", FORMAT)
+    if type(number) is not int or number not in READABLE:
+        known = " and ".join(map(str, sorted(READABLE)))
+        raise ConfigError(f"{shown(path)}: a record of format {number!r}; this version reads formats {known}")
+    footers = _of_type(lines, "footer")
+    return JournalRecord(
+        header,
+        _of_type(lines, "step"),
+        _of_type(lines, "error"),
+        footers[-1] if footers else None,
+        torn=torn,
+        chunks=_of_type(lines, "readings"),
+        restored=_of_type(lines, "restored"),
+        lines=tuple(lines),
+        running=running,
+        seals=tuple(seal if isinstance(seal, str) else None for seal in seals),
+    )
+
+
+def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | None]:
+    """Return the lines up to the first that is not a whole JSON object, whether that is torn, and any other damage.
+
+    What comes after such a line proves nothing.
+    """
+    lines: list[dict[str, Any]] = []
+    checker, wrong = SealChecker(), None
+    total = before = 0
+    while line := file.readline(_LONGEST_LINE):
+        number = len(lines) + 1
+        if not line.endswith(b"\n"):
+            if len(line) == _LONGEST_LINE:
+                wrong = wrong or f"line {number} has more than {_LONGEST_LINE} bytes"
+            elif lines and _is_sealed(lines[0]) and checker.holds(line[:-1] + b"\n"):
+                wrong = wrong or f"line {number} is not what was written there: its end is another"
+            return lines, True, wrong
+        if (values := _decoded(line)) is None:
+            return lines, False, wrong or f"line {number} is no JSON object"
+        lines.append(values)
+        plain = line[:-2] + b"\n" if line.endswith(b"\r\n") else line  # a copy may have made that of it
+        if not _is_sealed(lines[0]):
+            before, total = total, crc32(plain, total)
+        elif wrong is None and not checker.holds(plain):
+            wrong = f"line {number} is not what was written there: its seal is another"
+    if wrong is None and lines and lines[-1].get("crc32", before) != before:  # records of before have that sum alone
+        wrong = "a line was changed: the sum in its last line is another"
+    return lines, not lines, wrong
+
+
+def _decoded(line: bytes) -> dict[str, Any] | None:
+    try:
+        return msgspec.json.decode(line, type=dict[str, Any])
+    except (msgspec.DecodeError, RecursionError):
+        return None
+
+
+def _of_type(lines: Sequence[Mapping[str, Any]], kind: str) -> tuple[Mapping[str, Any], ...]:
+    return tuple(line for line in lines if line.get("type") == kind)

@@ -1,0 +1,48 @@
+"""Digits of a value and its uncertainty in print (GUM 7.2.6): two of u, the value to the same place."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from vcfbench.reports.document import Cell
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_SMALLEST_FIXED = 1e-4
+"""Below that numbers are printed with an exponent."""
+
+
+def stated_cells(value: float, u: float, u95: float) -> tuple[Cell, Cell, Cell]:
+    """Return value, u and U95 as they are printed: two digits of either uncertainty, the value to the last one of u."""
+    return Cell(value, digits_of_value(value, u)), Cell(u, digits_of_u(u)), Cell(u95, digits_of_u(u95))
+
+
+def incomplete(missing: Sequence[str]) -> str:
+    """Say behind a value or a title which contributions its uncertainty lacks; nothing where none is missing."""
+    return f"; INCOMPLETE without {', '.join(missing)}" if missing else ""
+
+
+def digits_of_u(u: float) -> str:
+    """Return the format of an uncertainty that has two digits, zeros too; of 100 and more all before the point."""
+    if not u:
+        return ".2g"
+    return ".0f" if _second_digit(u) >= 0 else "#.2g"
+
+
+def digits_of_value(value: float, u: float) -> str:
+    """Return the format of a value whose uncertainty is `u`; eight digits of one that has none."""
+    if not u or not math.isfinite(u) or not math.isfinite(value):
+        return ".8g"
+    place = min(0, _second_digit(u))
+    if value and abs(value) < _SMALLEST_FIXED:
+        return f".{max(0, math.floor(math.log10(abs(value))) - place)}e"
+    return f".{-place}f"
+
+
+def _second_digit(u: float) -> int:
+    """Return the power of ten of the second digit of `u`, as it is after rounding."""
+    if not u or not math.isfinite(u):
+        return 0
+    return int(f"{u:.1e}".partition("e")[2]) - 1

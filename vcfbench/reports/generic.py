@@ -1,0 +1,106 @@
+"""Report of a procedure that has none of its own: its points, and its results by their names."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.records.plain import plain
+from vcfbench.reports.digits import incomplete
+from vcfbench.reports.document import Cell, Column, Report, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from vcfbench.bench.acceptance import Acceptance
+    from vcfbench.records.schema import Point
+    from vcfbench.reports.document import Value
+
+_QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
+_SHOWN = 4
+"""So many numbers of a list are printed; its length is said where there are more."""
+
+
+def generic_report(_settings: object, points: Sequence[Point], results: object) -> Report:
+    """Return the report of a procedure without one of its own: a table of points and one of the results' fields."""
+    tables = [points_table(points)] if points else []
+    return Report([*tables, *results_table(results)])
+
+
+def points_table(points: Sequence[Point]) -> Table:
+    """Return every point in a row; V_Vc as it was set, and as it was measured where it was."""
+    columns = (
+        *(Column("step"), Column("rate", "deg/s", ".6g"), Column("V_Vc", "V", ".6g")),
+        *(Column("output", "V", ".5f"), Column("s", "V", ".1e"), Column("n")),
+    )
+    rows = [(p.step, p.rate_deg_s, p.v_vc_v, p.output_v, p.std_v, p.n) for p in points]
+    if all(point.v_vc_measured_v is None for point in points):
+        return Table(columns, rows)
+    measured = (Column("V_Vc measured", "V", ".6f"), Column("its s", "V", ".1e"))
+    seen = ((point.v_vc_measured_v, point.v_vc_std_v) for point in points)
+    return Table((*columns, *measured), [(*row, *more) for row, more in zip(rows, seen, strict=True)])
+
+
+def results_table(results: object, title: str = "", head: str = "result") -> tuple[Table, ...]:
+    """Return a table of whatever `results` hold: nested names with dots between; none where they hold nothing."""
+    value = plain(results)
+    rows = [] if value is None else list(_rows(value, "" if _is_named(value) else head))
+    names = (head, "value", "u", "unit")[: max(map(len, rows), default=0)]
+    padded = [(*row, *[""] * (len(names) - len(row))) for row in rows]
+    return (Table([Column(name, align="left") for name in names], padded, title),) if rows else ()
+
+
+def _rows(value: Any, name: str) -> Iterator[tuple[Value | Cell, ...]]:
+    if _is_named(value):
+        for key, each in value.items():
+            yield from _rows(each, f"{name}.{key}" if name else key)
+    elif isinstance(value, dict):
+        yield (
+            name,
+            _figure(value["value"]),
+            Cell(value.get("u"), ".2g") if value.get("u") is not None else "",
+            value.get("unit", "") + incomplete(value.get("missing", ())),
+        )
+    elif isinstance(value, list) and any(isinstance(each, dict | list) for each in value):
+        for place, each in enumerate(value):
+            yield from _rows(each, f"{name}[{place}]")
+    else:
+        yield name, _figure(value)
+
+
+def _is_named(value: Any) -> bool:
+    return isinstance(value, dict) and not _is_quantity(value)
+
+
+def _is_quantity(value: dict[str, Any]) -> bool:
+    """Tell whether it is one number with its uncertainty or unit, as `vcfbench.Quantity` writes it."""
+    number = value.get("value", "")
+    numeric = number is None or (
+        isinstance(number, int | float) and ("u_fit" in value or isinstance(value.get("u", 0.0), int | float))
+    )
+    return numeric and value.keys() <= _QUANTITY and isinstance(value.get("unit", ""), str)
+
+
+def _figure(value: Any) -> Value | Cell:
+    """Return one value or a list of plain ones as it is printed."""
+    if isinstance(value, list):
+        words = ", ".join(str(_words(each)) for each in value[:_SHOWN])
+        return words if len(value) <= _SHOWN else f"{words}, ... ({len(value)} in all)"
+    return Cell(value, ".6g") if isinstance(value, float) else _words(value)
+
+
+def _words(value: Any) -> Value:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return format(value, ".6g") if isinstance(value, float) else value
+
+
+def verdict_table(acceptance: Acceptance) -> Table:
+    """Return PASS, MARGINAL or FAIL, and below it every limit with its value."""
+    columns = (
+        Column("limit", align="left"),
+        Column("value", "", ".6g"),
+        Column("low", "", "g"),
+        Column("high", "", "g"),
+    )
+    rows = [(each.key, each.value, each.low, each.high, each.word.upper()) for each in acceptance.limits]
+    return Table((*columns, Column("verdict")), rows, title=acceptance.word.upper())

@@ -1,0 +1,171 @@
+"""Figures of a report as pictures: SVG for pages, or a file of any kind that Matplotlib writes.
+
+The same figure gives the same bytes: no dates, no names of versions, and nothing of what a user set for Matplotlib.
+"""
+
+from __future__ import annotations
+
+import re
+from io import StringIO
+from itertools import cycle
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import shown
+from vcfbench.reports.thinning import DRAWN, thinned
+from vcfbench.reports.typography import in_unicode, marked_up_in_svg
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.reports.document import Axis, Figure, Series
+
+INK: Final = "#20262e"
+"""Colour of axes and words; pages replace it by their own."""
+GRID: Final = "#d4d8de"
+PALETTE: Final = ("#0068ab", "#c8500a", "#008060", "#a8428a", "#8a6d00", "#5b5fc7")
+"""Colours of the series, apart for the colour-blind as well; pages lighten them on dark ground."""
+
+_MARKS: Final = {"points": "o", "line": "-"}
+_SIZE_IN: Final = (5.2, 3.4)
+"""Small, so that words are still read when a telephone shows it across."""
+_STYLE: Final[dict[Any, Any]] = {
+    "svg.fonttype": "none",
+    "text.parse_math": False,
+    "font.size": 10.0,
+    "axes.titlesize": 11.0,
+    "legend.fontsize": 9.0,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": GRID,
+    "axes.unicode_minus": False,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.markersize": 5.0,
+    "legend.frameon": False,
+}
+_METADATA: Final = {
+    "svg": dict.fromkeys(("Date", "Creator", "Format", "Type")),
+    "pdf": dict.fromkeys(("CreationDate", "Creator", "Producer")),
+    "png": {"Software": None},
+}
+_WORDS: Final = re.compile(r"(?<=>)[^<>]+(?=</text>)")
+_ID: Final = re.compile(r'(?<=\bid=")[^"]+|(?<=xlink:href="#)[^"]+|(?<=url\(#)[^)]+')
+
+
+def svg_of(figure: Figure, name: str = "figure") -> str:
+    """Return `figure` as an ``<svg>`` element with words as words; `name` keeps its ids apart on a page.
+
+    Bars of error are U = 2 u.
+    """
+    text = StringIO()
+    with _settings(name):
+        drawing = _drawing(figure, titled=False)
+        drawing.savefig(text, format="svg", metadata=_METADATA["svg"], transparent=True)
+    svg = text.getvalue()
+    svg = re.sub(r"<(metadata|style)\b.*?</\1>\s*", "", svg[svg.index("<svg") :], flags=re.DOTALL)
+    svg = svg.replace("<svg ", '<svg style="stroke-linejoin:round;stroke-linecap:butt" ', 1)  # what its style was
+    svg = _WORDS.sub(lambda found: marked_up_in_svg(found[0]), svg)
+    return _ID.sub(lambda found: f"{name}-{found[0]}", svg).strip()
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Draw `figure` into a file of the kind of its suffix: ``.png``, ``.svg``, ``.pdf``. Bars of error are U = 2 u.
+
+    Raises:
+        ConfigError: no such suffix is known, or the file cannot be written.
+    """
+    with _settings(path.stem):
+        drawing = _drawing(figure, titled=True)
+        try:
+            drawing.savefig(path, dpi=200, metadata=_METADATA.get(path.suffix[1:].lower()))
+        except (ValueError, OSError) as error:
+            raise ConfigError(f"{shown(path)}: no picture can be written: {error}") from error
+
+
+def caption_of(figure: Figure) -> str:
+    """Return the words below `figure`: its caption, and which series are not drawn value by value."""
+    thin = [
+        f"{each.label}: {len(each.x)} values; {DRAWN}" for each in figure.series if thinned(each.x, each.y) is not None
+    ]
+    bars = ["Bars are U = 2 u."] if any(each.u_y is not None for each in figure.series) else []
+    return " ".join([*([figure.caption] if figure.caption else []), *bars, *thin])
+
+
+def matplotlib() -> Any:
+    """Return Matplotlib; ConfigError where it does not load for the sake of its own settings."""
+    try:
+        import matplotlib as mpl  # noqa: PLC0415 - it takes a while, and figures alone need it
+    except ValueError as error:
+        raise ConfigError(f"Matplotlib does not load: {error}", hint="is MPLBACKEND one that it knows?") from error
+    return mpl
+
+
+def _settings(salt: str) -> Any:
+    """Return a context in which Matplotlib has its defaults, but for settings that make the same bytes each time."""
+    mpl = matplotlib()
+    plain: dict[Any, Any] = {key: each for key, each in mpl.rcParamsDefault.items() if not key.startswith("backend")}
+    return mpl.rc_context({**plain, **_STYLE, "svg.hashsalt": salt})
+
+
+def _drawing(figure: Figure, *, titled: bool) -> Any:
+    from matplotlib.figure import Figure as Drawing  # noqa: PLC0415 - as above
+
+    drawing = Drawing(figsize=_SIZE_IN, layout="constrained")
+    axes = drawing.subplots()
+    axes.set(
+        xlabel=in_unicode(figure.x.title),
+        ylabel=in_unicode(figure.y.title),
+        xscale=figure.x.scale,
+        yscale=figure.y.scale,
+    )
+    if titled:
+        axes.set_title(in_unicode(figure.title))
+    colours = cycle(PALETTE)
+    chosen: dict[str, str] = {}
+    for series in figure.series:
+        # a line through points has their colour: it is called after them
+        same = [colour for label, colour in chosen.items() if series.label.startswith(f"{label}, ")]
+        chosen[series.label] = same[0] if same else next(colours)
+        _draw(axes, series, chosen[series.label])
+    axes.grid(visible=True, linewidth=0.6)
+    for axis, described in ((axes.xaxis, figure.x), (axes.yaxis, figure.y)):
+        _mark(axis, described)
+    if len(figure.series) > 1:
+        drawing.legend(loc="outside lower left", ncols=min(len(figure.series), 2))
+    return drawing
+
+
+def _mark(axis: Any, described: Axis) -> None:
+    """Write numbers beside an axis as people do: 0.01, 1, 100; of a short logarithmic one those between as well."""
+    from matplotlib.ticker import LogLocator, StrMethodFormatter  # noqa: PLC0415 - as above
+
+    if described.scale == "linear":
+        axis.get_major_formatter().set_useOffset(False)  # nobody adds up numbers at a corner
+        axis.get_major_formatter().set_scientific(False)
+        return
+    low, high = axis.get_view_interval()
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    if high < 100.0 * low:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high > 4.0 * low else "all"))
+    axis.set_minor_formatter(StrMethodFormatter(""))
+
+
+def _draw(axes: Any, series: Series, colour: str) -> None:
+    x, y = thinned(series.x, series.y) or (series.x, series.y)
+    look = {"color": colour, "label": in_unicode(series.label)}
+    if series.low is not None:
+        axes.fill_between(series.x, series.low, series.high, color=colour, alpha=0.18, linewidth=0)
+    if series.kind == "bars":
+        axes.bar(x, y, **look)
+    elif len(x) != len(series.x):  # a zigzag between least and greatest, dense as the columns are
+        axes.plot(x, y, "-", linewidth=0.7, **look)
+    elif series.u_y is None:
+        axes.plot(x, y, _MARKS[series.kind], linewidth=1.3, **look)
+    else:
+        u95 = [2.0 * each for each in series.u_y]
+        axes.errorbar(x, y, u95, fmt=_MARKS[series.kind], linewidth=1.3, capsize=2.5, **look)
