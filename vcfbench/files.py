@@ -7,13 +7,14 @@ anybody writes it. Whatever is wrong is one sentence with the file, what was exp
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import re
 import stat
 import sys
 import tomllib
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import IO, TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import ConfigError
@@ -160,13 +161,22 @@ else:
 
 
 def synchronise_names(directory: Path | str) -> None:
-    """Have the names in a directory on the disk as well, where the system can do that; those below are others."""
-    with suppress(OSError):  # Windows opens no directories
+    """Have the names in a directory on the disk as well, where the system can do that; those below are others.
+
+    Raises:
+        OSError: the disk failed, or is full.
+    """
+    try:
         descriptor = os.open(directory, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+    except OSError:  # Windows opens no directories, and not every directory above may be read
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError as error:  # network drives know no such thing
+        if error.errno in {errno.EIO, errno.ENOSPC}:
+            raise
+    finally:
+        os.close(descriptor)
 
 
 _NOT_FOR_FORKS: Final[set[int]] = set()

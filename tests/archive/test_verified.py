@@ -45,6 +45,13 @@ def cut(record: Path, kept: int) -> None:
         (record / name).unlink()
 
 
+def no_text(path: Path, at: bytes) -> None:
+    """Flip the highest bit of a byte in what is there: it is no UTF-8 then."""
+    data = bytearray(path.read_bytes())
+    data[data.index(at) + 1] ^= 128
+    path.write_bytes(data)
+
+
 def changed(record: Path, change: Callable[[dict[str, Any]], object], *, with_point: bool = True) -> None:
     """Change the first step with a point, or the header, and make all seals again."""
     journal = record / "journal.jsonl"
@@ -76,6 +83,7 @@ def test_what_was_written_passes_and_so_does_what_was_killed_resumed_and_amended
         (lambda record: changed(record, lambda line: line["step"].update(samples=4)), "its key is"),
         (lambda record: changed(record, lambda line: line.pop("versions"), with_point=False), "line 1: no header of"),
         (lambda record: (record / "journal.jsonl").write_text("{"), "line 1: there is no whole header"),
+        (lambda record: no_text(record / "journal.jsonl", b"Start-up"), "line 2 is no JSON object"),
     ],
 )
 def test_what_is_wrong_is_named(spoil: Callable[[Path], object], words: str, record: Path) -> None:
@@ -185,3 +193,13 @@ def test_a_key_that_cannot_be_used_is_refused_before_anything_is_opened(
     with pytest.raises(ConfigError, match="expected a private key in PEM"):
         vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path / "runs")
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("command", ["list", "show", "report"])
+def test_a_result_that_is_no_text_is_one_sentence(command: str, record: Path) -> None:
+    """`runs list` reads the results alone, of whatever form."""
+    no_text(record / "result.json", b'"unit"')
+    run = [] if command == "list" else [record.name]
+    done = CliRunner().invoke(app, ["runs", command, *run, "--runs", str(record.parent)])
+    assert not isinstance(done.exception, UnicodeDecodeError)
+    assert done.output

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import shutil
+import tempfile
+from contextlib import suppress
 from datetime import UTC, datetime
+from pathlib import Path
+from random import Random
 from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from vcfbench.bench import lock
 from vcfbench.bench.lock import instrument_locks
@@ -13,13 +24,10 @@ from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.devices import Conditions, DeviceStore, Measured, SelfCalibration
 from vcfbench.records.export import write_text
 from vcfbench.records.journal import Journal, append_line, read_journal
-from vcfbench.testing import Disk
+from vcfbench.testing import Disk, DiskState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    import pytest
 
 TABLE = "step,rate_deg_s\n1,10.0\n1,0.0\n"
 
@@ -174,3 +182,103 @@ def test_a_disk_that_cannot_synchronise_is_an_error_of_the_bench(tmp_path: Path)
             except BenchError as error:
                 assert "Input/output error" in str(error)  # noqa: PT017
         assert read_journal(place / "journal.jsonl").damage is None
+
+
+class PowerOff(BaseException):
+    """Ends a program as a power cut does."""
+
+
+class Devices(RuleBasedStateMachine):
+    """The store of one device on a disk: entries added by two writers at once, full disks, power cuts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._folder = Path(tempfile.mkdtemp())
+        self._number = 0
+        self._left = 0
+        self._act: Callable[[str], None] | None = None
+        self.added: dict[str, int] = {}
+        """Entries that were said to be there, by name."""
+        self.perhaps: set[int] = set()
+        """Entries whose writer was told that they could not be kept, or died."""
+        self._begin(DiskState({"devices": None}))
+
+    def _begin(self, state: DiskState) -> None:
+        self._number += 1
+        place = self._folder / str(self._number)
+        place.mkdir()
+        state.lay(place)
+        self.store = DeviceStore(place / "devices")
+        self.disk = Disk(place, self._before).__enter__()
+
+    def _before(self, _number: int, what: str) -> None:
+        self._left -= 1
+        if self._left == 0 and (act := self._act) is not None:
+            self._act = None
+            act(what)
+
+    def teardown(self) -> None:
+        self.disk.__exit__()
+        shutil.rmtree(self._folder)
+
+    def _add(self, *, at: int = 0, act: Callable[[str], None] | None = None) -> None:
+        """Add an entry; before the operation `at` of it do `act`."""
+        self._number += 1
+        number, highest = self._number, max(self.added, default="")
+        self.perhaps.add(number)
+        self._left, self._act = at, act
+        name = self.store.add(entry(number)).name
+        self.perhaps.remove(number)
+        assert name > highest
+        assert name not in self.added
+        self.added[name] = number
+
+    @rule(at=st.integers(1, 8))
+    def two_writers(self, at: int) -> None:
+        self._add(at=at, act=lambda _what: self._add())
+
+    @rule(at=st.integers(1, 8))
+    def full(self, at: int) -> None:
+        def refuse(_what: str) -> None:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        with suppress(ConfigError):  # the last operations take a draft away, without which it is there all the same
+            self._add(at=at, act=refuse)
+
+    @rule(at=st.integers(1, 8), seed=st.integers(0, 1 << 32))
+    def power_cut(self, at: int, seed: int) -> None:
+        states, drawn = list[DiskState](), Random(seed)  # noqa: S311  # a test
+
+        def cut(_what: str) -> None:
+            states.extend(self.disk.after_power_cut(drawn))
+            self.disk.stopped = True
+            raise PowerOff
+
+        with suppress(PowerOff):
+            self._add(at=at, act=cut)
+        self.disk.__exit__()
+        self._begin(states[0] if states else next(self.disk.after_power_cut(drawn)))
+
+    @invariant()
+    def what_was_added_is_there_and_nothing_in_part(self) -> None:
+        found = {each.name: each.record for each in self.store.entries("G")}
+        assert self.added.items() <= {name: _number_of(each) for name, each in found.items()}.items()
+        assert {_number_of(each) for name, each in found.items() if name not in self.added} <= self.perhaps
+
+
+def _number_of(record: object) -> int:
+    assert isinstance(record, SelfCalibration)
+    return int(record.bias_v.value)
+
+
+class TestDevices(Devices.TestCase):
+    """Some."""
+
+    settings = settings(max_examples=30, stateful_step_count=8)
+
+
+@pytest.mark.exhaustive
+class TestManyDevices(Devices.TestCase):
+    """Many."""
+
+    settings = settings(max_examples=200, stateful_step_count=20, suppress_health_check=list(HealthCheck))

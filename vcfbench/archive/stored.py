@@ -69,7 +69,7 @@ def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Map
     """
     try:
         answer = _decoder().decode(read_file(path, "the result of a run", MOST_TABLE))
-    except (msgspec.DecodeError, RecursionError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError(f"{shown(path)}: expected the result of a run: {error}") from None
     same = (
         (len(answer.points), answer.bench_seconds) == (outline.points, outline.bench_seconds or 0.0)
@@ -99,7 +99,7 @@ class _Stored(Struct, frozen=True):
 def _decoded(path: Path) -> dict[str, Any]:
     try:
         return msgspec.json.decode(read_file(path, "the result of a run", MOST_TABLE), type=dict[str, Any])
-    except (msgspec.DecodeError, RecursionError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ConfigError(f"{shown(path)}: expected the result of a run, it is no JSON object: {error}") from None
 
 

@@ -255,6 +255,6 @@ def _stored_results(results: Mapping[str, msgspec.Raw]) -> Iterator[tuple[str, K
     """Yield the results that have a value and a unit."""
     for name, raw in results.items():
         if b'"value"' in bytes(memoryview(raw)[:_VALUE_FIRST]):  # most are numbers, lists, tables of something else
-            with suppress(msgspec.DecodeError):
+            with suppress(msgspec.DecodeError, UnicodeDecodeError):
                 found = _QUANTITY.decode(raw)
                 yield name, KeyResult(found.value, found.u, found.unit, found.missing)

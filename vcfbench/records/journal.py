@@ -115,8 +115,11 @@ class Journal:
 
     def _see_names_to_disk(self) -> None:
         """Have the name of the record on the disk, and those of the directories that it lies in."""
-        for directory in self.path.absolute().parents[:3]:
-            synchronise_names(directory)
+        try:
+            for directory in self.path.absolute().parents[:3]:
+                synchronise_names(directory)
+        except OSError as error:
+            raise BenchError(f"the record {self.path} may be lost by a power cut: {error.strerror}") from error
 
     def _append(self, line: Mapping[str, Any]) -> None:
         """Write one line with one system call, so that no other can come between, and see it to the disk.
@@ -456,7 +459,7 @@ def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | Non
 def _decoded(line: bytes) -> dict[str, Any] | None:
     try:
         return msgspec.json.decode(line, type=dict[str, Any])
-    except (msgspec.DecodeError, RecursionError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
 
 

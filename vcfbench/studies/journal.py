@@ -153,7 +153,7 @@ def _read(path: Path) -> tuple[Begun | None, dict[tuple[int, int], RunRow], int]
                 row = _ROW.decode(line)
                 rows[row.case, row.seed] = row
                 whole += len(line)
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
             where = f"line {len(rows) + 2}" if whole else "line 1"
             raise ConfigError(f"{shown(path)}: {where} is none of the journal of a study: {error}") from None
     return begun, rows, whole
