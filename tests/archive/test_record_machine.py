@@ -14,16 +14,16 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from msgspec import Struct
 
 import vcfbench
+from vcfbench.archive.amending import amend_run
+from vcfbench.archive.verified import verify_run
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.record.journal import being_written
-from vcfbench.runs.amending import amend_run
-from vcfbench.runs.verified import verify_run
+from vcfbench.records.journal import being_written
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.plans.executor import Event
-    from vcfbench.record.schema import Point
+    from vcfbench.records.schema import Point
+    from vcfbench.steps.executor import Event
 
 QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 2, "sample_interval_s": 0.5, "settle_s": 0.5}
 FRACTION = st.floats(0.0, 1.0)
