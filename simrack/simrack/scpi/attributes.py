@@ -45,7 +45,8 @@ def attribute(
     Args:
         pattern: header as printed.
         parameter: what follows the header.
-        path: attributes from the model on; `channel[].label` takes the item of the header's suffix.
+        path: attributes from the model on; `channel[].label` takes the item of the header's suffix, `setups[RES].nplc`
+            that of a name.
         reply: format of the reply, or the path of the model's method that makes it.
         do: sets it instead, where that takes more than an assignment.
         convert: what is kept of an argument.
@@ -54,13 +55,13 @@ def attribute(
         query_parameters: as of :class:`Command`.
     """
     owners, _, name = path.rpartition(".")
-    steps = [step.partition("[]")[:2] for step in owners.split(".") if step]
+    steps = [step.removesuffix("]").partition("[") for step in owners.split(".") if step]
 
     def owner(model: Any, suffixes: tuple[Any, ...]) -> Any:
         remaining = iter(suffixes)
-        for step, indexed in steps:
+        for step, indexed, item in steps:
             model = getattr(model, step)
-            model = model[next(remaining)] if indexed else model
+            model = model[item or next(remaining)] if indexed else model
         return model
 
     def write(model: Any, *arguments: Any) -> None:

@@ -19,6 +19,7 @@ from simrack.scpi import (
     ScpiError,
     Special,
     Text,
+    attribute,
     boolean,
     next_error,
     quoted,
@@ -156,10 +157,6 @@ def _select_number(supply: SimulatedE36312A, number: int) -> None:
     supply.selected = _NAMES[number - 1]
 
 
-def _selected_number(supply: SimulatedE36312A) -> int:
-    return supply.output.kind.number
-
-
 # --- switches, protection, measurements -----------------------------------------------------------------------------
 
 
@@ -210,14 +207,6 @@ def _measurement(header: str, read: Callable[..., list[float]]) -> Command:
     return Command(header, query=read, query_parameters=(_LIST,), reply=_listed(_NR3), query_takes_s=_READBACK_S)
 
 
-def _show(supply: SimulatedE36312A, text: str) -> None:
-    supply.display_text = text[:12]
-
-
-def _nothing(supply: SimulatedE36312A) -> None:
-    del supply
-
-
 _SLOT = (Integer(limits=Limits(0, 9), named=False),)
 
 TABLE = CommandTable(
@@ -240,13 +229,13 @@ TABLE = CommandTable(
         do=_select,
         query=lambda supply: f"CH{supply.output.kind.number}",
     ),
-    Command(
+    attribute(
         "INSTrument:NSELect",
-        (Integer(limits=Limits(1, 3), named=False),),
+        Integer(limits=Limits(1, 3), named=False),
+        "output.kind.number",
+        signed_integer,
         do=_select_number,
-        query=_selected_number,
         query_parameters=(),
-        reply=signed_integer,
     ),
     Command(
         "OUTPut[:STATe]",
@@ -272,14 +261,12 @@ TABLE = CommandTable(
     Command("[SOURce:]CURRent:PROTection:CLEar", (_LIST,), do=_clear),
     _measurement("MEASure[:SCALar][:VOLTage][:DC]", _measure_volts),
     _measurement("MEASure[:SCALar]:CURRent[:DC]", _measure_amps),
-    Command(
-        "DISPlay[:WINDow]:TEXT[:DATA]", (Text(),), do=_show, query=lambda supply: supply.display_text, reply=quoted
-    ),
-    Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda supply: _show(supply, "")),
-    Command("SYSTem:BEEPer[:IMMediate]", do=_nothing),
+    attribute("DISPlay[:WINDow]:TEXT[:DATA]", Text(), "display_text", quoted, convert=lambda text: text[:12]),
+    Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda supply: setattr(supply, "display_text", "")),
+    Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
     Command("SYSTem:ERRor:NEXT", query=next_error),
     Command("SYSTem:VERSion", query=lambda _: "1999.0"),
-    *(Command(f"SYSTem:{word}", do=_nothing) for word in ("LOCal", "REMote", "RWLock")),
+    *(Command(f"SYSTem:{word}", do=lambda _: None) for word in ("LOCal", "REMote", "RWLock")),
     Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=1.0),
     Command("*SAV", _SLOT, do=lambda supply, slot: supply.save(slot)),
     Command("*RCL", _SLOT, do=lambda supply, slot: supply.recall(slot)),

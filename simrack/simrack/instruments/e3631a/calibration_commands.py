@@ -14,6 +14,7 @@ from simrack.scpi import (
     ScpiError,
     Text,
     Word,
+    attribute,
     bare_integer,
     boolean,
     quoted,
@@ -74,10 +75,6 @@ def _take_amps(supply: SimulatedE3631A, measured: float) -> None:
     _take(supply, "CURR", measured, lambda output: (output.amps, output.current_reading()), adjust_amps)
 
 
-def _count(supply: SimulatedE3631A) -> int:
-    return supply.calibration.count
-
-
 @remote_only
 def _set_code(supply: SimulatedE3631A, code: str) -> None:
     supply.calibration.require_unsecured()
@@ -91,18 +88,10 @@ def _set_secured(supply: SimulatedE3631A, state: object, code: str) -> None:
     supply.calibration.secured = bool(state)
 
 
-def _secured(supply: SimulatedE3631A) -> bool:
-    return supply.calibration.secured
-
-
 @remote_only
 def _set_text(supply: SimulatedE3631A, text: str) -> None:
     supply.calibration.require_unsecured()
     supply.calibration.text = text
-
-
-def _text(supply: SimulatedE3631A) -> str:
-    return supply.calibration.text
 
 
 _CODE = Word(word_too_long=704)
@@ -112,10 +101,16 @@ _LEVEL = (Choice(("MINimum", "MAXimum")),)
 
 
 CALIBRATION_COMMANDS = (
-    Command("CALibration:COUNt", query=_count, reply=bare_integer),
+    Command("CALibration:COUNt", query=lambda supply: supply.calibration.count, reply=bare_integer),
     Command("CALibration:SECure:CODE", (_CODE,), do=_set_code),
-    Command("CALibration:SECure:STATe", (Boolean(), _CODE), do=_set_secured, query=_secured, reply=boolean),
-    Command("CALibration:STRing", (Text(limit=40),), do=_set_text, query=_text, reply=quoted),
+    Command(
+        "CALibration:SECure:STATe",
+        (Boolean(), _CODE),
+        do=_set_secured,
+        query=lambda supply: supply.calibration.secured,
+        reply=boolean,
+    ),
+    attribute("CALibration:STRing", Text(limit=40), "calibration.text", quoted, do=_set_text),
     Command("CALibration:VOLTage[:DATA]", (Number(unit="V"),), do=_take_volts),
     Command("CALibration:CURRent[:DATA]", (Number(unit="A"),), do=_take_amps),
     Command("CALibration:VOLTage:LEVel", _LEVEL, do=_go_to_volts),

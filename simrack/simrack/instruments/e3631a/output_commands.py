@@ -5,10 +5,13 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 84-96).
 
 from __future__ import annotations
 
+from operator import methodcaller
 from typing import TYPE_CHECKING, Any
 
+from msgspec.structs import replace
+
 from simrack.instruments.e3631a.kinds import KINDS
-from simrack.instruments.e3631a.system_commands import remote_only
+from simrack.instruments.e3631a.system_commands import remote, remote_only
 from simrack.scpi import (
     Boolean,
     Choice,
@@ -17,6 +20,7 @@ from simrack.scpi import (
     Limits,
     Number,
     ScpiError,
+    attribute,
     bare_integer,
     boolean,
     quoted,
@@ -50,32 +54,14 @@ def _set_volts(supply: SimulatedE3631A, volts: float) -> None:
     supply.program(supply.selected, volts=volts)
 
 
-def _volts(supply: SimulatedE3631A) -> float:
-    return supply.output.volts
-
-
 @remote_only
 def _set_amps(supply: SimulatedE3631A, amps: float) -> None:
     supply.program(supply.selected, amps=amps)
 
 
-def _amps(supply: SimulatedE3631A) -> float:
-    return supply.output.amps
-
-
-@remote_only
-def _set_triggered_volts(supply: SimulatedE3631A, volts: float) -> None:
-    supply.output.triggered_volts = volts
-
-
 def _triggered_volts(supply: SimulatedE3631A) -> float:
     pending = supply.output.triggered_volts
     return supply.output.volts if pending is None else pending
-
-
-@remote_only
-def _set_triggered_amps(supply: SimulatedE3631A, amps: float) -> None:
-    supply.output.triggered_amps = amps
 
 
 def _triggered_amps(supply: SimulatedE3631A) -> float:
@@ -98,21 +84,8 @@ def _applied(supply: SimulatedE3631A, name: str | None) -> str:
 
 
 @remote_only
-def _select(supply: SimulatedE3631A, name: str) -> None:
-    supply.selected = name
-
-
-def _selected(supply: SimulatedE3631A) -> str:
-    return supply.selected
-
-
-@remote_only
 def _select_number(supply: SimulatedE3631A, number: int) -> None:
     supply.selected = KINDS[number - 1].name
-
-
-def _selected_number(supply: SimulatedE3631A) -> int:
-    return supply.output.kind.number
 
 
 @remote_only
@@ -142,16 +115,6 @@ def _measure_amps(supply: SimulatedE3631A, name: str | None) -> float:
 
 
 @remote_only
-def _switch(supply: SimulatedE3631A, state: object) -> None:
-    supply.output_on = bool(state)
-    supply.drive()
-
-
-def _switched(supply: SimulatedE3631A) -> bool:
-    return supply.output_on
-
-
-@remote_only
 def _track(supply: SimulatedE3631A, state: object) -> None:
     if state and {"P25V", "N25V"} <= set(supply.coupled):
         raise ScpiError(801)
@@ -159,10 +122,6 @@ def _track(supply: SimulatedE3631A, state: object) -> None:
     if state:
         supply.program("P25V", volts=supply.outputs["P25V"].volts)
     supply.drive()
-
-
-def _tracking(supply: SimulatedE3631A) -> bool:
-    return supply.tracking
 
 
 @remote_only
@@ -184,30 +143,11 @@ def _trigger(supply: SimulatedE3631A) -> None:
     supply.service()
 
 
-@remote_only
-def _set_delay(supply: SimulatedE3631A, seconds: float) -> None:
-    supply.trigger_delay_s = seconds
-
-
-def _delay(supply: SimulatedE3631A) -> float:
-    return supply.trigger_delay_s
-
-
-@remote_only
-def _set_source(supply: SimulatedE3631A, source: str) -> None:
-    supply.trigger_source = source
-
-
-def _source(supply: SimulatedE3631A) -> str:
-    return supply.trigger_source
-
-
 _NR3 = real(8)
 _OUTPUT = Choice(("P6V", "P25V", "N25V"))
 _OUTPUT_OR_SELECTED = (Choice(("P6V", "P25V", "N25V"), required=False),)
-_VOLTS = (Number(unit="V", limits=_volt_limits),)
-_AMPS = (Number(unit="A", limits=_amp_limits),)
-_ON_OFF = (Boolean(),)
+_VOLTS = Number(unit="V", limits=_volt_limits)
+_AMPS = Number(unit="A", limits=_amp_limits)
 
 OUTPUT_COMMANDS = (
     Command(
@@ -223,14 +163,14 @@ OUTPUT_COMMANDS = (
         reply=quoted,
         takes_s=_PROGRAMMING_S,
     ),
-    Command("INSTrument[:SELect]", (_OUTPUT,), do=_select, query=_selected),
-    Command(
+    remote(attribute("INSTrument[:SELect]", _OUTPUT, "selected")),
+    attribute(
         "INSTrument:NSELect",
-        (Integer(limits=Limits(1, 3), named=False),),
+        Integer(limits=Limits(1, 3), named=False),
+        "output.kind.number",
+        bare_integer,
         do=_select_number,
-        query=_selected_number,
         query_parameters=(),
-        reply=bare_integer,
     ),
     Command(
         "INSTrument:COUPle[:TRIGger]",
@@ -253,49 +193,41 @@ OUTPUT_COMMANDS = (
         reply=_NR3,
         query_takes_s=_READBACK_S,
     ),
-    Command("OUTPut[:STATe]", _ON_OFF, do=_switch, query=_switched, reply=boolean, takes_s=_PROGRAMMING_S),
-    Command("OUTPut:TRACk[:STATe]", _ON_OFF, do=_track, query=_tracking, reply=boolean, takes_s=_PROGRAMMING_S),
-    Command(
+    remote(
+        attribute("OUTPut[:STATe]", Boolean(), "output_on", boolean, then=methodcaller("drive"), takes_s=_PROGRAMMING_S)
+    ),
+    attribute("OUTPut:TRACk[:STATe]", Boolean(), "tracking", boolean, do=_track, takes_s=_PROGRAMMING_S),
+    attribute(
         "[SOURce:]CURRent[:LEVel][:IMMediate][:AMPLitude]",
         _AMPS,
+        "output.amps",
+        _NR3,
         do=_set_amps,
-        query=_amps,
-        reply=_NR3,
         takes_s=_PROGRAMMING_S,
     ),
-    Command(
-        "[SOURce:]CURRent[:LEVel]:TRIGgered[:AMPLitude]",
-        _AMPS,
-        do=_set_triggered_amps,
+    replace(
+        remote(attribute("[SOURce:]CURRent[:LEVel]:TRIGgered[:AMPLitude]", _AMPS, "output.triggered_amps", _NR3)),
         query=_triggered_amps,
-        reply=_NR3,
     ),
-    Command(
+    attribute(
         "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]",
         _VOLTS,
+        "output.volts",
+        _NR3,
         do=_set_volts,
-        query=_volts,
-        reply=_NR3,
         takes_s=_PROGRAMMING_S,
     ),
-    Command(
-        "[SOURce:]VOLTage[:LEVel]:TRIGgered[:AMPLitude]",
-        _VOLTS,
-        do=_set_triggered_volts,
+    replace(
+        remote(attribute("[SOURce:]VOLTage[:LEVel]:TRIGgered[:AMPLitude]", _VOLTS, "output.triggered_volts", _NR3)),
         query=_triggered_volts,
-        reply=_NR3,
     ),
 )
 
 TRIGGER_COMMANDS = (
     Command("INITiate[:IMMediate]", do=_initiate),
-    Command(
-        "TRIGger[:SEQuence]:DELay",
-        (Number(unit="S", limits=Limits(0.0, 3600.0)),),
-        do=_set_delay,
-        query=_delay,
-        reply=_NR3,
+    remote(
+        attribute("TRIGger[:SEQuence]:DELay", Number(unit="S", limits=Limits(0.0, 3600.0)), "trigger_delay_s", _NR3)
     ),
-    Command("TRIGger[:SEQuence]:SOURce", (Choice(("BUS", "IMMediate")),), do=_set_source, query=_source),
+    remote(attribute("TRIGger[:SEQuence]:SOURce", Choice(("BUS", "IMMediate")), "trigger_source")),
     Command("*TRG", do=_trigger),
 )

@@ -8,6 +8,8 @@ from __future__ import annotations
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
+from msgspec.structs import replace
+
 from simrack.instruments.e3631a.kinds import KINDS
 from simrack.scpi import (
     MASK_16,
@@ -19,6 +21,7 @@ from simrack.scpi import (
     Register,
     ScpiError,
     Text,
+    attribute,
     bare_integer,
     boolean,
     enable,
@@ -50,33 +53,10 @@ def remote_only(handler: Callable[..., Any]) -> Callable[..., Any]:
     return guarded
 
 
-def _set_display(supply: SimulatedE3631A, state: object) -> None:
-    supply.display_on = bool(state)
-
-
-def _display(supply: SimulatedE3631A) -> bool:
-    return supply.display_on
-
-
-def _set_display_text(supply: SimulatedE3631A, text: str) -> None:
-    supply.display_text = text[:12]
-
-
-def _display_text(supply: SimulatedE3631A) -> str:
-    return supply.display_text
-
-
-def _clear_display_text(supply: SimulatedE3631A) -> None:
-    supply.display_text = ""
-
-
-def _beep(supply: SimulatedE3631A) -> None:
-    del supply
-
-
-def _version(supply: SimulatedE3631A) -> str:
-    del supply
-    return "1995.0"
+def remote(command: Command) -> Command:
+    """Return a setting that an RS-232 unit in local refuses."""
+    assert command.do is not None  # noqa: S101  (a setting can be set)
+    return replace(command, do=remote_only(command.do))
 
 
 def _go_local(supply: SimulatedE3631A) -> None:
@@ -92,11 +72,6 @@ def _go_remote(supply: SimulatedE3631A) -> None:
 def _require_rs232(supply: SimulatedE3631A) -> None:
     if supply.engine.interface is not RS232:
         raise ScpiError(514)
-
-
-def _self_test(supply: SimulatedE3631A) -> str:
-    del supply
-    return "0"
 
 
 @remote_only
@@ -132,19 +107,18 @@ def _summary_enable(supply: SimulatedE3631A, number: int) -> int:
 
 
 _SLOT = (Integer(limits=Limits(1, 3), named=False),)
-_ON_OFF = (Boolean(),)
 
 SYSTEM_COMMANDS = (
-    Command("DISPlay[:WINDow][:STATe]", _ON_OFF, do=_set_display, query=_display, reply=boolean),
-    Command("DISPlay[:WINDow]:TEXT[:DATA]", (Text(),), do=_set_display_text, query=_display_text, reply=quoted),
-    Command("DISPlay[:WINDow]:TEXT:CLEar", do=_clear_display_text),
-    Command("SYSTem:BEEPer[:IMMediate]", do=_beep),
+    attribute("DISPlay[:WINDow][:STATe]", Boolean(), "display_on", boolean),
+    attribute("DISPlay[:WINDow]:TEXT[:DATA]", Text(), "display_text", quoted, convert=lambda text: text[:12]),
+    Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda supply: setattr(supply, "display_text", "")),
+    Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
     Command("SYSTem:ERRor:NEXT", query=next_error),  # SCPI's own optional node; not in the guide, unverified
-    Command("SYSTem:VERSion", query=_version),
+    Command("SYSTem:VERSion", query=lambda _: "1995.0"),
     Command("SYSTem:LOCal", do=_go_local),
     Command("SYSTem:REMote", do=_go_remote),
     Command("SYSTem:RWLock", do=_go_remote),
-    Command("*TST", query=_self_test, query_takes_s=_SELF_TEST_S),
+    Command("*TST", query=lambda _: "0", query_takes_s=_SELF_TEST_S),
     Command("*SAV", _SLOT, do=_save),
     Command("*RCL", _SLOT, do=_recall, takes_s=_RECALL_S),
 )

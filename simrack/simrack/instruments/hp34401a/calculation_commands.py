@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from simrack.instruments.hp34401a.calculation import MATH_RULES
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, ScpiError, boolean, real
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, ScpiError, attribute, boolean, real
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
 _NR3 = real(8)
-_ON_OFF = (Boolean(),)
 _DBM_OHMS = (50, 75, 93, 110, 124, 125, 135, 150, 250, 300, 500, 600, 800, 900, 1000, 1200, 8000)
 
 
@@ -24,19 +23,11 @@ def _set_math(meter: SimulatedHp34401A, operation: str) -> None:
     meter.math.choose(operation)
 
 
-def _math(meter: SimulatedHp34401A) -> str:
-    return meter.math.operation
-
-
 def _set_math_state(meter: SimulatedHp34401A, state: object) -> None:
     if state and meter.function.name not in MATH_RULES[meter.math.operation]:
         meter.math.on = False
         raise ScpiError(-221)
     meter.math.switch(on=bool(state))
-
-
-def _math_state(meter: SimulatedHp34401A) -> bool:
-    return meter.math.on
 
 
 def _null_limits(meter: SimulatedHp34401A) -> Limits:
@@ -60,66 +51,29 @@ def _set_db(meter: SimulatedHp34401A, value: float) -> None:
     meter.math.db_reference = value
 
 
-def _set_dbm(meter: SimulatedHp34401A, value: float) -> None:
-    meter.math.dbm_reference = value
-
-
-def _set_lower(meter: SimulatedHp34401A, value: float) -> None:
-    meter.math.lower = value
-
-
-def _set_upper(meter: SimulatedHp34401A, value: float) -> None:
-    meter.math.upper = value
-
-
-def _math_value(attribute: str) -> Callable[..., float]:
-    return lambda meter: float(getattr(meter.math, attribute) or 0.0)
-
-
 def _statistic(name: str) -> Callable[..., float]:
     return lambda meter: float(getattr(meter.math, name)())
 
 
+def _register(pattern: str, parameter: Number, name: str, **more: Any) -> Command:
+    """Declare a register of the mathematics; one that was never set is 0."""
+    return attribute(pattern, parameter, f"math.{name}", lambda value: _NR3(value or 0.0), **more)
+
+
+_ANY = Number(unit=("V", "A", "OHM", "HZ", "S"), limits=_null_limits)
+
 COMMANDS = (
-    Command("CALCulate:FUNCtion", (Choice(("NULL", "DB", "DBM", "AVERage", "LIMit")),), do=_set_math, query=_math),
-    Command("CALCulate:STATe", _ON_OFF, do=_set_math_state, query=_math_state, reply=boolean),
+    attribute("CALCulate:FUNCtion", Choice(("NULL", "DB", "DBM", "AVERage", "LIMit")), "math.operation", do=_set_math),
+    attribute("CALCulate:STATe", Boolean(), "math.on", boolean, do=_set_math_state),
     Command("CALCulate:AVERage:MINimum", query=_statistic("minimum"), reply=_NR3),
     Command("CALCulate:AVERage:MAXimum", query=_statistic("maximum"), reply=_NR3),
     Command("CALCulate:AVERage:AVERage", query=_statistic("average"), reply=_NR3),
     Command("CALCulate:AVERage:COUNt", query=_statistic("count"), reply=_NR3),
-    Command(
-        "CALCulate:NULL:OFFSet",
-        (Number(unit=("V", "A", "OHM", "HZ", "S"), limits=_null_limits),),
-        do=_set_null,
-        query=_math_value("null_offset"),
-        reply=_NR3,
+    _register("CALCulate:NULL:OFFSet", _ANY, "null_offset", do=_set_null),
+    _register("CALCulate:DB:REFerence", Number(unit="DBM", limits=Limits(-200.0, 200.0)), "db_reference", do=_set_db),
+    _register(
+        "CALCulate:DBM:REFerence", Number(unit="OHM", limits=Limits(50.0, 8000.0), legal=_DBM_OHMS), "dbm_reference"
     ),
-    Command(
-        "CALCulate:DB:REFerence",
-        (Number(unit="DBM", limits=Limits(-200.0, 200.0)),),
-        do=_set_db,
-        query=_math_value("db_reference"),
-        reply=_NR3,
-    ),
-    Command(
-        "CALCulate:DBM:REFerence",
-        (Number(unit="OHM", limits=Limits(50.0, 8000.0), legal=_DBM_OHMS),),
-        do=_set_dbm,
-        query=_math_value("dbm_reference"),
-        reply=_NR3,
-    ),
-    Command(
-        "CALCulate:LIMit:LOWer",
-        (Number(unit=("V", "A", "OHM", "HZ", "S"), limits=_null_limits),),
-        do=_set_lower,
-        query=_math_value("lower"),
-        reply=_NR3,
-    ),
-    Command(
-        "CALCulate:LIMit:UPPer",
-        (Number(unit=("V", "A", "OHM", "HZ", "S"), limits=_null_limits),),
-        do=_set_upper,
-        query=_math_value("upper"),
-        reply=_NR3,
-    ),
+    _register("CALCulate:LIMit:LOWer", _ANY, "lower"),
+    _register("CALCulate:LIMit:UPPer", _ANY, "upper"),
 )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from simrack.instruments.hp34401a.functions import APERTURES_S, BY_NAME
 from simrack.instruments.hp34401a.setup import attainable_fraction
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, boolean, real
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, attribute, boolean, real
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 _RANGE_CHANGE_S = 1 / 50
 """Range changes a second over the bus (p. 217)."""
 _NR3 = real(8)
-_ON_OFF = (Boolean(),)
 _RANGED = {
     "VOLT": "VOLTage[:DC]",
     "VOLT:AC": "VOLTage:AC",
@@ -36,21 +35,6 @@ def _set_range(name: str) -> Callable[..., None]:
         setup.auto = False
 
     return write
-
-
-def _range(name: str) -> Callable[..., float]:
-    return lambda meter: float(meter.setups[name].range)
-
-
-def _set_auto(name: str) -> Callable[..., None]:
-    def write(meter: SimulatedHp34401A, state: object) -> None:
-        meter.setups[name].auto = bool(state)
-
-    return write
-
-
-def _auto(name: str) -> Callable[..., bool]:
-    return lambda meter: bool(meter.setups[name].auto)
 
 
 def _resolution_limits(function: Function) -> Callable[[SimulatedHp34401A], Limits]:
@@ -79,51 +63,6 @@ def _set_nplc(name: str) -> Callable[..., None]:
     return write
 
 
-def _nplc(name: str) -> Callable[..., float]:
-    return lambda meter: float(meter.setups[name].nplc)
-
-
-def _set_aperture(name: str) -> Callable[..., None]:
-    def write(meter: SimulatedHp34401A, seconds: float) -> None:
-        meter.setups[name].aperture_s = seconds
-
-    return write
-
-
-def _aperture(name: str) -> Callable[..., float]:
-    return lambda meter: float(meter.setups[name].aperture_s)
-
-
-def _set_bandwidth(meter: SimulatedHp34401A, hertz: float) -> None:
-    """A filter is chosen that is slow enough for `hertz` (p. 115)."""
-    meter.bandwidth_hz = 200.0 if hertz >= 200.0 else 20.0 if hertz >= 20.0 else 3.0
-
-
-def _bandwidth(meter: SimulatedHp34401A) -> float:
-    return meter.bandwidth_hz
-
-
-def _set_autozero(meter: SimulatedHp34401A, state: object) -> None:
-    meter.autozero = state is True
-
-
-def _autozero(meter: SimulatedHp34401A) -> bool:
-    return meter.autozero
-
-
-def _set_impedance(meter: SimulatedHp34401A, state: object) -> None:
-    meter.high_impedance = bool(state)
-
-
-def _impedance(meter: SimulatedHp34401A) -> bool:
-    return meter.high_impedance
-
-
-def _terminals(meter: SimulatedHp34401A) -> str:
-    del meter
-    return "FRON"
-
-
 def range_commands(function: Function, header: str) -> tuple[Command, ...]:
     """Declare RANGe and RANGe:AUTO of one function; limits are the lowest range and the top one with its over-range."""
     ranged, name = function.voltage_ranged, function.name
@@ -144,7 +83,7 @@ def range_commands(function: Function, header: str) -> tuple[Command, ...]:
             reply=_NR3,
             takes_s=_RANGE_CHANGE_S,
         ),
-        Command(f"[SENSe:]{header}:RANGe:AUTO", _ON_OFF, do=_set_auto(name), query=_auto(name), reply=boolean),
+        attribute(f"[SENSe:]{header}:RANGe:AUTO", Boolean(), f"setups[{name}].auto", boolean),
     )
 
 
@@ -175,13 +114,29 @@ def nplc_command(function: Function, header: str) -> Command:
     """Declare NPLCycles of one function: other power line cycles are rounded up to those it has."""
     legal, name = tuple(function.fractions), function.name
     number = Number(limits=Limits(min(legal), max(legal)), legal=legal)
-    return Command(f"[SENSe:]{header}:NPLCycles", (number,), do=_set_nplc(name), query=_nplc(name), reply=_NR3)
+    return attribute(f"[SENSe:]{header}:NPLCycles", number, f"setups[{name}].nplc", _NR3, do=_set_nplc(name))
 
 
 def gate_command(name: str, header: str) -> Command:
     """Declare APERture of frequency or period: its gate time."""
     number = Number(unit="S", limits=Limits(0.01, 1.0), legal=tuple(APERTURES_S))
-    return Command(f"[SENSe:]{header}:APERture", (number,), do=_set_aperture(name), query=_aperture(name), reply=_NR3)
+    return attribute(f"[SENSe:]{header}:APERture", number, f"setups[{name}].aperture_s", _NR3)
+
+
+def bandwidth_command(header: str) -> Command:
+    """Declare the bandwidth of alternating functions: a filter is chosen that is slow enough (p. 115)."""
+    return attribute(
+        header,
+        Number(unit="HZ", limits=Limits(3.0, 200.0)),
+        "bandwidth_hz",
+        _NR3,
+        convert=lambda hertz: 200.0 if hertz >= 200.0 else 20.0 if hertz >= 20.0 else 3.0,
+    )
+
+
+def impedance_command(header: str) -> Command:
+    """Declare the automatic input impedance."""
+    return attribute(header, Boolean(), "high_impedance", boolean)
 
 
 COMMANDS = (
@@ -192,14 +147,8 @@ COMMANDS = (
     *(nplc_command(BY_NAME[name], _RANGED[name]) for name in _INTEGRATING),
     gate_command("FREQ", "FREQuency"),
     gate_command("PER", "PERiod"),
-    Command(
-        "[SENSe:]DETector:BANDwidth",
-        (Number(unit="HZ", limits=Limits(3.0, 200.0)),),
-        do=_set_bandwidth,
-        query=_bandwidth,
-        reply=_NR3,
-    ),
-    Command("[SENSe:]ZERO:AUTO", (Boolean(words=("ONCE",)),), do=_set_autozero, query=_autozero, reply=boolean),
-    Command("INPut:IMPedance:AUTO", _ON_OFF, do=_set_impedance, query=_impedance, reply=boolean),
-    Command("ROUTe:TERMinals", query=_terminals),
+    bandwidth_command("[SENSe:]DETector:BANDwidth"),
+    attribute("[SENSe:]ZERO:AUTO", Boolean(words=("ONCE",)), "autozero", boolean, convert=lambda state: state is True),
+    impedance_command("INPut:IMPedance:AUTO"),
+    Command("ROUTe:TERMinals", query=lambda _: "FRON"),
 )

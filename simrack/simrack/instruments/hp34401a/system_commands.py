@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from simrack.scpi import RS232, Boolean, Command, ScpiError, Text, boolean, enable, event, quoted
+from simrack.scpi import RS232, Boolean, Command, ScpiError, Text, attribute, boolean, enable, event, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -13,44 +13,6 @@ if TYPE_CHECKING:
 
 _SELF_TEST_S = 15.0
 """*TST? (p. 86: about 15 s)."""
-_ON_OFF = (Boolean(),)
-
-
-def _set_display(meter: SimulatedHp34401A, state: object) -> None:
-    meter.display_on = bool(state)
-
-
-def _display(meter: SimulatedHp34401A) -> bool:
-    return meter.display_on
-
-
-def _set_text(meter: SimulatedHp34401A, text: str) -> None:
-    meter.display_text = text[:12]
-
-
-def _text(meter: SimulatedHp34401A) -> str:
-    return meter.display_text
-
-
-def _clear_text(meter: SimulatedHp34401A) -> None:
-    meter.display_text = ""
-
-
-def _nothing(meter: SimulatedHp34401A) -> None:
-    del meter
-
-
-def _set_beeper(meter: SimulatedHp34401A, state: object) -> None:
-    meter.beeper = bool(state)
-
-
-def _beeper(meter: SimulatedHp34401A) -> bool:
-    return meter.beeper
-
-
-def _version(meter: SimulatedHp34401A) -> str:
-    del meter
-    return "1991.0"
 
 
 def _require_rs232(meter: SimulatedHp34401A) -> None:
@@ -89,12 +51,12 @@ def _language(number: int) -> Callable[[SimulatedHp34401A], None]:
 
 
 COMMANDS = (
-    Command("DISPlay[:WINDow][:STATe]", _ON_OFF, do=_set_display, query=_display, reply=boolean),
-    Command("DISPlay[:WINDow]:TEXT[:DATA]", (Text(),), do=_set_text, query=_text, reply=quoted),
-    Command("DISPlay[:WINDow]:TEXT:CLEar", do=_clear_text),
-    Command("SYSTem:BEEPer[:IMMediate]", do=_nothing),
-    Command("SYSTem:BEEPer:STATe", _ON_OFF, do=_set_beeper, query=_beeper, reply=boolean),
-    Command("SYSTem:VERSion", query=_version),
+    attribute("DISPlay[:WINDow][:STATe]", Boolean(), "display_on", boolean),
+    attribute("DISPlay[:WINDow]:TEXT[:DATA]", Text(), "display_text", quoted, convert=lambda text: text[:12]),
+    Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda meter: setattr(meter, "display_text", "")),
+    Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
+    attribute("SYSTem:BEEPer:STATe", Boolean(), "beeper", boolean),
+    Command("SYSTem:VERSion", query=lambda _: "1991.0"),
     Command("SYSTem:LOCal", do=_go_local),
     Command("SYSTem:REMote", do=_go_remote),
     Command("SYSTem:RWLock", do=_go_remote),

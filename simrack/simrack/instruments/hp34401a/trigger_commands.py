@@ -13,6 +13,7 @@ from simrack.scpi import (
     Number,
     ScpiError,
     Text,
+    attribute,
     boolean,
     quoted,
     real,
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
 _NR3 = real(8)
-_ON_OFF = (Boolean(),)
 
 
 def _trigger(meter: SimulatedHp34401A) -> None:
@@ -39,76 +39,40 @@ def _set_feed(meter: SimulatedHp34401A, destination: str, source: str) -> None:
     meter.triggering.feed = "CALC" if source else ""
 
 
-def _feed(meter: SimulatedHp34401A, destination: str | None) -> str:
-    del destination
-    return meter.triggering.feed
+def trigger_settings(counts: Limits, delay_digits: int) -> tuple[Command, ...]:
+    """Declare source, delay and counts; delays are kept to so many decimals of a second."""
+
+    def set_delay(meter: SimulatedHp34401A, seconds: float) -> None:
+        meter.triggering.delay_s, meter.triggering.delay_auto = round(seconds, delay_digits), False
+
+    count = Integer(limits=counts, words={"INFinity": float("inf")})
+    return (
+        attribute("TRIGger:SOURce", Choice(("BUS", "IMMediate", "EXTernal")), "triggering.source"),
+        Command(
+            "TRIGger:DELay",
+            (Number(unit="S", limits=Limits(0.0, 3600.0)),),
+            do=set_delay,
+            query=lambda meter: meter.delay_s(),
+            reply=_NR3,
+        ),
+        attribute("TRIGger:DELay:AUTO", Boolean(), "triggering.delay_auto", boolean),
+        attribute("TRIGger:COUNt", count, "triggering.trigger_count", _NR3, convert=float),
+        attribute("SAMPle:COUNt", Integer(limits=counts), "triggering.sample_count", signed_integer),
+    )
 
 
-def _points(meter: SimulatedHp34401A) -> int:
-    return len(meter.triggering.memory)
-
-
-def _set_source(meter: SimulatedHp34401A, source: str) -> None:
-    meter.triggering.source = source
-
-
-def _source(meter: SimulatedHp34401A) -> str:
-    return meter.triggering.source
-
-
-def _set_delay(meter: SimulatedHp34401A, seconds: float) -> None:
-    meter.triggering.delay_s = round(seconds, 5)
-    meter.triggering.delay_auto = False
-
-
-def _delay(meter: SimulatedHp34401A) -> float:
-    return meter.delay_s()
-
-
-def _set_delay_auto(meter: SimulatedHp34401A, state: object) -> None:
-    meter.triggering.delay_auto = bool(state)
-
-
-def _delay_auto(meter: SimulatedHp34401A) -> bool:
-    return meter.triggering.delay_auto
-
-
-def _set_samples(meter: SimulatedHp34401A, count: int) -> None:
-    meter.triggering.sample_count = count
-
-
-def _samples(meter: SimulatedHp34401A) -> int:
-    return meter.triggering.sample_count
-
-
-def _set_triggers(meter: SimulatedHp34401A, count: float) -> None:
-    meter.triggering.trigger_count = float(count)
-
-
-def _triggers(meter: SimulatedHp34401A) -> float:
-    return meter.triggering.trigger_count
-
+BUS_TRIGGER = Command("*TRG", do=_trigger, urgent=True)
 
 COMMANDS = (
     Command(
         "DATA:FEED",
         (Choice(("RDG_STORE",)), Text()),
         do=_set_feed,
-        query=_feed,
+        query=lambda meter, _: meter.triggering.feed,
         query_parameters=(Choice(("RDG_STORE",), required=False),),
         reply=quoted,
     ),
-    Command("DATA:POINts", query=_points, reply=signed_integer),
-    Command("TRIGger:SOURce", (Choice(("BUS", "IMMediate", "EXTernal")),), do=_set_source, query=_source),
-    Command("TRIGger:DELay", (Number(unit="S", limits=Limits(0.0, 3600.0)),), do=_set_delay, query=_delay, reply=_NR3),
-    Command("TRIGger:DELay:AUTO", _ON_OFF, do=_set_delay_auto, query=_delay_auto, reply=boolean),
-    Command(
-        "TRIGger:COUNt",
-        (Integer(limits=Limits(1, 50000), words={"INFinity": float("inf")}),),
-        do=_set_triggers,
-        query=_triggers,
-        reply=_NR3,
-    ),
-    Command("SAMPle:COUNt", (Integer(limits=Limits(1, 50000)),), do=_set_samples, query=_samples, reply=signed_integer),
-    Command("*TRG", do=_trigger, urgent=True),
+    Command("DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=signed_integer),
+    *trigger_settings(Limits(1, 50000), 5),
+    BUS_TRIGGER,
 )

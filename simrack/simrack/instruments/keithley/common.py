@@ -5,12 +5,25 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from msgspec import Struct
 from msgspec.structs import replace
 
 from simrack.instruments.hp34401a.errors import MeterErrors
 from simrack.instruments.hp34401a.functions import BY_NAME
 from simrack.instruments.hp34401a.range_commands import range_commands
-from simrack.scpi import Boolean, Choice, Command, Integer, Limits, Number, Pending, boolean, real, signed_integer
+from simrack.scpi import (
+    Boolean,
+    Choice,
+    Command,
+    Integer,
+    Limits,
+    Number,
+    Pending,
+    attribute,
+    boolean,
+    real,
+    signed_integer,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -65,13 +78,15 @@ def spelled(name: str) -> str:
     return words.removesuffix(":DC")
 
 
-def setting(pattern: str, key: str, parameter: Any, reply: Callable[[Any], str] = str) -> Command:
-    """Declare a setting that is kept in `meter.kept`, one of the functions where the pattern names one."""
+class KeptOfFunction(Struct):
+    """Settings of a function that change no reading of this bench."""
 
-    def write(meter: Any, value: Any) -> None:
-        meter.kept[key] = value
-
-    return Command(pattern, (parameter,), do=write, query=lambda meter: meter.kept[key], reply=reply)
+    average: bool
+    digits: int
+    averaging: str = "REP"
+    count: int = 10
+    reference: float = 0.0
+    relative: bool = False
 
 
 def _integration(name: str, header: str, limits: tuple[float, float]) -> Command:
@@ -101,19 +116,14 @@ def settings_of_functions(
         if functions[name].integrating:
             commands.append(_integration(name, header, nplc))
         commands += [
-            setting(f"[SENSe:]{header}:AVERage:STATe", f"{name}:average", Boolean(), boolean),
-            setting(f"[SENSe:]{header}:AVERage:TCONtrol", f"{name}:type", Choice(("REPeat", "MOVing"))),
-            setting(f"[SENSe:]{header}:AVERage:COUNt", f"{name}:count", Integer(limits=Limits(1, 100)), signed_integer),
-            setting(f"[SENSe:]{header}:{relative}", f"{name}:reference", Number(limits=Limits(-1e9, 1e9, 0.0)), _NR3),
-            setting(f"[SENSe:]{header}:{relative}:STATe", f"{name}:relative", Boolean(), boolean),
+            attribute(f"[SENSe:]{header}:AVERage:STATe", Boolean(), f"kept[{name}].average", boolean),
+            attribute(f"[SENSe:]{header}:AVERage:TCONtrol", Choice(("REPeat", "MOVing")), f"kept[{name}].averaging"),
+            attribute(
+                f"[SENSe:]{header}:AVERage:COUNt", Integer(limits=Limits(1, 100)), f"kept[{name}].count", signed_integer
+            ),
+            attribute(
+                f"[SENSe:]{header}:{relative}", Number(limits=Limits(-1e9, 1e9, 0.0)), f"kept[{name}].reference", _NR3
+            ),
+            attribute(f"[SENSe:]{header}:{relative}:STATe", Boolean(), f"kept[{name}].relative", boolean),
         ]
     return tuple(commands)
-
-
-def kept_by_functions(*, average: bool) -> dict[str, Any]:
-    """Return the settings of `settings_of_functions` after ``*RST``."""
-    kept: dict[str, Any] = {}
-    for name in NAMES:
-        kept |= {f"{name}:average": average, f"{name}:type": "REP", f"{name}:count": 10}
-        kept |= {f"{name}:reference": 0.0, f"{name}:relative": False}
-    return kept

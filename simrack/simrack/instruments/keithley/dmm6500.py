@@ -16,12 +16,11 @@ from simrack import specifications
 from simrack.instruments.hp34401a.errors import MeterErrors
 from simrack.instruments.keithley.common import (
     NAMES,
+    KeptOfFunction,
     drawn,
     functions_of,
     ignored,
-    kept_by_functions,
     once_idle,
-    setting,
     settings_of_functions,
     spelled,
 )
@@ -43,6 +42,7 @@ from simrack.scpi import (
     ScpiError,
     Text,
     Word,
+    attribute,
     boolean,
     comma_list,
     condition,
@@ -92,7 +92,7 @@ def _require_buffer(buffer: str | None) -> None:
 def _take(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
     _require_buffer(buffer)
     meter.triggering.trigger_count = 1.0
-    meter.triggering.sample_count = int(meter.kept["count"])
+    meter.triggering.sample_count = meter.samples
     meter.triggering.delay_auto = True
     meter.triggering.start(stored=True)
 
@@ -182,13 +182,16 @@ _TABLE = CommandTable(
     *settings_of_functions(_FUNCTIONS, (0.0005, 12.0), "RELative"),
     *(_zero(name) for name in ("VOLT", "RES", "FRES")),
     *(
-        setting(
-            f"DISPlay:{_FUNCTIONS[name].header}:DIGits", f"{name}:digits", Integer(limits=Limits(3, 6)), signed_integer
+        attribute(
+            f"DISPlay:{_FUNCTIONS[name].header}:DIGits",
+            Integer(limits=Limits(3, 6)),
+            f"kept[{name}].digits",
+            signed_integer,
         )
         for name in NAMES
     ),
     Command("[SENSe:]AZERo:ONCE", do=ignored),
-    setting("[SENSe:]COUNt", "count", Integer(limits=Limits(1, 1_000_000)), signed_integer),
+    attribute("[SENSe:]COUNt", Integer(limits=Limits(1, 1_000_000)), "samples", signed_integer),
     *(
         Command(f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=_NAMED, reply=_READINGS)
         for name in NAMES
@@ -207,7 +210,7 @@ _TABLE = CommandTable(
     ),
     Command("TRACe:CLEar", _NAMED, do=_clear),
     Command("TRACe:ACTual", query=lambda meter, _buffer: len(meter.stored), query_parameters=_NAMED, reply=str),
-    setting("TRACe:POINts", "points", Integer(limits=Limits(10, 7_000_000)), signed_integer),
+    attribute("TRACe:POINts", Integer(limits=Limits(10, 7_000_000)), "points", signed_integer),
     Command(
         "TRIGger:LOAD",
         (
@@ -218,7 +221,7 @@ _TABLE = CommandTable(
     ),
     Command("INITiate[:IMMediate]", do=_initiate),
     Command("ABORt", do=lambda meter: meter.triggering.abort()),
-    setting("FORMat[:DATA]", "format", Choice(("ASCii",))),
+    attribute("FORMat[:DATA]", Choice(("ASCii",)), "format"),
     Command("ROUTe:TERMinals", query=lambda _: "FRON"),
     Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz)),
     Command("SYSTem:BEEPer[:IMMediate]", (Number(), Number()), do=ignored),
@@ -269,8 +272,8 @@ class KeithleyDMM6500Twin(SimulatedTruevolt):
 
     def reset(self) -> None:
         """*RST."""
-        self.kept = kept_by_functions(average=False) | {f"{name}:digits": 6 for name in NAMES}
-        self.kept |= {"count": 1, "points": _BUFFER, "format": "ASC"}
+        self.kept = {name: KeptOfFunction(average=False, digits=6) for name in NAMES}
+        self.samples, self.points, self.format = 1, _BUFFER, "ASC"
         self.stored: list[float] = []
         self.loop: tuple[int, float] | None = None
         super().reset()

@@ -18,12 +18,11 @@ from simrack import specifications
 from simrack.instruments.hp34401a.errors import MeterErrors
 from simrack.instruments.keithley.common import (
     NAMES,
+    KeptOfFunction,
     drawn,
     functions_of,
     ignored,
-    kept_by_functions,
     once_idle,
-    setting,
     settings_of_functions,
     spelled,
 )
@@ -43,6 +42,7 @@ from simrack.scpi import (
     Number,
     ScpiError,
     Text,
+    attribute,
     boolean,
     comma_list,
     condition,
@@ -118,10 +118,6 @@ def _fetch(meter: Keithley2000Twin) -> Any:
     return [meter.ring.last]
 
 
-def _set_continuous(meter: Keithley2000Twin, state: object) -> None:
-    meter.continuous = bool(state)
-
-
 def _choose(meter: Keithley2000Twin, name: str) -> None:
     known = spelled(name)
     if known not in NAMES:
@@ -138,19 +134,8 @@ def _count(count: float) -> str:
     return "+9.9E37" if math.isinf(count) else str(int(count))
 
 
-def _set_count(key: str) -> Any:
-    def write(meter: Keithley2000Twin, count: float) -> None:
-        setattr(meter.triggering, key, float(count) if key == "trigger_count" else int(count))
-
-    return write
-
-
 def _set_delay(meter: Keithley2000Twin, seconds: float) -> None:
     meter.triggering.delay_s, meter.triggering.delay_auto = seconds, False
-
-
-def _set_source(meter: Keithley2000Twin, source: str) -> None:
-    meter.triggering.source = source
 
 
 def _stored(meter: Keithley2000Twin) -> list[float]:
@@ -160,7 +145,7 @@ def _stored(meter: Keithley2000Twin) -> list[float]:
 
 
 def _feed(meter: Keithley2000Twin, control: str) -> None:
-    meter.kept["control"] = control
+    meter.control = control
     if control == "NEXT":
         meter.stored = []
 
@@ -183,8 +168,11 @@ _TABLE = CommandTable(
     Command("[SENSe:]FUNCtion", (Text(),), do=_choose, query=lambda meter: NAMES[meter.function.name], reply=quoted),
     *settings_of_functions(_FUNCTIONS, (0.01, 10.0), "REFerence"),
     *(
-        setting(
-            f"[SENSe:]{_FUNCTIONS[name].header}:DIGits", f"{name}:digits", Integer(limits=Limits(4, 7)), signed_integer
+        attribute(
+            f"[SENSe:]{_FUNCTIONS[name].header}:DIGits",
+            Integer(limits=Limits(4, 7)),
+            f"kept[{name}].digits",
+            signed_integer,
         )
         for name in NAMES
     ),
@@ -193,22 +181,10 @@ _TABLE = CommandTable(
     Command("READ", query=_read, reply=_READINGS),
     Command("FETCh", query=_fetch, reply=_READINGS),
     Command("INITiate[:IMMediate]", do=_initiate),
-    Command("INITiate:CONTinuous", (Boolean(),), do=_set_continuous, query=lambda m: m.continuous, reply=boolean),
+    attribute("INITiate:CONTinuous", Boolean(), "continuous", boolean),
     Command("ABORt", do=lambda meter: meter.triggering.abort()),
-    Command(
-        "TRIGger[:SEQuence]:COUNt",
-        (_COUNTS,),
-        do=_set_count("trigger_count"),
-        query=lambda meter: meter.triggering.trigger_count,
-        reply=_count,
-    ),
-    Command(
-        "SAMPle:COUNt",
-        (Integer(limits=Limits(1, _BUFFER, 1)),),
-        do=_set_count("sample_count"),
-        query=lambda meter: meter.triggering.sample_count,
-        reply=signed_integer,
-    ),
+    attribute("TRIGger[:SEQuence]:COUNt", _COUNTS, "triggering.trigger_count", _count, convert=float),
+    attribute("SAMPle:COUNt", Integer(limits=Limits(1, _BUFFER, 1)), "triggering.sample_count", signed_integer),
     Command(
         "TRIGger[:SEQuence]:DELay",
         (Number(unit="S", limits=Limits(0.0, 999_999.999, 0.0)),),
@@ -216,33 +192,22 @@ _TABLE = CommandTable(
         query=lambda meter: meter.delay_s(),
         reply=_NR3,
     ),
-    Command(
-        "TRIGger[:SEQuence]:DELay:AUTO",
-        (Boolean(),),
-        do=lambda meter, state: setattr(meter.triggering, "delay_auto", bool(state)),
-        query=lambda meter: meter.triggering.delay_auto,
-        reply=boolean,
-    ),
-    Command(
-        "TRIGger[:SEQuence]:SOURce",
-        (Choice(("IMMediate", "BUS", "EXTernal")),),
-        do=_set_source,
-        query=lambda meter: meter.triggering.source,
-    ),
+    attribute("TRIGger[:SEQuence]:DELay:AUTO", Boolean(), "triggering.delay_auto", boolean),
+    attribute("TRIGger[:SEQuence]:SOURce", Choice(("IMMediate", "BUS", "EXTernal")), "triggering.source"),
     Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
     Command("TRACe:CLEar", do=lambda meter: meter.stored.clear()),
-    setting("TRACe:POINts", "points", Integer(limits=Limits(2, _BUFFER)), signed_integer),
-    setting("TRACe:FEED", "feed", Choice(("SENSe", "CALCulate", "NONE"))),
-    Command("TRACe:FEED:CONTrol", (Choice(("NEVer", "NEXT")),), do=_feed, query=lambda meter: meter.kept["control"]),
+    attribute("TRACe:POINts", Integer(limits=Limits(2, _BUFFER)), "points", signed_integer),
+    attribute("TRACe:FEED", Choice(("SENSe", "CALCulate", "NONE")), "feed"),
+    attribute("TRACe:FEED:CONTrol", Choice(("NEVer", "NEXT")), "control", do=_feed),
     Command("TRACe:DATA", query=_stored, reply=_READINGS),
-    setting("FORMat[:DATA]", "format", Choice(("ASCii",))),
-    setting("FORMat:ELEMents", "elements", Choice(("READing",))),
+    attribute("FORMat[:DATA]", Choice(("ASCii",)), "format"),
+    attribute("FORMat:ELEMents", Choice(("READing",)), "elements"),
     Command(
         "SYSTem:AZERo[:STATe]", (Boolean(),), do=_set_azero, query=lambda meter: meter.autozeroes("VOLT"), reply=boolean
     ),
     Command("SYSTem:BEEPer[:IMMediate]", (Number(), Number()), do=ignored),
-    setting("SYSTem:BEEPer:STATe", "beeper", Boolean(), boolean),
-    setting("DISPlay:ENABle", "display", Boolean(), boolean),
+    attribute("SYSTem:BEEPer:STATe", Boolean(), "beeper", boolean),
+    attribute("DISPlay:ENABle", Boolean(), "display_on", boolean),
     Command("SYSTem:ERRor:NEXT", query=next_error),
     Command("SYSTem:FRSWitch", query=lambda _: 1, reply=signed_integer),
     Command("SYSTem:VERSion", query=lambda _: "1991.0"),
@@ -291,9 +256,9 @@ class Keithley2000Twin(SimulatedTruevolt):
 
     def reset(self) -> None:
         """*RST."""
-        self.kept = kept_by_functions(average=True) | {f"{name}:digits": 7 for name in NAMES}
-        self.kept |= {"points": 100, "feed": "CALC", "control": "NEV", "format": "ASC", "elements": "READ"}
-        self.kept |= {"beeper": True, "display": True}
+        self.kept = {name: KeptOfFunction(average=True, digits=7) for name in NAMES}
+        self.points, self.feed, self.control, self.format, self.elements = 100, "CALC", "NEV", "ASC", "READ"
+        self.beeper = self.display_on = True
         self.stored: list[float] = []
         self.continuous = False
         super().reset()
@@ -303,7 +268,7 @@ class Keithley2000Twin(SimulatedTruevolt):
         self.triggering.abort()
         self.continuous = False
         self.configure(self.functions[name], None, None)
-        self.kept["control"] = "NEV"
+        self.control = "NEV"
 
     def forget(self) -> None:
         """A setting changes: the measurement ends."""
@@ -311,6 +276,6 @@ class Keithley2000Twin(SimulatedTruevolt):
 
     def _finish_reading(self, value: float) -> float:
         reading = super()._finish_reading(value)
-        if self.kept["control"] == "NEXT" and len(self.stored) < self.kept["points"]:
+        if self.control == "NEXT" and len(self.stored) < self.points:
             self.stored.append(reading)
         return reading

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from simrack.scpi import Boolean, Command, Limits, Number, boolean, comma_list, real
+from simrack.scpi import Boolean, Command, Limits, Number, attribute, boolean, comma_list, real
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -13,17 +13,8 @@ if TYPE_CHECKING:
     from simrack.instruments.truevolt.mathematics import Statistics
 
 _NR3 = real(8)
-_ON_OFF = (Boolean(),)
 _AVERAGE, _LIMIT = "CALCulate:AVERage", "CALCulate:LIMit"
 _ANY = Number(unit=("V", "OHM", "HZ", "S"), limits=Limits(-1e15, 1e15, 0.0))
-
-
-def _switch_statistics(meter: SimulatedTruevolt, state: object) -> None:
-    meter.statistics.switch(on=bool(state))
-
-
-def _clear_statistics(meter: SimulatedTruevolt) -> None:
-    meter.statistics.clear()
 
 
 def _statistic(value: Callable[[Statistics], float]) -> Callable[[SimulatedTruevolt], float]:
@@ -35,23 +26,15 @@ def _all(meter: SimulatedTruevolt) -> tuple[float, ...]:
     return statistics.mean, statistics.deviation(), statistics.minimum, statistics.maximum
 
 
-def _switch_limits(meter: SimulatedTruevolt, state: object) -> None:
-    meter.limit_test.on = bool(state)
-
-
-def _set_lower(meter: SimulatedTruevolt, value: float) -> None:
-    meter.limit_test.lower = value
-
-
-def _set_upper(meter: SimulatedTruevolt, value: float) -> None:
-    meter.limit_test.upper = value
-
-
 COMMANDS = (
-    Command(
-        f"{_AVERAGE}[:STATe]", _ON_OFF, do=_switch_statistics, query=lambda meter: meter.statistics.on, reply=boolean
+    attribute(
+        f"{_AVERAGE}[:STATe]",
+        Boolean(),
+        "statistics.on",
+        boolean,
+        do=lambda meter, on: meter.statistics.switch(on=on),
     ),
-    Command(f"{_AVERAGE}:CLEar[:IMMediate]", do=_clear_statistics),
+    Command(f"{_AVERAGE}:CLEar[:IMMediate]", do=lambda meter: meter.statistics.clear()),
     Command(f"{_AVERAGE}:ALL", query=_all, reply=comma_list(_NR3)),
     Command(f"{_AVERAGE}:AVERage", query=_statistic(lambda statistics: statistics.mean), reply=_NR3),
     Command(f"{_AVERAGE}:COUNt", query=_statistic(lambda statistics: statistics.count), reply=_NR3),
@@ -59,7 +42,7 @@ COMMANDS = (
     Command(f"{_AVERAGE}:MINimum", query=_statistic(lambda statistics: statistics.minimum), reply=_NR3),
     Command(f"{_AVERAGE}:PTPeak", query=_statistic(lambda statistics: statistics.span()), reply=_NR3),
     Command(f"{_AVERAGE}:SDEViation", query=_statistic(lambda statistics: statistics.deviation()), reply=_NR3),
-    Command(f"{_LIMIT}[:STATe]", _ON_OFF, do=_switch_limits, query=lambda meter: meter.limit_test.on, reply=boolean),
-    Command(f"{_LIMIT}:LOWer[:DATA]", (_ANY,), do=_set_lower, query=lambda meter: meter.limit_test.lower, reply=_NR3),
-    Command(f"{_LIMIT}:UPPer[:DATA]", (_ANY,), do=_set_upper, query=lambda meter: meter.limit_test.upper, reply=_NR3),
+    attribute(f"{_LIMIT}[:STATe]", Boolean(), "limit_test.on", boolean),
+    attribute(f"{_LIMIT}:LOWer[:DATA]", _ANY, "limit_test.lower", _NR3),
+    attribute(f"{_LIMIT}:UPPer[:DATA]", _ANY, "limit_test.upper", _NR3),
 )

@@ -12,23 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
-from simrack.instruments.hp34401a import trigger_commands
 from simrack.instruments.hp34401a.measuring_commands import CONFIGURATION, FUNCTION, measurement_commands
+from simrack.instruments.hp34401a.trigger_commands import BUS_TRIGGER, trigger_settings
 from simrack.scpi import (
     Choice,
     Command,
     Integer,
     Limits,
-    Number,
     Pending,
     ScpiError,
+    attribute,
     block,
-    boolean,
     comma_list,
     real,
     signed_integer,
 )
-from simrack.scpi.parameters import Boolean
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,14 +71,6 @@ def _read(meter: SimulatedTruevolt) -> Any:
     return _finished(meter, lambda: list(meter.triggering.memory))
 
 
-def _initiate(meter: SimulatedTruevolt) -> None:
-    meter.triggering.start(stored=True)
-
-
-def _abort(meter: SimulatedTruevolt) -> None:
-    meter.triggering.abort()
-
-
 def _fetch(meter: SimulatedTruevolt) -> Any:
     def stored() -> list[float]:
         if not meter.triggering.memory:
@@ -120,76 +110,6 @@ def _last(meter: SimulatedTruevolt) -> str:
     return f"{_NR3(_NOT_A_NUMBER if last is None else last)} {unit}"
 
 
-def _set_slope(meter: SimulatedTruevolt, slope: str) -> None:
-    meter.ring.slope = slope
-
-
-def _slope(meter: SimulatedTruevolt) -> str:
-    return meter.ring.slope
-
-
-def _set_samples(meter: SimulatedTruevolt, count: int) -> None:
-    meter.triggering.sample_count = count
-
-
-def _samples(meter: SimulatedTruevolt) -> int:
-    return meter.triggering.sample_count
-
-
-def _set_triggers(meter: SimulatedTruevolt, count: float) -> None:
-    meter.triggering.trigger_count = float(count)
-
-
-def _triggers(meter: SimulatedTruevolt) -> float:
-    return meter.triggering.trigger_count
-
-
-def _set_source(meter: SimulatedTruevolt, source: str) -> None:
-    meter.triggering.source = source
-
-
-def _source(meter: SimulatedTruevolt) -> str:
-    return meter.triggering.source
-
-
-def _set_delay(meter: SimulatedTruevolt, seconds: float) -> None:
-    meter.triggering.delay_s = round(seconds, 6)
-    meter.triggering.delay_auto = False
-
-
-def _delay(meter: SimulatedTruevolt) -> float:
-    return meter.delay_s()
-
-
-def _set_delay_auto(meter: SimulatedTruevolt, state: object) -> None:
-    meter.triggering.delay_auto = bool(state)
-
-
-def _delay_auto(meter: SimulatedTruevolt) -> bool:
-    return meter.triggering.delay_auto
-
-
-def _trigger_commands(kind: MeterKind) -> tuple[Command, ...]:
-    counts = Limits(1, kind.most_readings, 1)
-    settings = (
-        Command("SAMPle:COUNt", (Integer(limits=counts),), do=_set_samples, query=_samples, reply=signed_integer),
-        Command(
-            "TRIGger:COUNt",
-            (Integer(limits=counts, words={"INFinity": float("inf")}),),
-            do=_set_triggers,
-            query=_triggers,
-            reply=_NR3,
-        ),
-        Command("TRIGger:SOURce", (Choice(("IMMediate", "EXTernal", "BUS")),), do=_set_source, query=_source),
-        Command(
-            "TRIGger:DELay", (Number(unit="S", limits=Limits(0.0, 3600.0)),), do=_set_delay, query=_delay, reply=_NR3
-        ),
-        Command("TRIGger:DELay:AUTO", (Boolean(),), do=_set_delay_auto, query=_delay_auto, reply=boolean),
-        Command("TRIGger:SLOPe", (Choice(("POSitive", "NEGative")),), do=_set_slope, query=_slope),
-    )
-    return tuple(forgetting(each) for each in settings)
-
-
 def commands(kind: MeterKind) -> tuple[Command, ...]:
     """Return what a model understands of measuring."""
     of_functions = (
@@ -200,8 +120,8 @@ def commands(kind: MeterKind) -> tuple[Command, ...]:
         CONFIGURATION,
         replace(forgetting(FUNCTION), pattern="[SENSe:]FUNCtion[:ON]"),
         Command("READ", query=_read, reply=_READINGS),
-        Command("INITiate[:IMMediate]", do=_initiate),
-        Command("ABORt", do=_abort),
+        Command("INITiate[:IMMediate]", do=lambda meter: meter.triggering.start(stored=True)),
+        Command("ABORt", do=lambda meter: meter.triggering.abort()),
         Command("FETCh", query=_fetch, reply=_READINGS),
         Command("R", query=_take_now, query_parameters=(Integer(limits=Limits(1, 2e6), required=False),)),
         Command(
@@ -212,6 +132,7 @@ def commands(kind: MeterKind) -> tuple[Command, ...]:
         ),
         Command("DATA:LAST", query=_last),
         Command("DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=signed_integer),
-        *_trigger_commands(kind),
-        *(each for each in trigger_commands.COMMANDS if each.pattern == "*TRG"),
+        *(forgetting(each) for each in trigger_settings(Limits(1, kind.most_readings, 1), 6)),
+        forgetting(attribute("TRIGger:SLOPe", Choice(("POSitive", "NEGative")), "ring.slope")),
+        BUS_TRIGGER,
     )

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any
 from msgspec.structs import replace
 
 from simrack.instruments.hp34401a.range_commands import (
+    bandwidth_command,
     gate_command,
+    impedance_command,
     nplc_command,
     range_commands,
     resolution_command,
 )
 from simrack.instruments.truevolt.measuring_commands import forgetting
-from simrack.scpi import Boolean, Command, Limits, Number, boolean, real
+from simrack.scpi import Boolean, Command, Limits, Number, attribute, boolean, real
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,23 +60,6 @@ def _range_commands(function: Function, header: str) -> tuple[Command, ...]:
     """Declare RANGe as the 34401A has it, and RANGe:AUTO, which here knows ONCE too."""
     fixed, automatic = range_commands(function, header)
     return fixed, replace(automatic, parameters=_ONCE, do=_set_autorange(function.name))
-
-
-def _set_impedance(meter: SimulatedTruevolt, state: object) -> None:
-    meter.high_impedance = bool(state)
-
-
-def _impedance(meter: SimulatedTruevolt) -> bool:
-    return meter.high_impedance
-
-
-def _set_bandwidth(meter: SimulatedTruevolt, hertz: float) -> None:
-    """A filter is chosen that is slow enough for `hertz`."""
-    meter.bandwidth_hz = 200.0 if hertz >= 200.0 else 20.0 if hertz >= 20.0 else 3.0
-
-
-def _bandwidth(meter: SimulatedTruevolt) -> float:
-    return meter.bandwidth_hz
 
 
 def _set_aperture(name: str) -> Callable[..., None]:
@@ -125,18 +110,6 @@ def _ending_aperture(name: str, command: Command) -> Command:
     return replace(command, do=change)
 
 
-def _set_null_state(meter: SimulatedTruevolt, state: object) -> None:
-    meter.null.switch(on=bool(state))
-
-
-def _set_null_value(meter: SimulatedTruevolt, value: float) -> None:
-    meter.null.set_value(value)
-
-
-def _set_null_auto(meter: SimulatedTruevolt, state: object) -> None:
-    meter.null.automatic = bool(state)
-
-
 _NULL = "[SENSe:]VOLTage[:DC]:NULL"
 
 
@@ -154,24 +127,16 @@ def commands(kind: MeterKind) -> tuple[Command, ...]:
         gate_command("FREQ", "FREQuency"),
         gate_command("PER", "PERiod"),
         *(_zero_command(name) for name in _ZEROED),
-        Command(
-            "[SENSe:]VOLTage:AC:BANDwidth",
-            (Number(unit="HZ", limits=Limits(3.0, 200.0)),),
-            do=_set_bandwidth,
-            query=_bandwidth,
-            reply=_NR3,
-        ),
-        Command("[SENSe:]VOLTage[:DC]:IMPedance:AUTO", _ON_OFF, do=_set_impedance, query=_impedance, reply=boolean),
-        Command(f"{_NULL}[:STATe]", _ON_OFF, do=_set_null_state, query=lambda meter: meter.null.on, reply=boolean),
-        Command(
+        bandwidth_command("[SENSe:]VOLTage:AC:BANDwidth"),
+        impedance_command("[SENSe:]VOLTage[:DC]:IMPedance:AUTO"),
+        attribute(f"{_NULL}[:STATe]", Boolean(), "null.on", boolean, do=lambda meter, on: meter.null.switch(on=on)),
+        attribute(
             f"{_NULL}:VALue",
-            (Number(unit="V", limits=Limits(-1200.0, 1200.0, 0.0)),),
-            do=_set_null_value,
-            query=lambda meter: meter.null.value,
-            reply=_NR3,
+            Number(unit="V", limits=Limits(-1200.0, 1200.0, 0.0)),
+            "null.value",
+            _NR3,
+            do=lambda meter, volts: meter.null.set_value(volts),
         ),
-        Command(
-            f"{_NULL}:VALue:AUTO", _ON_OFF, do=_set_null_auto, query=lambda meter: meter.null.automatic, reply=boolean
-        ),
+        attribute(f"{_NULL}:VALue:AUTO", Boolean(), "null.automatic", boolean),
     )
     return tuple(forgetting(each) for each in settings)
