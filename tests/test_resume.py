@@ -264,8 +264,11 @@ def test_a_fault_while_it_starts_up_again_ends_safe_and_can_be_resumed(tmp_path:
     with pytest.raises(MeasurementError, match="it trembles") as failed:
         vcfbench.run(file, "ideal", settings={"samples": 3}, runs=tmp_path / "runs")
     left.write_text("0")
-    with pytest.raises(MeasurementError, match="it trembles") as again:
+    with pytest.raises(ConfigError, match=r"the program .*shaky.py \(SHA-256 \w{64}\): it is run only where somebody"):
         vcfbench.resume(failed.value.run)
+    assert left.read_text() == "0"
+    with pytest.raises(MeasurementError, match="it trembles") as again:
+        vcfbench.resume(failed.value.run, trust=True)
     assert again.value.step == "starting up again (be steady)"
     assert again.value.run.directory is not None
     record = read_journal(again.value.run.directory / "journal.jsonl")
@@ -274,7 +277,7 @@ def test_a_fault_while_it_starts_up_again_ends_safe_and_can_be_resumed(tmp_path:
     assert all(each["safe"] for each in record.footer["safe"])
     assert len(record.points) == 3
     left.write_text("9")
-    run = vcfbench.resume(again.value.run)
+    run = vcfbench.resume(again.value.run, trust=True)
     assert (run.status, len(run.points), len(run.resumed)) == ("complete", 4, 2)
     assert failed.value.run.directory is not None
     left.write_text("7")

@@ -18,6 +18,7 @@ from vcfbench.bench.opening import open_role
 from vcfbench.bench.roles import absent, needed_roles, require_still, safe_action
 from vcfbench.bench.signals import ControlClock, StopSignals
 from vcfbench.bench.station import require_instruments_apart, station
+from vcfbench.bench.trust import require_library
 from vcfbench.errors import Aborted, BenchError
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.roles import Role
     from vcfbench.bench.safety import SafetyStack
     from vcfbench.bench.station import Builder, UnopenedBench
+    from vcfbench.bench.trust import Trust
     from vcfbench.bench.watchdog import Watchdog
     from vcfbench.clock import Clock
     from vcfbench.interfaces import (
@@ -174,6 +176,7 @@ def open_bench(
     build: Builder | None = None,
     needs: Collection[str] | None = None,
     now_s: float | None = None,
+    trust: Trust = False,
 ) -> Bench:
     """Open the instruments of the bench; everything is made safe when it is left, however it is left.
 
@@ -189,11 +192,11 @@ def open_bench(
     `build` replaces `SimulatedBench.build`, to put something between simulated instruments and their drivers, or to
     look behind them. `needs` are the roles that are needed, all by default. Other roles that drive nothing are left
     closed, and free for other programs. `now_s` is the bench time to begin with, for a run that goes on where it was
-    broken off; by default bench time begins.
+    broken off; by default bench time begins. `trust` is as of :func:`vcfbench.run`.
 
     Raises:
-        ConfigError: the bench file cannot be used, has no instrument for a role that is needed, or one for two roles,
-            or a real bench was asked for a speed.
+        ConfigError: the bench file cannot be used, names a program that nobody trusts, has no instrument for a role
+            that is needed, or one for two roles, or a real bench was asked for a speed.
         BenchError: the bench is in use, or instruments did not open; the message names them all.
         InterlockError: the table was found turning.
         NotSafe: something was found on, or turning, and could not be made safe.
@@ -201,6 +204,7 @@ def open_bench(
     description = described(bench)
     roles = needed_roles(description, needs)
     require_instruments_apart(description)
+    require_library(description, trust)
     stops = signals or StopSignals()
     holding: Holding | None = None
     with ExitStack() as stack:

@@ -11,6 +11,7 @@ from vcfbench.bench.roles import filled_roles, require_still, safe_action
 from vcfbench.bench.safety import SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import StopSignals
 from vcfbench.bench.station import require_instruments_apart, station
+from vcfbench.bench.trust import require_library
 from vcfbench.bench.watchdog import Watchdog
 from vcfbench.clock import WallClock, utc_now
 from vcfbench.drivers.calls import Calls
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.roles import Role
     from vcfbench.bench.station import UnopenedBench
+    from vcfbench.bench.trust import Trust
     from vcfbench.interfaces import Identity, Instrument, RateTable, SafeReport
     from vcfbench.records.metadata import Equipment
 
@@ -64,14 +66,17 @@ class BenchCheck:
         return not_safe(self.safe_reports) or (BenchError(f"not ready: {', '.join(bad)}") if bad else None)
 
 
-def check_bench(description: BenchDescription) -> BenchCheck:
+def check_bench(description: BenchDescription, *, trust: Trust = False) -> BenchCheck:
     """Open every instrument, ask for its identity, its errors and, of a table, its faults; then make all safe.
 
+    `trust` is as of :func:`vcfbench.run`.
+
     Raises:
-        ConfigError: one instrument has two roles.
+        ConfigError: one instrument has two roles, or the bench names a program that nobody trusts.
         BenchError: another process has the bench.
     """
     require_instruments_apart(description)
+    require_library(description, trust)
     watchdog = _check_watchdog(description)
     with StopSignals() as signals, station(description, None, None) as stand:
         safety = SafetyStack(stand.clock, patience=stand.patience)

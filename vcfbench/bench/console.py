@@ -12,6 +12,7 @@ from vcfbench.bench.roles import ROLES, filled_roles, require_still, safe_action
 from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
 from vcfbench.bench.signals import Interrupted, StopSignals
 from vcfbench.bench.station import station
+from vcfbench.bench.trust import require_library
 from vcfbench.errors import BenchError, ConfigError, InstrumentError, LimitError, NotSafe, TransportError
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.roles import Role
     from vcfbench.bench.station import UnopenedBench
+    from vcfbench.bench.trust import Trust
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Identity, Instrument
     from vcfbench.records.raw import RawRecord
@@ -178,16 +180,18 @@ def open_console(
     seed: int | None = None,
     timeout_s: float | None = None,
     raw: RawRecord | None = None,
+    trust: Trust = False,
 ) -> Iterator[Console]:
     """Open the instrument of `role` alone; make it safe when left, however it is left.
 
     Raises:
-        ConfigError: the bench has no such role.
+        ConfigError: the bench has no such role, or names a program that nobody trusts.
         BenchError: the bench is in use, or the instrument did not open.
         InterlockError: the table was found turning.
         NotSafe: on leaving, it could not be made safe.
     """
     place = _role(role, description)
+    require_library(description, trust)
     with StopSignals() as signals, station(description, seed, None, roles=[role]) as stand:
         safety = SafetyStack(stand.clock, patience=stand.patience)
         under_way: BaseException | None = None

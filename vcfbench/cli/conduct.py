@@ -12,7 +12,7 @@ import typer
 from msgspec import Struct, structs, to_builtins
 
 from vcfbench.cli.answer import given, print_json, print_report
-from vcfbench.errors import BenchError, ConfigError
+from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -73,34 +73,17 @@ def conduct(
 
 def resume(name: str, procedure: Path | None, options: RunOptions, ending: SignalsWithoutBench | None = None) -> None:
     """Take up the run called `name`, or recorded in that directory; the rest as of :func:`conduct`."""
+    from vcfbench.cli.person import agreed  # noqa: PLC0415
     from vcfbench.runs.asked import Asked  # noqa: PLC0415
     from vcfbench.runs.resumed import broken_off  # noqa: PLC0415
 
     broken = broken_off(name, options.runs)
     beside = broken.directory.path.parent
-    if procedure is None and isinstance(broken.procedure, Path):
-        _require_wanted(broken.procedure, broken.directory.run, yes=options.yes)
+    if procedure is None:
+        broken.require_trust(options.yes or agreed)
     asked = Asked(procedure or broken.procedure, options.bench, runs=beside, speed=options.speed)
     with broken.directory.alone():
         _carry_out(asked, broken.prepare, options, ending)
-
-
-def _require_wanted(file: Path, run: str, *, yes: bool) -> None:
-    """Ask whether the program that a record names may be run: the record may come from anybody.
-
-    Raises:
-        ConfigError: nobody says so.
-    """
-    from hashlib import sha256  # noqa: PLC0415  # few procedures are one's own
-
-    words = f"{run} is of a procedure of its own, the program {file} (SHA-256 {sha256(file.read_bytes()).hexdigest()})"
-    if yes:
-        return
-    if sys.stdin is not None and sys.stdin.isatty():
-        typer.echo(f"{words}. Run it? [y/N] ", nl=False, err=True)
-        if sys.stdin.readline().strip().lower() in {"y", "yes"}:
-            return
-    raise ConfigError(f"{words}: it is run only where somebody says so", hint=f"--procedure {file}, or --yes")
 
 
 def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
@@ -173,7 +156,7 @@ def _conducted(
     asked: Asked, preparing: Preparing, options: RunOptions, signals: StopSignals, page: LivePage | None
 ) -> Run:
     """Return the run, also one that an error ended."""
-    from vcfbench.cli.person import at_the_terminal  # noqa: PLC0415
+    from vcfbench.cli.person import agreed, at_the_terminal  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct as conducted  # noqa: PLC0415
 
     try:
@@ -185,6 +168,7 @@ def _conducted(
                 person=at_the_terminal(signals, keys, yes=options.yes),
                 options=structs.asdict(options),
                 warn=lambda words: _warn(words, page),
+                trust=options.yes or (lambda words: agreed(words, signals, keys)),
             )
             return conducted(watched, signals, preparing)
     except BenchError as error:

@@ -32,6 +32,16 @@ def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Op
     return ask
 
 
+def agreed(words: str, signals: StopSignals | None = None, keys: Keys | None = None) -> bool:
+    """Ask a person on a terminal whether a program may run; False where nobody is there. The rest is as above."""
+    if sys.stdin is None or not sys.stdin.isatty():
+        return False
+    with nullcontext() if keys is None else keys.left_alone():
+        _say(f"{words}. Run it? [y/N] ")
+        line = sys.stdin.readline() if signals is None else signals.attend(sys.stdin.readline)
+    return line.strip().lower() in {"y", "yes"}
+
+
 def _taken_as_done(request: Request) -> str:
     _say(f"by hand: {request.words}; taken as done (--yes)\n")
     return "taken as done: --yes"

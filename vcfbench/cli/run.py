@@ -110,7 +110,13 @@ Page_ = Annotated[
 Port_ = Annotated[
     int, typer.Option("--port", min=0, max=65535, help="Port of the page on this machine; 0 for any that is free.")
 ]
-Yes_ = Annotated[bool, typer.Option("--yes", help="Ask nothing: assume that manual work on a real bench is done.")]
+Yes_ = Annotated[
+    bool,
+    typer.Option(
+        "--yes",
+        help="Ask nothing: manual work on a real bench is done, programs that bench file or record name may run.",
+    ),
+]
 Set_ = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="One of the settings listed below. Repeatable."),

@@ -34,10 +34,11 @@ def talk_to_bench(
     """
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
     from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+    from vcfbench.cli.person import agreed  # noqa: PLC0415
     from vcfbench.records.raw import RawRecord  # noqa: PLC0415
     from vcfbench.runs.by_hand import ByHand  # noqa: PLC0415
 
-    with StopSignals() as signals, open_bench(bench, seed=seed, signals=signals) as opened:
+    with StopSignals() as signals, open_bench(bench, seed=seed, signals=signals, trust=agreed) as opened:
         record = None if raw is None else RawRecord(raw, opened.description.name)
         by_hand = ByHand(opened, signals, _remark, raw=record, timeout_s=timeout_s)
         if lines is None and sys.stdin.isatty():

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.layering import Layer
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.bench.station import Builder
+    from vcfbench.bench.trust import Trust
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.schema import Point
     from vcfbench.runs.expected import Expectation
@@ -60,7 +61,7 @@ class Asked(Struct, frozen=True):
     `metadata` is what the record shall say of the run beside what is measured. `warn` tells in a line what keeps no run
     from beginning.
     `runs` is where the record goes; None keeps none, on a simulated bench. `build` is as of `open_bench`. `control` is
-    what stops it and has it pause.
+    what stops it and has it pause. `trust` is whether programs that data files name may run, or who is asked.
     """
 
     procedure: str | Path | AnyProcedure
@@ -78,6 +79,7 @@ class Asked(Struct, frozen=True):
     warn: Callable[[str], None] = warned
     build: Builder | None = None
     control: RunControl | None = None
+    trust: Trust = False
 
 
 class Beginning(Struct, frozen=True):

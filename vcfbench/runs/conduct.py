@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.control import RunControl
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.signals import StopSignals
+    from vcfbench.bench.trust import Trust
     from vcfbench.bench.watchdog import Watchdog
     from vcfbench.interfaces import Identity, SafeReport
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
@@ -69,6 +70,7 @@ def run(
     operator: Operator | None = None,
     metadata: Mapping[str, Any] | RunMetadata | None = None,
     control: RunControl | None = None,
+    trust: Trust = False,
 ) -> Run:
     """Run `procedure` on `bench`, record it, make the bench safe, and return its outcome.
 
@@ -91,6 +93,8 @@ def run(
             known of a device goes by what is known of this one.
         control: what stops the run from another thread, has it pause and lets it go on; :func:`vcfbench.start` runs
             in a thread and returns one.
+        trust: whether a program that the bench file names may run (`visa_library`, where it is a file); or who is
+            asked, with its path and SHA-256 in words. The environment variable ``VCFBENCH_TRUST`` allows single ones.
 
     Raises:
         BenchError: the run did not come to its end. The error's `run` holds what was measured, which is recorded too.
@@ -124,6 +128,7 @@ def run(
         options=options,
         metadata=said,
         control=control,
+        trust=trust,
     )
     with StopSignals() as signals:
         return conduct(asked, signals)
@@ -232,12 +237,14 @@ class _Course(Struct):
 def _perform(course: _Course, signals: StopSignals) -> None:
     """Open the bench, perform the plan, make all safe, and only then close the record."""
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
+    from vcfbench.bench.trust import require_library  # noqa: PLC0415
     from vcfbench.reports.shielded import Shielded  # noqa: PLC0415
     from vcfbench.runs.needs import roles_of  # noqa: PLC0415
 
     asked = course.asked
     with _PREPARING:
         prepared = course.preparing(asked, course.checked)
+        require_library(prepared.description, asked.trust)
         planned = prepared.planned()
         require_operator(asked, prepared.description, planned)
         if prepared.description.simulated:
@@ -264,6 +271,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
                 build=asked.build,
                 needs=needs,
                 now_s=now_s,
+                trust=True,  # it was asked for
             )
             bench = watching.enter_context(opened)
             for each in sorted(set(bench.left_by.values())):

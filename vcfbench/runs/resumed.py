@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from vcfbench.bench.control import RunControl
     from vcfbench.bench.description import BenchDescription
     from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.bench.trust import Trust
     from vcfbench.interfaces import Identity
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.directory import RunDirectory
@@ -53,6 +54,7 @@ def resume(
     speed: str | float | None = None,
     operator: Operator | None = None,
     control: RunControl | None = None,
+    trust: Trust = False,
 ) -> Run:
     """Go on with a run that failed, or was stopped or killed, where its record ends; it gets a new record.
 
@@ -67,6 +69,7 @@ def resume(
         speed: as of :func:`vcfbench.run`.
         operator: as of :func:`vcfbench.run`.
         control: as of :func:`vcfbench.run`.
+        trust: as of :func:`vcfbench.run`, of the programs that the record names too: the file of its procedure.
 
     Raises:
         ConfigError: there is no such record, nothing of it is left to be done, or the bench is another.
@@ -77,6 +80,8 @@ def resume(
     from vcfbench.runs.conduct import conduct  # noqa: PLC0415
 
     broken = broken_off(run, runs)
+    if procedure is None:
+        broken.require_trust(trust)
     asked = Asked(
         broken.procedure if procedure is None else procedure,
         bench,
@@ -86,6 +91,7 @@ def resume(
         operator=operator,
         options={"resume": shown(broken.directory.path), "speed": speed},
         control=control,
+        trust=trust,
     )
     with broken.directory.alone(), StopSignals() as signals:
         return conduct(asked, signals, broken.prepare)
@@ -154,6 +160,14 @@ class BrokenOff:
         if sha256(path.read_bytes()).hexdigest() != file.get("sha256"):
             raise ConfigError(f"{shown(path)} was changed since {self.directory.run} began", hint=hint)
         return path
+
+    def require_trust(self, trust: Trust) -> None:
+        """Raise ConfigError where the record names a procedure's file and nobody says that it may run."""
+        if isinstance(self.procedure, Path):
+            from vcfbench.bench.trust import require_trust  # noqa: PLC0415  # few procedures are one's own
+
+            what = f"{self.directory.run} is of a procedure of its own, the program"
+            require_trust(what, self.procedure, trust, f"--procedure {shown(self.procedure)}, ")
 
     def prepare(self, asked: Asked, checked: Checked) -> Prepared:
         """Check the request against the record; nothing is opened."""

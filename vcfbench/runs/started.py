@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from vcfbench.archive.run import Run
     from vcfbench.bench.description import BenchDescription
+    from vcfbench.bench.trust import Trust
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.metadata import RunMetadata
     from vcfbench.steps.executor import Observer
@@ -70,6 +71,7 @@ def start(
     speed: str | float | None = None,
     operator: Operator | None = None,
     metadata: Mapping[str, Any] | RunMetadata | None = None,
+    trust: Trust = False,
 ) -> StartedRun:
     """Begin a run in a thread of its own and return its control; the arguments are those of :func:`vcfbench.run`.
 
@@ -87,5 +89,6 @@ def start(
         speed=speed,
         operator=operator,
         metadata=metadata,
+        trust=trust,
     )
     return started
