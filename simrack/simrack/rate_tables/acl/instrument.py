@@ -12,24 +12,31 @@ import math
 import struct
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from simrack.rate_tables.acl.demand import Demand
-from simrack.rate_tables.acl.demand_commands import DemandCommands
+from simrack.rate_tables.acl.commands import (
+    DemandCommands,
+    InterlockCommands,
+    LimitCommands,
+    ModeCommands,
+    Readback,
+    Registers,
+    system_queries,
+)
 from simrack.rate_tables.acl.drive import AclDrive
-from simrack.rate_tables.acl.front_panel import FrontPanel
-from simrack.rate_tables.acl.interlock_commands import InterlockCommands
-from simrack.rate_tables.acl.language import MAX_MESSAGE_CHARS, AclRequest, BadCommand, parse_message
-from simrack.rate_tables.acl.limit_commands import LimitCommands
-from simrack.rate_tables.acl.limits import AclLimits
-from simrack.rate_tables.acl.mode_commands import ModeCommands
-from simrack.rate_tables.acl.oscillator import Oscillator
-from simrack.rate_tables.acl.profiler import Profiler
+from simrack.rate_tables.acl.language import (
+    LOCAL,
+    MAX_MESSAGE_CHARS,
+    PARSING,
+    TOO_LONG,
+    AclRequest,
+    BadCommand,
+    Refusal,
+    StateFormat,
+    parse_message,
+)
+from simrack.rate_tables.acl.limits import AclLimits, Demand
+from simrack.rate_tables.acl.profiler import Oscillator, Profiler
 from simrack.rate_tables.acl.protection import Protection
-from simrack.rate_tables.acl.readback import Readback
-from simrack.rate_tables.acl.refusal import LOCAL, PARSING, TOO_LONG, Refusal
-from simrack.rate_tables.acl.registers import Registers
-from simrack.rate_tables.acl.replies import StateFormat
-from simrack.rate_tables.acl.status import AclStatus
-from simrack.rate_tables.acl.system_queries import system_queries
+from simrack.rate_tables.acl.status import AclStatus, FrontPanel
 from simrack.rate_tables.axis import TableErrors
 from simrack.rate_tables.interlocked import interlock_adjustments
 from simrack.rate_tables.line import LineDevice, SerialTiming
@@ -38,7 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from simrack.adjustment import Adjustment
-    from simrack.rate_tables.acl.arguments import Action, Query
+    from simrack.rate_tables.acl.language import Action, Query
     from simrack.rate_tables.axis import TableWorld
 
 Header = Literal["none", "u32le2", "u32be2"]

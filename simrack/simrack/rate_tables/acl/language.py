@@ -9,9 +9,32 @@ settle ``:INT:``/``:I:`` (Interlock, not Interface) and ``:R:V`` (Read:Vector). 
 from __future__ import annotations
 
 import re
+import struct
+from collections.abc import Callable
 from functools import lru_cache
 
 from msgspec import Struct, field
+
+PARSING = 1
+OUT_OF_RANGE = 2
+TOO_LONG = 3
+LOCAL = 4
+WORDS = {
+    0: "NO ERROR",
+    PARSING: "COMMAND PARSING ERROR",
+    OUT_OF_RANGE: "PARAMETER OUT OF RANGE",
+    TOO_LONG: "MESSAGE TOO LONG",
+    LOCAL: "REMOTE NOT ACTIVE",
+}
+
+
+class Refusal(Exception):
+    """A command that parses but cannot be done; `code` is the error number."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(WORDS[code])
+        self.code = code
+
 
 MAX_MESSAGE_CHARS = 32768
 """Longest message; a longer one overflows the read buffer and is lost (TM-8004-C 2.5)."""
@@ -174,3 +197,136 @@ def _resolve(header: str, level: _Node, command: str) -> tuple[_Node, _Node]:
     if not node.leaf:
         raise BadCommand(command)
     return node, parent
+
+
+Arguments = tuple[str, ...]
+Action = Callable[[Arguments], None]
+Query = Callable[[Arguments], str]
+
+MODES = ("Position", "Rate", "Arate", "Synthesis", "Track", "Abort", "Off")
+"""In the order of TM-8004-C 4.7; their place is taken as the code in A1STATE bits 0-3 (inferred)."""
+
+
+def counted(arguments: Arguments, count: int) -> Arguments:
+    """Return the arguments, which must be `count`."""
+    if len(arguments) != count:
+        raise Refusal(OUT_OF_RANGE)
+    return arguments
+
+
+def one(arguments: Arguments) -> str:
+    """Return the only argument."""
+    return counted(arguments, 1)[0]
+
+
+def check_axis(arguments: Arguments, *, most: int = 1, everything: bool = True) -> None:
+    """Refuse an axis that does not exist; ALL is for commands only."""
+    if not 1 <= len(arguments) <= most:
+        raise Refusal(OUT_OF_RANGE)
+    if arguments[0] != "1" and not (everything and arguments[0].upper() == "ALL"):
+        raise Refusal(OUT_OF_RANGE)
+
+
+def axis_values(arguments: Arguments, count: int) -> tuple[float, ...]:
+    """Return the `count` numbers that follow the axis."""
+    axis, *values = counted(arguments, count + 1)
+    check_axis((axis,))
+    return tuple(number(value) for value in values)
+
+
+def number(text: str) -> float:
+    """Return a number: NRf with blanks allowed around the exponent, no suffix, no infinity (TM-8004-C 2.6.1.2)."""
+    compact = "".join(text.split())
+    if not compact or not set(compact) <= set("+-.0123456789eE"):
+        raise Refusal(OUT_OF_RANGE)
+    try:
+        value = float(compact)
+    except ValueError:
+        raise Refusal(OUT_OF_RANGE) from None
+    if abs(value) > 1e30:
+        raise Refusal(OUT_OF_RANGE)
+    return value
+
+
+def integer(text: str, low: int, high: int) -> int:
+    """Return a whole number from `low` to `high`."""
+    value = number(text)
+    if value != int(value) or not low <= value <= high:
+        raise Refusal(OUT_OF_RANGE)
+    return int(value)
+
+
+def check_within(value: float, high: float) -> None:
+    """Refuse what is negative or above `high`."""
+    # zero is taken, and inhibits every change of motion: the manual only says "should never be commanded"
+    if not 0.0 <= value <= high:
+        raise Refusal(OUT_OF_RANGE)
+
+
+def word(text: str, words: tuple[str, ...]) -> str:
+    """Return the first of `words` that begins with `text`."""
+    found = next((each for each in words if text and each.upper().startswith(text.upper())), None)
+    if found is None:
+        raise Refusal(OUT_OF_RANGE)
+    return found
+
+
+def switch(arguments: Arguments) -> bool:
+    """Return whether the only argument is ON, and not OFF."""
+    text = one(arguments).upper()
+    if text not in {"ON", "OFF"}:
+        raise Refusal(OUT_OF_RANGE)
+    return text == "ON"
+
+
+def message_count(text: str) -> int:
+    """Return how many messages are wanted: a number, or ALL."""
+    return 64 if text.upper() == "ALL" else integer(text, 1, 64)
+
+
+ANGLE, RATE, ACCELERATION = 180.0, 11250.0, 703125.0
+"""Weight of the top bit in BINARY format: deg, deg/s, deg/s2 (TM-8004-C 5.1.2)."""
+
+
+def decimal(value: float) -> str:
+    """Return a number with five decimals."""
+    # adding zero turns a rounded -0.0 into 0.0: the controller sends no bare minus
+    return f"{round(value, 5) + 0.0:.5f}"
+
+
+def listed(arguments: Arguments, *values: float) -> str:
+    """Return several numbers of the axis that `arguments` name."""
+    check_axis(arguments, everything=False)
+    return ",".join(decimal(value) for value in values)
+
+
+def _scaled(value: float, weight: float) -> bytes:
+    # least significant byte first (TM-8004-C 2.4)
+    return struct.pack("<i", (round(value / weight * 2**31) + 2**31) % 2**32 - 2**31)
+
+
+class StateFormat:
+    """The format in which motion states are told: FLOAT or BINARY."""
+
+    def __init__(self) -> None:
+        self._binary = False
+
+    def of_axis(self, arguments: Arguments, *states: tuple[float, float]) -> str:
+        """Return the motion states of the axis, each (value, weight of the top bit in BINARY format)."""
+        check_axis(arguments, everything=False)
+        if not self._binary:
+            return ";".join(decimal(value) for value, _ in states)
+        block = b"".join(_scaled(value, weight) for value, weight in states)
+        length = str(len(block))
+        return f"#{len(length)}{length}" + block.decode("latin-1")
+
+    def commands(self) -> dict[str, Action]:
+        """Return what can be told about the format."""
+        return {"Utility:Format": self._choose}
+
+    def queries(self) -> dict[str, Query]:
+        """Return what can be asked about the format."""
+        return {"Utility:Format": lambda _: "BINARY" if self._binary else "FLOAT"}
+
+    def _choose(self, arguments: Arguments) -> None:
+        self._binary = word(one(arguments), ("Float", "Binary")) == "Binary"

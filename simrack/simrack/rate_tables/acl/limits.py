@@ -1,4 +1,4 @@
-"""The limits of the ACUTROL3000: those of each mode's profiler, those of every mode, and the factory's bounds."""
+"""Limits of the ACUTROL3000's axis, by mode and absolute, and the states that the host demands of it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import math
 
 from msgspec import Struct
 
-from simrack.rate_tables.acl.arguments import MODES, check_within
-from simrack.rate_tables.acl.refusal import OUT_OF_RANGE, Refusal
+from simrack.rate_tables.acl.language import MODES, OUT_OF_RANGE, Refusal, check_within
 
 FRAME_S = 1e-4
 """One frame of the profiler, at its 10 kHz (ACUTROL3000e data sheet): in less than that the acceleration steps."""
@@ -98,3 +97,14 @@ class AclLimits:
         if not -UNLIMITED_DEG <= wanted.low_deg < wanted.high_deg <= UNLIMITED_DEG:
             raise Refusal(OUT_OF_RANGE)
         self._overall = wanted
+
+
+class Demand(Struct):
+    """The demanded states; selecting a mode uses those that it knows, stale or not."""
+
+    rate_deg_s: float = 0.0
+    position_deg: float = 0.0
+    acceleration_deg_s2: float = 0.0
+    delta_deg: float = 0.0
+    oscillator: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Magnitude of the regulated state, frequency in Hz, phase in degrees."""

@@ -13,7 +13,7 @@ from simrack.rate_tables.acl.drive import POLL_S, SOFTWARE_ABORT_BIT
 if TYPE_CHECKING:
     from simrack.rate_tables.acl.drive import AclDrive
     from simrack.rate_tables.acl.limits import AclLimits
-    from simrack.rate_tables.acl.oscillator import Oscillator
+    from simrack.rate_tables.acl.profiler import Oscillator
     from simrack.rate_tables.acl.status import AclStatus
 
 _LAZY_POLL_S = 0.05
