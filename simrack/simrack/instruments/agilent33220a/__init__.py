@@ -2,8 +2,42 @@
 
 from __future__ import annotations
 
-from simrack.instruments.agilent33220a.commands import TABLE
-from simrack.instruments.agilent33220a.instrument import GeneratorErrors, GeneratorWorld, OutputRange
-from simrack.instruments.agilent33220a.twin import Agilent33220ATwin
+from typing import ClassVar
 
-__all__ = ["TABLE", "Agilent33220ATwin", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
+from simrack.instruments.agilent33220a import (
+    arbitrary_commands,
+    burst_commands,
+    level_commands,
+    modulation_commands,
+    output_commands,
+    pulse_commands,
+    state_commands,
+    sweep_commands,
+    system_commands,
+)
+from simrack.instruments.agilent33220a.instrument import (
+    GeneratorErrors,
+    GeneratorWorld,
+    OutputRange,
+    SimulatedAgilent33220A,
+)
+from simrack.scpi import COMMON_COMMANDS, CommandTable
+
+__all__ = ["Agilent33220ATwin", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
+
+
+class Agilent33220ATwin(SimulatedAgilent33220A):
+    """The 33220A with its commands; arguments as of the generator."""
+
+    table: ClassVar[CommandTable] = CommandTable(
+        *COMMON_COMMANDS,
+        *output_commands.COMMANDS,
+        *level_commands.COMMANDS,
+        *pulse_commands.COMMANDS,
+        *modulation_commands.COMMANDS,
+        *sweep_commands.COMMANDS,
+        *burst_commands.COMMANDS,
+        *arbitrary_commands.COMMANDS,
+        *state_commands.COMMANDS,
+        *system_commands.COMMANDS,
+    )

@@ -2,9 +2,37 @@
 
 from __future__ import annotations
 
-from simrack.instruments.dso7104b.commands import TABLE
-from simrack.instruments.dso7104b.inputs import ScopeWorld
-from simrack.instruments.dso7104b.record import ScopeErrors
-from simrack.instruments.dso7104b.twin import Dso7104BTwin
+from typing import ClassVar
 
-__all__ = ["TABLE", "Dso7104BTwin", "ScopeErrors", "ScopeWorld"]
+from simrack.instruments.dso7104b.accessory_commands import ACCESSORY_COMMANDS
+from simrack.instruments.dso7104b.channel_commands import VERTICAL_COMMANDS
+from simrack.instruments.dso7104b.inputs import ScopeWorld
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+from simrack.instruments.dso7104b.math_commands import FUNCTION_COMMANDS
+from simrack.instruments.dso7104b.measuring_commands import MEASURE_COMMANDS
+from simrack.instruments.dso7104b.record import ScopeErrors
+from simrack.instruments.dso7104b.system_commands import ROOT_COMMANDS, SYSTEM_COMMANDS
+from simrack.instruments.dso7104b.timing_commands import TIMING_COMMANDS
+from simrack.instruments.dso7104b.trigger_commands import TRIGGER_COMMANDS
+from simrack.instruments.dso7104b.waveform_commands import WAVEFORM_COMMANDS
+from simrack.scpi import COMMON_COMMANDS, CommandTable
+
+__all__ = ["Dso7104BTwin", "ScopeErrors", "ScopeWorld"]
+
+
+class Dso7104BTwin(SimulatedDso7104B):
+    """The DSO7104B with its commands; arguments as of the oscilloscope."""
+
+    table: ClassVar[CommandTable] = CommandTable(
+        *COMMON_COMMANDS,
+        *ROOT_COMMANDS,
+        *VERTICAL_COMMANDS,
+        *TIMING_COMMANDS,
+        *TRIGGER_COMMANDS,
+        *MEASURE_COMMANDS,
+        *WAVEFORM_COMMANDS,
+        *FUNCTION_COMMANDS,
+        *SYSTEM_COMMANDS,
+        *ACCESSORY_COMMANDS,
+        limit_queries=False,
+    )

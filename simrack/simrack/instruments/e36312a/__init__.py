@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from simrack.instruments.e36312a.instrument import Errors36312A
-from simrack.instruments.e36312a.twin import E36312ATwin
+from typing import TYPE_CHECKING, ClassVar
+
+from simrack.instruments.e36312a.commands import TABLE
+from simrack.instruments.e36312a.instrument import Errors36312A, SimulatedE36312A
+
+if TYPE_CHECKING:
+    from simrack.scpi import CommandTable
 
 __all__ = ["E36312ATwin", "Errors36312A"]
+
+
+class E36312ATwin(SimulatedE36312A):
+    """The E36312A with its commands; arguments as of the supply."""
+
+    table: ClassVar[CommandTable] = TABLE

@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from simrack.instruments.trueform.instrument import TrueformErrors
-from simrack.instruments.trueform.twin import TrueformTwin
+from typing import TYPE_CHECKING, ClassVar
+
+from simrack.instruments.trueform.commands import TABLE
+from simrack.instruments.trueform.instrument import SimulatedTrueform, TrueformErrors
+
+if TYPE_CHECKING:
+    from simrack.scpi import CommandTable
 
 __all__ = ["TrueformErrors", "TrueformTwin"]
+
+
+class TrueformTwin(SimulatedTrueform):
+    """A generator of the series with its commands; arguments as of the 33220A."""
+
+    table: ClassVar[CommandTable] = TABLE

@@ -2,7 +2,38 @@
 
 from __future__ import annotations
 
-from simrack.instruments.truevolt.instrument import Errors34461A, Errors34465A, SimulatedTruevolt
-from simrack.instruments.truevolt.twin import Keysight34461ATwin, Keysight34465ATwin
+from typing import Self
 
-__all__ = ["Errors34461A", "Errors34465A", "Keysight34461ATwin", "Keysight34465ATwin", "SimulatedTruevolt"]
+from simrack.instruments.truevolt import calculation_commands, measuring_commands, range_commands, system_commands
+from simrack.instruments.truevolt.instrument import SimulatedTruevolt, errors_of
+from simrack.instruments.truevolt.kinds import KINDS
+from simrack.scpi import COMMON_COMMANDS, CommandTable
+
+__all__ = ["Keysight34461ATwin", "Keysight34465ATwin", "SimulatedTruevolt", "TruevoltTwin"]
+
+
+class TruevoltTwin(SimulatedTruevolt):
+    """A meter of the series with its commands, made by :meth:`of_model`."""
+
+    @classmethod
+    def of_model(cls, model: str) -> type[Self]:
+        """Return the simulated model of the series, a row of :data:`.kinds.KINDS`."""
+        kind = KINDS[model]
+        own = {
+            "errors_class": errors_of(kind),
+            "kind": kind,
+            "functions": kind.functions(),
+            "fast_apertures_s": kind.fast_apertures_s,
+            "table": CommandTable(
+                *COMMON_COMMANDS,
+                *measuring_commands.commands(kind),
+                *range_commands.commands(kind),
+                *calculation_commands.COMMANDS,
+                *system_commands.commands(kind),
+            ),
+        }
+        return type(cls.__name__, (cls,), {**own, "__doc__": cls.__doc__})
+
+
+Keysight34461ATwin = TruevoltTwin.of_model("34461A")
+Keysight34465ATwin = TruevoltTwin.of_model("34465A")

@@ -17,7 +17,6 @@ from simrack import specifications
 from simrack.instruments.hp34401a.calculation import OVERLOAD
 from simrack.instruments.hp34401a.errors import MeterErrors
 from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
-from simrack.instruments.truevolt.kinds import KIND_34461A, KIND_34465A, MeterKind
 from simrack.instruments.truevolt.mathematics import LimitTest, Null, Statistics
 from simrack.instruments.truevolt.memory import RingTriggerSystem
 from simrack.scpi import GPIB, LAN, USB, Dialect, Register
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
 
     from simrack.instruments.hp34401a.functions import Function
     from simrack.instruments.hp34401a.trigger import TriggerSystem
+    from simrack.instruments.truevolt.kinds import MeterKind
     from simrack.scpi import Interface
     from simrack.specifications import VoltmeterSpecification
 
@@ -40,22 +40,21 @@ _SERIAL_NUMBER = "MY54500001"
 _OFFSET_RANGE_V = 10.0
 
 
-class Errors34461A(MeterErrors, frozen=True):
-    """Imperfections of a 34461A: those of a 34401A, in direct voltage drawn from its own data sheet."""
+def errors_of(kind: MeterKind) -> type[MeterErrors]:
+    """Return the imperfections of a model: those of a 34401A, in direct voltage drawn from its own data sheet.
 
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Errors34461A:
-        """Return a specimen drawn from the 1-year accuracy of the 10 V range as two standard deviations."""
-        return cls(**_drawn(KIND_34461A.sheet, rng))
+    They are drawn from the 1-year accuracy of the 10 V range as two standard deviations.
+    """
 
+    class TruevoltErrors(MeterErrors, frozen=True):
+        """Imperfections of one specimen."""
 
-class Errors34465A(MeterErrors, frozen=True):
-    """Imperfections of a 34465A: those of a 34401A, in direct voltage drawn from its own data sheet."""
+        @classmethod
+        def drawn(cls, rng: np.random.Generator) -> TruevoltErrors:
+            """Return a specimen drawn from the data sheet."""
+            return cls(**_drawn(kind.sheet, rng))
 
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Errors34465A:
-        """Return a specimen drawn from the 1-year accuracy of the 10 V range as two standard deviations."""
-        return cls(**_drawn(KIND_34465A.sheet, rng))
+    return TruevoltErrors
 
 
 def _drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str, Any]:

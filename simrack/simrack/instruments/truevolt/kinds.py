@@ -57,7 +57,7 @@ class MeterKind(Struct, frozen=True):
         )
 
 
-KIND_34461A = MeterKind(
+_34461A = MeterKind(
     "34461A",
     "A.02.17-02.40-02.17-00.52-03-01",
     specifications.KEYSIGHT_34461A,
@@ -66,7 +66,7 @@ KIND_34461A = MeterKind(
     fast_apertures_s=MappingProxyType({0.02: 0.3e-3, 0.2: 3e-3}),
 )
 
-KIND_34465A = MeterKind(
+_34465A = MeterKind(
     "34465A",
     "A.02.17-02.40-02.17-00.52-03-01",
     specifications.KEYSIGHT_34465A,
@@ -74,3 +74,5 @@ KIND_34465A = MeterKind(
     most_readings=1_000_000_000,
     apertures_s=(200e-6, 1.0),
 )
+
+KINDS = {kind.model: kind for kind in (_34461A, _34465A)}

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import asdict, replace
-from simrack.instruments.agilent33220a import TABLE, GeneratorErrors, OutputRange
+from simrack.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors, OutputRange
 from simrack.sources import Drive
 
 from simrack_tests.instruments.agilent33220a.bench import Socket
@@ -447,7 +447,7 @@ def spellings(pattern: str) -> tuple[str, str]:
     "pattern",
     [
         command.pattern
-        for command in TABLE.commands
+        for command in Agilent33220ATwin.table.commands
         if command.query and not command.query_parameters and command.pattern != "CALibration[:ALL]"
     ],
 )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from simrack.instruments.dso7104b import TABLE, ScopeErrors
+from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 
 from simrack_tests.instruments.dso7104b.bench import Bench, F, errors_with, waveform
 
@@ -544,7 +544,8 @@ def spellings(pattern: str) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize(
-    "pattern", [command.pattern for command in TABLE.commands if command.query and not command.query_parameters]
+    "pattern",
+    [command.pattern for command in Dso7104BTwin.table.commands if command.query and not command.query_parameters],
 )
 def test_every_query_answers_in_every_spelling_without_an_error(pattern: str) -> None:
     box = Bench()
