@@ -236,7 +236,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else _one_line(str(error))
+        reason = "nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
         raise ConfigError(f"{source}: expected TOML: {reason}") from None
     require_numbers(table, source)
     return table
@@ -291,7 +291,3 @@ def dotted(keys: Iterable[str | int]) -> str:
 
 def _bare(key: str) -> str:
     return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else ascii(key)
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())

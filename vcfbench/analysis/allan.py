@@ -135,15 +135,11 @@ def _deviation_of_phase(phase: Floats, factor: int, estimator: Estimator) -> flo
         case Estimator.PLAIN:
             return math.sqrt(_mean_square(phase[::factor], (1.0, -2.0, 1.0), 1) / 2.0) / factor
         case Estimator.MODIFIED:
-            twice = _phase_of_means(phase)
+            # The running sum of the phase: second differences of its means over n are third differences of that
+            twice = _phase(phase)
             return math.sqrt(_mean_square(twice, (1.0, -3.0, 3.0, -1.0), factor) / 2.0) / factor**2
         case Estimator.HADAMARD:
             return math.sqrt(_mean_square(phase, (1.0, -3.0, 3.0, -1.0), factor) / 6.0) / factor
-
-
-def _phase_of_means(phase: Floats) -> Floats:
-    """Return the running sum of the phase: second differences of its means over n are third differences of that."""
-    return _phase(phase)
 
 
 def _mean_square(phase: Floats, weights: tuple[float, ...], factor: int) -> float:

@@ -166,7 +166,10 @@ def evaluate(
     results = []
     for (name, output), slope in zip(outputs.items(), slopes, strict=True):
         u, lines = _contributions(sources, slope, covariance)
-        dof = _effective_dof(groups, {line.source: line.share for line in lines})
+        # The degrees of freedom after Welch and Satterthwaite; sources observed together count as one
+        share = {line.source: line.share for line in lines}
+        terms = math.fsum(math.fsum(share[source.name] for source in group) ** 2 / group[0].dof for group in groups)
+        dof = 1.0 / terms if terms > 0.0 else math.inf
         results.append(Result(name, _value(output), u, dof, confidence, coverage_factor(dof, confidence), lines))
     return Budget(tuple(sources), tuple(results), _correlation(slopes @ covariance @ slopes.T))
 
@@ -257,12 +260,6 @@ def _contributions(
         for source, slope, share in zip(sources, slopes, shares, strict=True)
     ]
     return math.sqrt(variance), tuple(sorted(lines, key=lambda line: -abs(line.u)))
-
-
-def _effective_dof(groups: list[list[Source]], share: Mapping[str, float]) -> float:
-    """Return the degrees of freedom after Welch and Satterthwaite; sources observed together count as one."""
-    terms = math.fsum(math.fsum(share[source.name] for source in group) ** 2 / group[0].dof for group in groups)
-    return 1.0 / terms if terms > 0.0 else math.inf
 
 
 def _applied(name: str, value: Any) -> Any:

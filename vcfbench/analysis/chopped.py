@@ -90,7 +90,10 @@ def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: 
         raise ConfigError("the noise needs a block at least, and two readings a window")
     white = std_v**2 / readings
     flicker = _flicker(window_s, slot_s)
-    left = _left_over()
+    # An orthonormal basis of the space free of levels and linear drift, a column each
+    drift = np.arange(len(CHOPPED), dtype=np.float64)
+    basis = np.linalg.svd(np.column_stack([_LEVELS, drift]))[0]
+    left = np.asarray(basis[:, _LEVELS.shape[1] + 1 :], dtype=np.float64)
     seen = np.array([left.T @ np.array(block.outputs_v) for block in blocks])
     per_degree = float((seen**2).mean())
     unit = float(np.trace(left.T @ flicker @ left)) / left.shape[1]
@@ -108,13 +111,6 @@ def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: 
         ((float(covariance[0, 0]), float(covariance[0, 1])), (float(covariance[1, 0]), float(covariance[1, 1]))),
         2.0 * float(covariance[0, 0]) ** 2 / spread if spread > 0.0 else math.inf,
     )
-
-
-def _left_over() -> Floats:
-    """Return an orthonormal basis of the space free of levels and linear drift, a column each."""
-    drift = np.arange(len(CHOPPED), dtype=np.float64)
-    basis = np.linalg.svd(np.column_stack([_LEVELS, drift]))[0]
-    return np.asarray(basis[:, _LEVELS.shape[1] + 1 :], dtype=np.float64)
 
 
 def _flicker(window_s: float, slot_s: float) -> Floats:

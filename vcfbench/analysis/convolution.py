@@ -43,7 +43,15 @@ def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> floa
     rest_dof = result.dof * rest_share**2 if rest_share else math.inf  # Welch and Satterthwaite backwards
     reach = math.fsum(half_width for _, half_width in limits) + rest_u * t_quantile(_LEFT_OUT, rest_dof)
     edges = np.linspace(-reach, reach, _CELLS + 1)
-    together = np.fft.rfft(_rest(edges, rest_u, rest_dof))
+    # The same of the normal or t part, by its density in the middles
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    if rest_u < edges[1] - edges[0]:  # narrower than a cell
+        density = (np.arange(middles.size) == middles.size // 2).astype(float)
+    elif math.isinf(rest_dof):
+        density = np.exp(-0.5 * (middles / rest_u) ** 2)
+    else:
+        density = np.exp(-0.5 * (rest_dof + 1.0) * np.log1p((middles / rest_u) ** 2 / rest_dof))
+    together = np.fft.rfft(np.asarray(np.fft.ifftshift(density / density.sum())))
     half_a_cell = float(edges[_CELLS // 2 + 1])
     for kind, half_width in limits:
         if half_width > half_a_cell:  # what stays within the middle cell moves nothing
@@ -76,18 +84,6 @@ def _cells(kind: Distribution, edges: Floats, half_width: float) -> Floats:
     cells[: stop - 1 - middle] = inside[middle - first :]
     cells[first - middle :] = inside[: middle - first]
     return cells
-
-
-def _rest(edges: Floats, u: float, dof: float) -> Floats:
-    """Return the same of the normal or t part, by its density in the middles."""
-    middles = 0.5 * (edges[1:] + edges[:-1])
-    if u < edges[1] - edges[0]:  # narrower than a cell
-        density = (np.arange(middles.size) == middles.size // 2).astype(float)
-    elif math.isinf(dof):
-        density = np.exp(-0.5 * (middles / u) ** 2)
-    else:
-        density = np.exp(-0.5 * (dof + 1.0) * np.log1p((middles / u) ** 2 / dof))
-    return np.asarray(np.fft.ifftshift(density / density.sum()))
 
 
 def _upper_end(cells: Floats, edges: Floats, confidence: float) -> float:

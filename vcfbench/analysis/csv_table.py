@@ -68,7 +68,14 @@ def parse_table(text: str, name: str) -> dict[str, Series]:
         rows, header = [rows[0], *(_set_point(*row, name) for row in rows[1:])], POINT_COLUMNS
     cells = [_values(line, row, header, name) for line, row in rows[1:]]
     if header == POINT_COLUMNS:
-        return _points(cells, name)
+        # A series for every step of a record that has enough points for a line
+        groups: dict[float, list[tuple[float, ...]]] = {}
+        for row in cells:
+            groups.setdefault(row[0], []).append(row)
+        series = {_series_name(step): _point_series(rows) for step, rows in sorted(groups.items()) if _spans(rows)}
+        if not series:
+            raise ConfigError(f"{name}: no step has {_FEWEST_POINTS} points at different rates")
+        return series
     if len(cells) < _FEWEST_POINTS:
         raise ConfigError(f"{name}: at least {_FEWEST_POINTS} points are needed, the file has {len(cells)}")
     rate, *outputs = zip(*cells, strict=True)
@@ -152,17 +159,6 @@ def _refuse_cell(cell: str, where: str) -> NoReturn:
     if _DECIMAL_COMMA.fullmatch(cell):
         raise ConfigError(f"{where}: {cell!r} has a decimal comma; write it with a point")
     raise ConfigError(f"{where}: {cell!r} is not a number")
-
-
-def _points(cells: list[tuple[float, ...]], name: str) -> dict[str, Series]:
-    """Return a series for every step of a record that has enough points for a line."""
-    groups: dict[float, list[tuple[float, ...]]] = {}
-    for row in cells:
-        groups.setdefault(row[0], []).append(row)
-    series = {_series_name(step): _point_series(rows) for step, rows in sorted(groups.items()) if _spans(rows)}
-    if not series:
-        raise ConfigError(f"{name}: no step has {_FEWEST_POINTS} points at different rates")
-    return series
 
 
 def _series_name(step: float) -> str:

@@ -158,7 +158,14 @@ def fit_k_vc_curve(
 
     """
     rate, v = np.asarray(rate_deg_s, dtype=np.float64), np.asarray(v_vc_v, dtype=np.float64)
-    _check(rate, v, order)
+    if rate.ndim != 1 or rate.shape != v.shape or order < 1 or rate.size < order + 1:
+        raise ConfigError(f"{rate.size} rates and {v.size} V_Vc do not determine a curve of order {order}")
+    if not (np.isfinite(rate).all() and np.isfinite(v).all()):
+        raise ConfigError("a rate or a V_Vc is not a finite number")
+    if not (rate.min() < 0.0 < rate.max() and v.min() < 0.0 < v.max()):
+        raise ConfigError("pairs of both signs are needed: from one sign alone the even order goes into K_Vc")
+    if len(set(v.tolist())) < order + 1:
+        raise ConfigError(f"{len(set(v.tolist()))} different V_Vc do not determine a curve of order {order}")
     scale = float(np.abs(v).max())
     of_rate = _covariance(rate_covariance, rate.size, "rate")
     of_v = _covariance(v_vc_covariance, v.size, "V_Vc") / scale**2
@@ -167,6 +174,10 @@ def fit_k_vc_curve(
     residuals = rate - np.vander(v / scale, order + 1, increasing=True) @ found
     chi_square = float(residuals @ weight @ residuals)
     dof = rate.size - order - 1
+    # The root of the mean square of the residuals beyond that which their uncertainties leave after the fit
+    powers = np.vander(v / scale, order + 1, increasing=True)
+    expected = np.linalg.inv(weight) - powers @ covariance @ powers.T
+    beyond = float(residuals @ residuals) - float(np.trace(expected))
     return KVcCurve(
         coefficients=tuple((found / units).tolist()),
         covariance=tuple(tuple(row) for row in (covariance / np.outer(units, units)).tolist()),
@@ -175,8 +186,8 @@ def fit_k_vc_curve(
         residuals_deg_s=tuple(residuals.tolist()),
         chi_square=chi_square,
         dof=dof,
-        lack_of_fit_p=_tail(chi_square, dof),
-        lack_of_fit_deg_s=_excess(residuals, weight, covariance, np.vander(v / scale, order + 1, increasing=True)),
+        lack_of_fit_p=chi_square_tail(chi_square, dof) if dof > 0 else None,
+        lack_of_fit_deg_s=math.sqrt(max(0.0, beyond) / residuals.size),
     )
 
 
@@ -227,17 +238,6 @@ def coefficient_weights(curve: KVcCurve, v_vc_v: ArrayLike, covariance: ArrayLik
     return np.asarray(making / (scale ** np.arange(powers.shape[1]))[:, None])
 
 
-def _check(rate: Floats, v: Floats, order: int) -> None:
-    if rate.ndim != 1 or rate.shape != v.shape or order < 1 or rate.size < order + 1:
-        raise ConfigError(f"{rate.size} rates and {v.size} V_Vc do not determine a curve of order {order}")
-    if not (np.isfinite(rate).all() and np.isfinite(v).all()):
-        raise ConfigError("a rate or a V_Vc is not a finite number")
-    if not (rate.min() < 0.0 < rate.max() and v.min() < 0.0 < v.max()):
-        raise ConfigError("pairs of both signs are needed: from one sign alone the even order goes into K_Vc")
-    if len(set(v.tolist())) < order + 1:
-        raise ConfigError(f"{len(set(v.tolist()))} different V_Vc do not determine a curve of order {order}")
-
-
 def _covariance(given: ArrayLike, count: int, what: str) -> Floats:
     matrix = np.asarray(given, dtype=np.float64)
     if matrix.shape != (count, count) or not np.allclose(matrix, matrix.T) or (np.diag(matrix) < 0.0).any():
@@ -273,14 +273,3 @@ def _solve(rate: Floats, v: Floats, of_rate: Floats, of_v: Floats, order: int) -
         if (np.abs(step) <= _SETTLED * np.sqrt(np.diag(covariance))).all():
             return found, covariance, weight
     raise ConfigError("the curve of K_Vc does not settle: the uncertainties of V_Vc are as large as the V_Vc")
-
-
-def _tail(chi_square: float, dof: int) -> float | None:
-    return chi_square_tail(chi_square, dof) if dof > 0 else None
-
-
-def _excess(residuals: Floats, weight: Floats, covariance: Floats, powers: Floats) -> float:
-    """Return the root of the mean square of the residuals beyond that which their uncertainties leave after the fit."""
-    expected = np.linalg.inv(weight) - powers @ covariance @ powers.T
-    beyond = float(residuals @ residuals) - float(np.trace(expected))
-    return math.sqrt(max(0.0, beyond) / residuals.size)

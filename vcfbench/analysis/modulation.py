@@ -79,7 +79,10 @@ def demodulated(samples: ArrayLike, aperture_s: float, frequency_hz: float, wind
     length = values.size // windows
     in_phase = []
     for first in range(0, windows * length, length):
-        part, *_ = np.linalg.lstsq(_windowed(basis[first : first + length]), values[first : first + length], rcond=None)
+        # The part of a record's basis with its trend about its own middle
+        own = basis[first : first + length].copy()
+        own[:, 1] -= own[:, 1].mean()
+        part, *_ = np.linalg.lstsq(own, values[first : first + length], rcond=None)
         in_phase.append(float((_phasors(part)[0] / averaged[0] * cmath.exp(-1j * phase)).real))
     left = values - basis @ found
     power, lines = zip(*(_noise(left, turns, order) for order in ORDERS), strict=True)
@@ -114,13 +117,6 @@ def _basis(count: int, turns: float) -> Floats:
     steps = np.arange(count, dtype=np.float64)
     angle = 2.0 * math.pi * turns * np.outer(steps, ORDERS)
     return np.column_stack([np.ones(count), steps / count - 0.5, np.cos(angle), np.sin(angle)])
-
-
-def _windowed(basis: Floats) -> Floats:
-    """Return the part of a record's basis with its trend about its own middle."""
-    own = basis.copy()
-    own[:, 1] -= own[:, 1].mean()
-    return own
 
 
 def _phasors(found: NDArray[np.floating]) -> NDArray[np.complex128]:

@@ -228,9 +228,13 @@ class _Estimator:
 
     def covariance(self, law: Coefficients, among: list[int]) -> Floats:
         """Return the covariance of the squares of the columns `among` under the noise `law`."""
-        return _carried(
-            self.design[:, among], self.weight, _covariances(law, self.sampling, self.samples, self.factors)
-        )
+        # The covariances of all points of the curve
+        factors = self.factors
+        whole = np.empty((len(factors), len(factors)))
+        for i, first in enumerate(factors):
+            for j, second in enumerate(factors[: i + 1]):
+                whole[i, j] = whole[j, i] = _covariance(law, self.sampling, self.samples, first, second)
+        return _carried(self.design[:, among], self.weight, whole)
 
 
 def _with_uncertainty(squares: Floats, places: list[int], estimator: _Estimator) -> NoiseFit:
@@ -279,15 +283,6 @@ def _carried(design: Floats, weight: Floats, covariances: Floats) -> Floats:
     root = np.sqrt(weight)
     gain = np.linalg.pinv(design * root[:, None]) * root
     return np.asarray(gain @ covariances @ gain.T)
-
-
-def _covariances(noise: Coefficients, sampling: Sampling, samples: int, factors: list[int]) -> Floats:
-    """Return the covariances of all points of the curve."""
-    whole = np.empty((len(factors), len(factors)))
-    for i, first in enumerate(factors):
-        for j, second in enumerate(factors[: i + 1]):
-            whole[i, j] = whole[j, i] = _covariance(noise, sampling, samples, first, second)
-    return whole
 
 
 def _covariance(noise: Coefficients, sampling: Sampling, samples: int, first: int, second: int) -> float:

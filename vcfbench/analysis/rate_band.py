@@ -122,7 +122,13 @@ def true_spacing_s(samples: ArrayLike, interval_s: float, frequency_hz: float, l
         ConfigError: fewer than 64 samples, a frequency that they do not hold, or no sine there.
     """
     values = _checked(samples, interval_s + late_s, frequency_hz)
-    start = _strongest(values, frequency_hz * interval_s, frequency_hz * (interval_s + late_s))
+    # The cycles a sample, between two, at which the samples hold most
+    least = frequency_hz * interval_s
+    most = frequency_hz * (interval_s + late_s)
+    count = max(2, math.ceil((most - least) * values.size / 0.2) + 1)
+    tried = np.linspace(least, most, count)
+    turned = np.exp(-2j * math.pi * np.outer(tried, np.arange(values.size)))
+    start = float(tried[np.abs(turned @ (values - values.mean())).argmax()])
     return fit_sine(values, 1.0, start).frequency_hz / frequency_hz
 
 
@@ -208,14 +214,6 @@ def _checked(samples: ArrayLike, spacing_s: float, frequency_hz: float) -> Float
 def _aperture(frequency_hz: float, aperture_s: float) -> float:
     """Return the attenuation of a sine by averaging over the aperture."""
     return float(np.sinc(frequency_hz * aperture_s))
-
-
-def _strongest(values: Floats, least: float, most: float) -> float:
-    """Return the cycles a sample, between two, at which the samples hold most."""
-    count = max(2, math.ceil((most - least) * values.size / 0.2) + 1)
-    tried = np.linspace(least, most, count)
-    turned = np.exp(-2j * math.pi * np.outer(tried, np.arange(values.size)))
-    return float(tried[np.abs(turned @ (values - values.mean())).argmax()])
 
 
 def _noise(left: Floats, turns: Sequence[float]) -> tuple[float, Floats]:
@@ -352,10 +350,17 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
         raise ConfigError(f"a response needs at least ten frequencies, got {len(ordered)}")
     f = np.array([tone.frequency_hz for tone in ordered])
     level = np.array([tone.amplitude for tone in ordered])
-    level = level * (1.0 - _compression(ordered) * level**2)
+    # The relative change of the fundamental per square of the amplitude, by the third harmonics near the peak. A cube
+    # of the output makes three times as much of the fundamental as of the third harmonic
+    largest = max(tone.amplitude for tone in ordered)
+    high = [tone for tone in ordered if tone.amplitude > 0.5 * largest]
+    weight = sum(tone.amplitude**6 for tone in high)
+    level = level * (1.0 - (3.0 * sum(tone.third * tone.amplitude**3 for tone in high) / weight) * level**2)
     filter_gain = _filter_gain(f, known)
     gain = level / filter_gain / amplitude
-    start = _start(f, gain, known)
+    place = int(gain.argmax())
+    q = max(1.0, float(gain[place] / gain[0])) * known.drive_hz / f[place]
+    start = np.array([f[place], q, gain[0], 0.8, known.in_phase_split_hz, 0.0])
     u = np.array([tone.u_amplitude for tone in ordered]) / filter_gain / amplitude
     u = np.maximum(u, float(np.median(u / gain)) * gain)
     for _ in range(2):
@@ -374,23 +379,6 @@ class _Gains:
     gain: Floats
     u: Floats
     noise_dof: float
-
-
-def _compression(tones: Sequence[Tone]) -> float:
-    """Return the relative change of the fundamental per square of the amplitude, by the third harmonics near the peak.
-
-    A cube of the output makes three times as much of the fundamental as of the third harmonic.
-    """
-    largest = max(tone.amplitude for tone in tones)
-    high = [tone for tone in tones if tone.amplitude > 0.5 * largest]
-    weight = sum(tone.amplitude**6 for tone in high)
-    return 3.0 * sum(tone.third * tone.amplitude**3 for tone in high) / weight
-
-
-def _start(f: Floats, gain: Floats, known: Known) -> Floats:
-    place = int(gain.argmax())
-    q = max(1.0, float(gain[place] / gain[0])) * known.drive_hz / f[place]
-    return np.array([f[place], q, gain[0], 0.8, known.in_phase_split_hz, 0.0])
 
 
 def _shape(parameters: Floats) -> Floats:

@@ -93,7 +93,8 @@ def _variance(noise: Noise, factor: int, duty: float) -> float:
     lag = np.arange(2.0 * factor)
     weight = 2.0 * np.maximum(0.0, factor - lag) - np.maximum(0.0, factor - np.abs(lag - factor))
     weight[1:] *= 2.0
-    covariance = _flicker(lag, duty) if noise is Noise.FLICKER else _random_walk(lag, duty)
+    # The same of random walk: of |t|^3 / 12
+    covariance = _flicker(lag, duty) if noise is Noise.FLICKER else np.concatenate([[-duty / 6.0], -lag[1:] / 2.0])
     return float(weight @ covariance) / factor**2
 
 
@@ -107,11 +108,6 @@ def _flicker(lag: Floats, duty: float) -> Floats:
     ratio = duty / later
     spread = (later + duty) ** 2 * np.log1p(ratio) + (later - duty) ** 2 * np.log1p(-ratio)
     return np.concatenate([[-2.0 * math.log(duty)], -2.0 * np.log(later) - spread / duty**2])
-
-
-def _random_walk(lag: Floats, duty: float) -> Floats:
-    """Return the same of random walk: of |t|^3 / 12."""
-    return np.concatenate([[-duty / 6.0], -lag[1:] / 2.0])
 
 
 def block_means(record: ArrayLike, readings: int) -> Floats:

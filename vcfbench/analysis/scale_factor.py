@@ -213,7 +213,7 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
         u_fit_scale_factor_error_percent=100.0 * abs(ratio) * relative,
         e_n=_e_n(reference, other),
         bias_difference_v=second.bias - first.bias,
-        zero_difference_v=_difference(reference.zero_v, other.zero_v),
+        zero_difference_v=None if reference.zero_v is None or other.zero_v is None else other.zero_v - reference.zero_v,
         residual_correlation=_residual_correlation(reference, other),
     )
 
@@ -222,10 +222,6 @@ def _e_n(first: ScaleFactorResult, second: ScaleFactorResult) -> float | None:
     expanded = [result.line.coverage_factor * result.u_fit_scale_factor for result in (first, second)]
     both = math.hypot(*expanded)
     return abs(second.line.scale_factor - first.line.scale_factor) / both if both > 0.0 else None
-
-
-def _difference(first: float | None, second: float | None) -> float | None:
-    return None if first is None or second is None else second - first
 
 
 def _residual_correlation(first: ScaleFactorResult, second: ScaleFactorResult) -> float | None:

@@ -164,21 +164,17 @@ def _common(channels: Floats, interval_s: float, start_hz: float | None) -> _Com
     strongest = channels[np.ptp(channels, axis=1).argmax()]
     frequency = spectral_peak_hz(strongest, interval_s) if start_hz is None else start_hz
     for _ in range(_ROUNDS):
-        step = _step(_at(channels, times, frequency), channels, times)
+        # By how much the frequency should change
+        fitted = _at(channels, times, frequency)
+        design, left = _design(fitted, times), _residuals(fitted, channels, times)
+        weight = np.repeat(1.0 / _floor(fitted.rms), times.size)
+        rows = design * weight[:, None]
+        step = float(np.linalg.solve(rows.T @ rows, rows.T @ (left.ravel() * weight))[0])
         most = 0.5 / (count * interval_s)
         frequency += max(-most, min(most, step))
         if abs(step) * count * interval_s < _SETTLED:
             return _with_covariance(_at(channels, times, frequency, free=True), times, free=True)
     raise ConfigError(f"no sine found: the fit does not settle near {frequency:g} Hz")
-
-
-def _step(fitted: _Common, channels: Floats, times: Floats) -> float:
-    """Return by how much the frequency should change."""
-    design, left = _design(fitted, times), _residuals(fitted, channels, times)
-    weight = np.repeat(1.0 / _floor(fitted.rms), times.size)
-    rows = design * weight[:, None]
-    # Normal equations, ten times as fast: what they lose, the next round finds.
-    return float(np.linalg.solve(rows.T @ rows, rows.T @ (left.ravel() * weight))[0])
 
 
 def _at(channels: Floats, times: Floats, frequency_hz: float, *, free: bool = False) -> _Common:

@@ -26,7 +26,14 @@ def t_quantile(tail: float, degrees: float) -> float:
     degrees of freedom, or infinitely many, from the normal distribution (Abramowitz and Stegun 26.7.5).
     """
     if degrees > _MANY_DEGREES:
-        return _nearly_normal_quantile(-NormalDist().inv_cdf(0.5 * tail), degrees)
+        x = -NormalDist().inv_cdf(0.5 * tail)
+        terms = (
+            (x**3 + x) / 4.0,
+            (5.0 * x**5 + 16.0 * x**3 + 3.0 * x) / 96.0,
+            (3.0 * x**7 + 19.0 * x**5 + 17.0 * x**3 - 15.0 * x) / 384.0,
+            (79.0 * x**9 + 776.0 * x**7 + 1482.0 * x**5 - 1920.0 * x**3 - 945.0 * x) / 92160.0,
+        )
+        return x + math.fsum(term / degrees**power for power, term in enumerate(terms, start=1))
     log_height = math.lgamma(0.5 * (degrees + 1.0)) - math.lgamma(0.5 * degrees) - 0.5 * math.log(math.pi * degrees)
     t = 0.0
     step = math.inf
@@ -40,16 +47,6 @@ def t_quantile(tail: float, degrees: float) -> float:
 def t_of_largest(number: int, degrees: float) -> float:
     """Return the 95 % limit of the largest of `number` ``|T|``, independent (Sidak) or dependent."""
     return t_quantile(1.0 - 0.95 ** (1.0 / number), degrees)
-
-
-def _nearly_normal_quantile(x: float, degrees: float) -> float:
-    terms = (
-        (x**3 + x) / 4.0,
-        (5.0 * x**5 + 16.0 * x**3 + 3.0 * x) / 96.0,
-        (3.0 * x**7 + 19.0 * x**5 + 17.0 * x**3 - 15.0 * x) / 384.0,
-        (79.0 * x**9 + 776.0 * x**7 + 1482.0 * x**5 - 1920.0 * x**3 - 945.0 * x) / 92160.0,
-    )
-    return x + math.fsum(term / degrees**power for power, term in enumerate(terms, start=1))
 
 
 def chi_square_tail(chi_square: float, degrees: int) -> float:

@@ -94,7 +94,13 @@ def export_run(
     from vcfbench.archive.export_formats import WRITERS  # noqa: PLC0415
 
     directory = _directory(run, runs)
-    written_as = _format(file, format)
+    if format is not None and format not in FORMATS:
+        raise ConfigError(f"format: expected one of {', '.join(FORMATS)}, came {format!r}")
+    by_suffix = None if file is None else _SUFFIXES.get(Path(file).suffix.lower())
+    found = format or by_suffix
+    if found is None:
+        raise ConfigError(f"which format is not known: expected one of {', '.join(FORMATS)}", hint="--format FORMAT")
+    written_as = found
     table = replace((_readings if raw else _points)(directory), progress=progress)
     path = Path(f"{directory.run}-{table.name}.{written_as}" if file is None else file)
     if path.exists() and not path.is_file():  # replacing it would take a device away
@@ -119,16 +125,6 @@ def _directory(run: str | Path | Run, runs: str | Path) -> RunDirectory:
     if outline_of(directory.journal) is None and (damage := directory.read().damage) is not None:
         raise ConfigError(f"{shown(directory.journal)}: the record is damaged, nothing is exported: {damage}")
     return directory
-
-
-def _format(file: str | Path | None, asked: str | None) -> str:
-    if asked is not None and asked not in FORMATS:
-        raise ConfigError(f"format: expected one of {', '.join(FORMATS)}, came {asked!r}")
-    by_suffix = None if file is None else _SUFFIXES.get(Path(file).suffix.lower())
-    found = asked or by_suffix
-    if found is None:
-        raise ConfigError(f"which format is not known: expected one of {', '.join(FORMATS)}", hint="--format FORMAT")
-    return found
 
 
 def _points(directory: RunDirectory) -> ExportTable:

@@ -236,7 +236,8 @@ class RunIndex:
             gone = before.keys() - present.keys()
             self._forget(connection, [*gone, *(name for name in changed if name in before)])
             if self._file is not None:  # what lay elsewhere before is of no use in a file of this directory
-                self._forget_others(connection)
+                for table in (self._tables.tags, self._tables.runs):
+                    connection.execute(table.delete().where(table.c.store != self._store))
             for first in range(0, len(changed), STATEMENTS_AT_ONCE):
                 self._add(connection, {name: present[name] for name in changed[first : first + STATEMENTS_AT_ONCE]})
         return Refreshed(len(present), len(changed), len(gone), why)
@@ -261,10 +262,6 @@ class RunIndex:
             mine = table.delete().where(table.c.store == self._store)
             for first in range(0, len(names), STATEMENTS_AT_ONCE):
                 connection.execute(mine.where(table.c.run.in_(names[first : first + STATEMENTS_AT_ONCE])))
-
-    def _forget_others(self, connection: Connection) -> None:
-        for table in (self._tables.tags, self._tables.runs):
-            connection.execute(table.delete().where(table.c.store != self._store))
 
     def _add(self, connection: Connection, records: Mapping[str, tuple[Path, str]]) -> None:
         found = {name: (summary_of(RunDirectory(path)), seen) for name, (path, seen) in records.items()}

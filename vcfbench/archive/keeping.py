@@ -12,10 +12,7 @@ from vcfbench.records.schema import Status
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.archive.results import Evaluation
     from vcfbench.records.devices import Entry
-    from vcfbench.records.directory import RunDirectory
-    from vcfbench.records.journal import JournalRecord
 
 
 def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | None = None) -> Entry:
@@ -40,7 +37,15 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
         raise ConfigError(f"{directory.run} ended with an error: nothing of it is kept")
     chosen = procedure(str(record.header.get("procedure")))
     settings = recorded_settings(chosen, record.header.get("settings"))
-    made = _made(directory, record, evaluation)
+    header, footer, verdict = record.header, record.footer or {}, evaluation.verdict
+    made = Provenance(
+        bench=str(header["bench"].get("name")),
+        run=directory.run,
+        simulated=bool(header.get("simulated")),
+        instruments={role: _words_of(identity) for role, identity in header.get("identities", {}).items()},
+        finished=datetime.fromisoformat(footer["utc"]),
+        verdict=None if verdict is None else verdict.word,
+    )
     kept = None if chosen.entry is None else chosen.entry(settings, evaluation.results, made)
     if kept is None:
         raise ConfigError(f"{directory.run} keeps nothing of a device", hint="run it with --dut SERIAL")
@@ -49,18 +54,6 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
         if each.record.conditions.run == directory.run:
             raise ConfigError(f"{each.path} is what {directory.run} keeps of its device already")
     return store.add(kept.record)
-
-
-def _made(directory: RunDirectory, record: JournalRecord, evaluation: Evaluation) -> Provenance:
-    header, footer, verdict = record.header, record.footer or {}, evaluation.verdict
-    return Provenance(
-        bench=str(header["bench"].get("name")),
-        run=directory.run,
-        simulated=bool(header.get("simulated")),
-        instruments={role: _words_of(identity) for role, identity in header.get("identities", {}).items()},
-        finished=datetime.fromisoformat(footer["utc"]),
-        verdict=None if verdict is None else verdict.word,
-    )
 
 
 def _words_of(identity: dict[str, Any]) -> str:

@@ -206,25 +206,15 @@ def _method_known(name: str) -> str:
 
 def _results(run: Run) -> Iterator[Part]:
     yield Heading("Results", 2)
-    found = [part for part in run.report().parts if not _is_settings(part)]  # they have a section of their own
+    found = [
+        part for part in run.report().parts if not (isinstance(part, Table) and part.title == STORED_SETTINGS)
+    ]  # they have a section of their own
     *parts, last = found or (Text("nothing"),)
     verdict = [last] if run.verdict is not None else []
     yield from parts if verdict else [*parts, last]
     if run.no_results is not None:
         stored = "no results" if run.results is None else "results as they were stored with the run"
         yield Text(f"{stored}: {run.no_results}")
-    yield from _record(run)
-    if verdict:
-        yield Heading("Verdict", 2)
-        yield from verdict
-
-
-def _is_settings(part: Part) -> bool:
-    return isinstance(part, Table) and part.title == STORED_SETTINGS
-
-
-def _record(run: Run) -> Iterator[Figure]:
-    """Draw the raw readings of long windows over time, from the first of them on."""
     windows = [each for each in run.measured.readings.windows if len(each.t_s) >= _LONG]
     if windows:
         t_s, output_v = _joined(windows)
@@ -233,6 +223,9 @@ def _record(run: Run) -> Iterator[Figure]:
         said = "" if few is None else f"{len(t_s)} readings; {DRAWN}"
         series = Series("readings", x, y, kind="line")
         yield Figure("Record of the raw readings", Axis("time", "s"), Axis("output", "V"), [series], said)
+    if verdict:
+        yield Heading("Verdict", 2)
+        yield from verdict
 
 
 def _joined(windows: Sequence[WindowReadings]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -131,7 +131,10 @@ class _Check(Struct):
         if not record.header:
             yield "line 1: there is no whole header"
         yield from self._form()
-        yield from self._amendments()
+        amendments = amendments_of(self.record.lines)
+        for number, each in enumerate(amendments, 2):
+            if each.revision != number:
+                yield f"amendment {number - 1} says revision {each.revision}, it makes revision {number}"
         yield from self._signatures()
         yield from self._files()
         yield from self._results()
@@ -157,12 +160,6 @@ class _Check(Struct):
                 yield from (f"line {place}: {wrong}" for wrong in _step(line, own))
         if own:
             self.notes.append(f"steps that are not known here were not looked into: {', '.join(sorted(own))}")
-
-    def _amendments(self) -> Iterator[str]:
-        amendments = amendments_of(self.record.lines)
-        for number, each in enumerate(amendments, 2):
-            if each.revision != number:
-                yield f"amendment {number - 1} says revision {each.revision}, it makes revision {number}"
 
     def _signatures(self) -> Iterator[str]:
         """Hold each signature against the seal before it; a record that was to be signed must end with one."""

@@ -216,16 +216,13 @@ def _asked(url: str, baud_rate: int, question: bytes, timeout_s: float) -> str:
         line.take_unasked()
         line.send(question, deadline)
         counted = take_counted(line, deadline)  # which need not end as a line does
-        return _text(line.take_line(deadline) if counted is None else counted)
+        reply = line.take_line(deadline) if counted is None else counted
+        words = reply.decode("latin-1").strip()
+        if not words or not (words.isascii() and words.isprintable()):
+            raise ConnectFailed(f"it answers {reply[:20]!r}, which is no text")
+        return words
     finally:
         line.close()
-
-
-def _text(reply: bytes) -> str:
-    words = reply.decode("latin-1").strip()
-    if not words or not (words.isascii() and words.isprintable()):
-        raise ConnectFailed(f"it answers {reply[:20]!r}, which is no text")
-    return words
 
 
 def recognise(answer: str) -> str | None:

@@ -24,24 +24,21 @@ def equipment_on(
 def _equipment(day: date, description: BenchDescription, role: str, identity: Identity | None) -> Equipment:
     part = getattr(description, role)
     due = part.calibration_due
+    # The serial number that was answered, else the bench file's; an instrument that has none answers 0
+    stated = getattr(part, "serial_number", None)
+    answered = "" if identity is None else identity.serial
     return Equipment(
         role=role,
         model=part.dialect if role == "rate_table" else part.model,
         resource=part.resource,
         identity=identity,
-        serial_number=_serial_number(identity, getattr(part, "serial_number", None)),
+        serial_number=next((each for each in (answered, stated) if each not in (None, "", "0")), None),
         inventory_number=part.inventory_number,
         calibrated=part.calibrated,
         calibration_due=due,
         certificate=part.certificate,
         overdue=due is not None and day > due,
     )
-
-
-def _serial_number(identity: Identity | None, stated: str | None) -> str | None:
-    """Return the serial number that was answered, else the bench file's; an instrument that has none answers 0."""
-    answered = "" if identity is None else identity.serial
-    return next((each for each in (answered, stated) if each not in (None, "", "0")), None)
 
 
 def overdue_words(equipment: Collection[Equipment]) -> Iterator[str]:

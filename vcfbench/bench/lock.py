@@ -90,7 +90,16 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Map
         LockUnusable: a lock file cannot be used, and nobody is known to have one of the others.
     """
     keys = {resource_key(resource): (role, resource) for role, resource in resources.items()}
-    _clear_dead_servers()
+    # Take away the files that dead programs have left of sockets of this computer at which nobody listens any more. A
+    # simulated bench was served there, and is gone. Of any other instrument the next owner is told who died with it
+    with suppress(OSError):
+        for path in lock_directory().iterdir():
+            found = _OF_SOCKET.fullmatch(path.name)
+            owner = None if found is None else _signed(path)
+            if found is None or owner is None or owner.alive() or _is_served(int(found[1])):
+                continue
+            with suppress(BenchError, OSError), _lock(path, "", "", owner.resource):
+                pass  # who gives a lock back takes its file away
     unusable: LockUnusable | None = None
     left: dict[str, str] = {}
     with ExitStack() as stack:
@@ -104,21 +113,6 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Map
         if unusable is not None:
             raise unusable
         yield left
-
-
-def _clear_dead_servers() -> None:
-    """Take away the files that dead programs have left of sockets of this computer at which nobody listens any more.
-
-    A simulated bench was served there, and is gone. Of any other instrument the next owner is told who died with it.
-    """
-    with suppress(OSError):
-        for path in lock_directory().iterdir():
-            found = _OF_SOCKET.fullmatch(path.name)
-            owner = None if found is None else _signed(path)
-            if found is None or owner is None or owner.alive() or _is_served(int(found[1])):
-                continue
-            with suppress(BenchError, OSError), _lock(path, "", "", owner.resource):
-                pass  # who gives a lock back takes its file away
 
 
 def _is_served(port: int) -> bool:

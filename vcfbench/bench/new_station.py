@@ -52,7 +52,14 @@ class Draft:
         """
         candidate = deepcopy(self.values)
         for path, value in changes.items():
-            _put(candidate, path, value)
+            values = candidate
+            *tables, key = path.split(".")
+            for table in tables:
+                values = values.setdefault(table, {})
+            if value is None:
+                values.pop(key, None)
+            else:
+                values[key] = value
         description = checked_bench(candidate, self.source)
         self.values = candidate
         return description
@@ -81,16 +88,6 @@ class Draft:
     def text(self, head: str) -> str:
         """Return the bench file: `head` as a remark, then the template with the values in it."""
         return filled_template(template(), self.values, head)
-
-
-def _put(values: dict[str, Any], path: str, value: Any) -> None:
-    *tables, key = path.split(".")
-    for table in tables:
-        values = values.setdefault(table, {})
-    if value is None:
-        values.pop(key, None)
-    else:
-        values[key] = value
 
 
 def filled_template(text: str, values: Mapping[str, Any], head: str) -> str:

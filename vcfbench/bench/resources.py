@@ -44,7 +44,12 @@ def resource_key(resource: str) -> str:
     text = resource.strip()
     try:
         if "://" in text:
-            return _of_url(text)
+            url = urlsplit(text)
+            if url.scheme in {"socket", "rfc2217"} and url.hostname and url.port:
+                return _of_socket(url.hostname, url.port)
+            if url.scheme in {"spy", "alt"}:  # a port, looked at or opened otherwise
+                return _of_port(url.netloc + url.path)
+            return text.casefold()
         return _of_visa(text) if "::" in text else _of_port(text)
     except (ValueError, IndexError):  # no name that anything could be opened by
         return text.casefold()
@@ -67,15 +72,6 @@ def _of_visa(text: str) -> str:
             return f"lan {_of_host(rest[0])} {device.removesuffix(',4880')}"
         case "USB":
             return f"usb {int(rest[0], 0):04x} {int(rest[1], 0):04x} {rest[2].casefold()}"
-    return text.casefold()
-
-
-def _of_url(text: str) -> str:
-    url = urlsplit(text)
-    if url.scheme in {"socket", "rfc2217"} and url.hostname and url.port:
-        return _of_socket(url.hostname, url.port)
-    if url.scheme in {"spy", "alt"}:  # a port, looked at or opened otherwise
-        return _of_port(url.netloc + url.path)
     return text.casefold()
 
 

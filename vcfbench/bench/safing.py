@@ -201,7 +201,9 @@ def _made_safe(description: BenchDescription, held: _Held) -> MadeSafe:
         try:
             instrument, _ = open_role(role.name, description, stand)
         except BenchError as error:
-            reports[role.name] = _silent(role, description, error)
+            resource = getattr(description, role.name).resource
+            what = f"told upon connecting, if it hears at all, but not proved: {error}"
+            reports[role.name] = SafeReport(role.name, resource, safe=False, detail=what)
         else:
             safety.register(safe_action(role, instrument, description))
     try:
@@ -219,12 +221,6 @@ def _stage(role: Role) -> Stage:
 def _safed(report: SafeReport, found: str | None) -> Safed:
     detail = report.detail if report.unproved is None else f"{report.unproved}; {report.detail}"
     return Safed(report.instrument, report.resource, found, report.safe, detail)
-
-
-def _silent(role: Role, description: BenchDescription, error: BenchError) -> SafeReport:
-    resource = getattr(description, role.name).resource
-    what = f"told upon connecting, if it hears at all, but not proved: {error}"
-    return SafeReport(role.name, resource, safe=False, detail=what)
 
 
 class _Commanded(Exception):

@@ -111,7 +111,7 @@ class StopSignals:
         self._wait(clock, instant_s)
 
     def _wait(self, clock: Clock, instant_s: float) -> None:
-        if self._acts_while_waiting(clock):
+        if getattr(clock, "asleep", None) is self.asleep:
             self._wait_asleep(clock, instant_s)
             return
         before, self._at_safe_point = self._at_safe_point, True  # it may be part of a longer one
@@ -120,10 +120,6 @@ class StopSignals:
             clock.sleep_until(instant_s)
         finally:
             self._at_safe_point = before
-
-    def _acts_while_waiting(self, clock: Clock) -> bool:
-        """Tell whether simulated devices act in a wait on `clock`, which nothing may break off."""
-        return getattr(clock, "asleep", None) is self.asleep
 
     def _wait_asleep(self, clock: Clock, instant_s: float) -> None:
         before, self.asleep.waiting = self.asleep.waiting, True

@@ -175,7 +175,14 @@ class SimulatedBench(Struct, frozen=True):
 
         attended = AttendedClock(clock)
         world = World(attended, physical_parameters(description), _integer(_sequence(seed, "world")))
-        devices = _devices(description, world, instrument_errors(description, seed), seed)
+        errors = instrument_errors(description, seed)
+        seen = _as_seen(description, world, errors)
+        devices = {
+            role: twin(
+                seen.get(role, world), errors=errors[role], **_taken(twin, _surroundings(role, description, seed))
+            )
+            for role, twin in twins(description).items()
+        }
         attended.attend(*devices.values())
         return cls(description, world, devices)
 
@@ -221,22 +228,17 @@ class SimulatedBench(Struct, frozen=True):
         from simrack.wires import serial_backend  # noqa: PLC0415
 
         with _own_handle(self.description.name) as handle:
-            self._register(handle)
+            try:
+                _visa_library().register(handle, self.visa_devices(), self.clock)
+            except ValueError as error:
+                raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
+            if "rate_table" in self.devices:
+                serial_backend.register(handle, self.table_port(), self.clock)
             try:
                 yield handle
             finally:
                 serial_backend.unregister(handle)
                 _visa_library().unregister(handle)
-
-    def _register(self, handle: str) -> None:
-        from simrack.wires import serial_backend  # noqa: PLC0415
-
-        try:
-            _visa_library().register(handle, self.visa_devices(), self.clock)
-        except ValueError as error:
-            raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
-        if "rate_table" in self.devices:
-            serial_backend.register(handle, self.table_port(), self.clock)
 
 
 def _simulation(description: BenchDescription) -> Simulation:
@@ -259,14 +261,6 @@ def _is_port(part: Any) -> bool:
     return part is not None and "://" not in part.resource
 
 
-def _devices(description: BenchDescription, world: World, errors: Mapping[str, Any], seed: int) -> dict[str, Device]:
-    seen = _as_seen(description, world, errors)
-    return {
-        role: twin(seen.get(role, world), errors=errors[role], **_taken(twin, _surroundings(role, description, seed)))
-        for role, twin in twins(description).items()
-    }
-
-
 def _taken(twin: Any, surroundings: dict[str, Any]) -> dict[str, Any]:
     """Return the `surroundings` that the simulated instrument takes: those of one role do not all need the same."""
     parameters = inspect.signature(twin).parameters
@@ -278,7 +272,9 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
     part, wiring = getattr(description, role), description.wiring
     noise_seed = _integer(_sequence(seed, role))
     if role == "rate_table":
-        header = _header(part.reply_header)
+        # The header of a simulated table's replies: error code and length, as on every byte stream. Which of the two
+        # words' byte orders a real one has is unknown; a driver on `auto` takes either
+        header = "u32le2" if part.reply_header == "auto" else part.reply_header
         return {
             "axis": part.axis,
             "header": header,
@@ -315,14 +311,6 @@ def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, A
             load_ohm=getattr(errors["v_vc_meter"], "input_ohm", math.inf),
         )
     return seen
-
-
-def _header(asked: str) -> str:
-    """Return the header of a simulated table's replies: error code and length, as on every byte stream.
-
-    Which of the two words' byte orders a real one has is unknown; a driver on ``auto`` takes either.
-    """
-    return "u32le2" if asked == "auto" else asked
 
 
 def _errors(

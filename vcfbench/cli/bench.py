@@ -76,7 +76,18 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
             print_json({**_check_json(description.name, done), **_station_json(description, what_can_run(description))})
         else:
             _print_check(description.title, done)
-            _print_station(description, what_can_run(description))
+            # Print limits and acceptance, and the procedures that can run here; of the others the missing parts
+            procedures = what_can_run(description)
+            station = _station_json(description, procedures)
+            for name, otherwise in (("limits", "none"), ("acceptance", "no result is judged")):
+                given = {key: value for key, value in station[name].items() if value not in (None, "none")}
+                typer.echo(
+                    f"{name}: {', '.join(f'{key} {_shown(value)}' for key, value in given.items()) or otherwise}"
+                )
+            able = [name for name, lacking in procedures.items() if lacking is None]
+            typer.echo(f"can run: {', '.join(able) or 'nothing'}")
+            for lacking in filter(None, procedures.values()):
+                typer.echo(f"cannot run: {lacking}")
 
     answer(show, done.failure())
 
@@ -114,18 +125,6 @@ def _station_json(description: BenchDescription, procedures: dict[str, str | Non
         "acceptance": to_builtins(description.acceptance),
         "procedures": procedures,
     }
-
-
-def _print_station(description: BenchDescription, procedures: dict[str, str | None]) -> None:
-    """Print limits and acceptance, and the procedures that can run here; of the others the missing parts."""
-    station = _station_json(description, procedures)
-    for name, otherwise in (("limits", "none"), ("acceptance", "no result is judged")):
-        given = {key: value for key, value in station[name].items() if value not in (None, "none")}
-        typer.echo(f"{name}: {', '.join(f'{key} {_shown(value)}' for key, value in given.items()) or otherwise}")
-    able = [name for name, lacking in procedures.items() if lacking is None]
-    typer.echo(f"can run: {', '.join(able) or 'nothing'}")
-    for lacking in filter(None, procedures.values()):
-        typer.echo(f"cannot run: {lacking}")
 
 
 def _shown(value: object) -> str:

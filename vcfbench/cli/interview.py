@@ -37,7 +37,14 @@ class Interview:
             return take(self.given.get(key, proposed))
         shown = f"{words} [{proposed}]: " if proposed else f"{words}: "
         while True:
-            answer = _typed(shown)
+            sys.stderr.write(shown)
+            sys.stderr.flush()
+            line = sys.stdin.readline()
+            if not line:
+                raise ConfigError(
+                    "the answers ended before the questions; nothing was written", hint="--yes takes the proposals"
+                )
+            answer = line.strip()
             try:
                 return take(answer or proposed)
             except BenchError as error:
@@ -70,17 +77,6 @@ class Interview:
 
 def _free_name(path: Path) -> str:
     return next(str(each) for n in range(2, 10_000) if not (each := path.with_stem(f"{path.stem}-{n}")).exists())
-
-
-def _typed(prompt: str) -> str:
-    sys.stderr.write(prompt)
-    sys.stderr.flush()
-    line = sys.stdin.readline()
-    if not line:
-        raise ConfigError(
-            "the answers ended before the questions; nothing was written", hint="--yes takes the proposals"
-        )
-    return line.strip()
 
 
 def say(words: str) -> None:

@@ -163,7 +163,10 @@ def main() -> None:
         except BaseException as error:  # noqa: BLE001  # a signal, on the way out, or a mistake of ours
             signals.answered()
             code = _last_word(error)
-        _finish_stdout()
+        try:
+            sys.stdout.flush()
+        except (OSError, ValueError):
+            discard_stdout()
         # the end of the process gives all memory back at once; Python would first look through every object for cycles
         gc.freeze()
         sys.exit(code)
@@ -176,11 +179,3 @@ def _last_word(error: BaseException) -> int:
         return code
     say("".join(traceback.format_exception(error)).rstrip("\n"))
     return BenchError.exit_code
-
-
-def _finish_stdout() -> None:
-    """Write the buffered rest, or the interpreter changes the exit code when it cannot."""
-    try:
-        sys.stdout.flush()
-    except (OSError, ValueError):
-        discard_stdout()

@@ -27,7 +27,11 @@ def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Op
 
     def ask(request: Request) -> str:
         with nullcontext() if keys is None else keys.left_alone():
-            return _asked(request, signals)
+            _say(f"\nPlease {request.words}, then press Enter: ")
+            line = signals.attend(sys.stdin.readline)
+            if not line:
+                raise Aborted(f"the terminal was closed where somebody had to {request.words}")
+            return line.strip() or "done"
 
     return ask
 
@@ -45,14 +49,6 @@ def agreed(words: str, signals: StopSignals | None = None, keys: Keys | None = N
 def _taken_as_done(request: Request) -> str:
     _say(f"by hand: {request.words}; taken as done (--yes)\n")
     return "taken as done: --yes"
-
-
-def _asked(request: Request, signals: StopSignals) -> str:
-    _say(f"\nPlease {request.words}, then press Enter: ")
-    line = signals.attend(sys.stdin.readline)
-    if not line:
-        raise Aborted(f"the terminal was closed where somebody had to {request.words}")
-    return line.strip() or "done"
 
 
 def _say(words: str) -> None:

@@ -16,7 +16,14 @@ _NONE = "none"
 
 def results(draft: Draft, interview: Interview) -> None:
     """Ask for expected values, acceptance, and sources of uncertainty; Enter leaves each out."""
-    _expected(draft, interview)
+    say("What is expected, low and high each: a run ends where it finds something else. Enter: not checked.")
+    for key, words in (
+        ("scale_factor_v_per_deg_s", "Scale factor, V/(deg/s), signed: finds swapped leads"),
+        ("bias_v", "Output at rest, V"),
+        ("k_vc_deg_s_per_v", "K_Vc, (deg/s)/V"),
+    ):
+        path = f"expected.{key}"
+        interview.ask(path, f"  {words}", "", partial(_window, draft, path))
     _acceptance(draft, interview)
     _uncertainty(draft, interview)
 
@@ -30,17 +37,6 @@ def put_text(draft: Draft, path: str, answer: str) -> None:
 def put_number(draft: Draft, path: str, answer: str) -> None:
     """Put a number at a dotted key."""
     draft.change({path: number(answer)})
-
-
-def _expected(draft: Draft, interview: Interview) -> None:
-    say("What is expected, low and high each: a run ends where it finds something else. Enter: not checked.")
-    for key, words in (
-        ("scale_factor_v_per_deg_s", "Scale factor, V/(deg/s), signed: finds swapped leads"),
-        ("bias_v", "Output at rest, V"),
-        ("k_vc_deg_s_per_v", "K_Vc, (deg/s)/V"),
-    ):
-        path = f"expected.{key}"
-        interview.ask(path, f"  {words}", "", partial(_window, draft, path))
 
 
 def _acceptance(draft: Draft, interview: Interview) -> None:

@@ -62,7 +62,11 @@ def _put(values: dict[str, Any], keys: list[str], value: object, said: str) -> N
 def _meant(key: str, text: str, lists_of_texts: Container[str], texts: Container[str]) -> object:
     """Return the value of `key` that `text` stands for."""
     if key in lists_of_texts:
-        return _texts(text)
+        # The list of texts that `text` stands for: TOML, or texts without quotes between commas
+        found = _value(text.strip())
+        if not isinstance(found, str) or text.strip()[:1] in {"'", '"', "["}:
+            return found
+        return [each.strip() for each in found.split(",")]
     found = _value(text)
     return text if key in texts and not isinstance(found, str) else found
 
@@ -77,11 +81,3 @@ def _value(text: str) -> object:
         if set(table) == {"value"}:
             return table["value"]
     return text
-
-
-def _texts(text: str) -> object:
-    """Return the list of texts that `text` stands for: TOML, or texts without quotes between commas."""
-    found = _value(text.strip())
-    if not isinstance(found, str) or text.strip()[:1] in {"'", '"', "["}:
-        return found
-    return [each.strip() for each in found.split(",")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -11,9 +11,6 @@ from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.sim_new import new
 from vcfbench.cli.soak import soak
-
-if TYPE_CHECKING:
-    from vcfbench.bench.inventory import InventoryRow
 
 app = typer.Typer(
     no_args_is_help=True, help="Show the simulated bench, give it your own gyroscope, serve and control it."
@@ -46,15 +43,11 @@ def show(
     if json:
         print_json({"bench": description.name, "parameters": rows})
     else:
-        _print(description.title, rows)
-
-
-def _print(title: str, rows: list[InventoryRow]) -> None:
-    typer.echo(title)
-    for row in rows:
-        unit = "" if row.unit == "1" else f" {row.unit}"
-        typer.echo(f"\n{row.path} = {_shown(row.value)}{unit}")
-        typer.echo(f"    {row.meaning}{f' ({row.source})' if row.source else ''}")
+        typer.echo(description.title)
+        for row in rows:
+            unit = "" if row.unit == "1" else f" {row.unit}"
+            typer.echo(f"\n{row.path} = {_shown(row.value)}{unit}")
+            typer.echo(f"    {row.meaning}{f' ({row.source})' if row.source else ''}")
 
 
 def _shown(value: Any) -> str:

@@ -53,7 +53,9 @@ def interviewed(draft: Draft, interview: Interview, finding: DiscoveryOptions) -
         _calibration(draft, interview, role)
     _limits(draft, interview)
     _wiring(draft, interview)
-    _site(draft, interview)
+    words = "Latitude, deg, north positive (for the Earth's rate)"
+    interview.ask("site.latitude_deg", words, "0", partial(put_number, draft, "site.latitude_deg"))
+    interview.ask("site.mains_hz", "Mains frequency, Hz (50, 60)", "50", partial(put_number, draft, "site.mains_hz"))
     results(draft, interview)
 
 
@@ -345,9 +347,3 @@ def _wiring(draft: Draft, interview: Interview) -> None:
     for channel, proposed in enumerate(("drive", "carrier", "sense", "output"), start=1):
         path = f"wiring.oscilloscope.channel_{channel}"
         interview.ask(path, f"  channel {channel}", proposed, partial(put_text, draft, path))
-
-
-def _site(draft: Draft, interview: Interview) -> None:
-    words = "Latitude, deg, north positive (for the Earth's rate)"
-    interview.ask("site.latitude_deg", words, "0", partial(put_number, draft, "site.latitude_deg"))
-    interview.ask("site.mains_hz", "Mains frequency, Hz (50, 60)", "50", partial(put_number, draft, "site.mains_hz"))

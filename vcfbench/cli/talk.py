@@ -90,7 +90,10 @@ def talk(
         if record is not None:
             _remark(_RAW.format(record.path))
         if interactive:
-            _greet(console)
+            identity = console.identity
+            who = f"{identity.maker} {identity.model}, {identity.serial}, {identity.firmware}"
+            _remark(f"{console.role} at {console.resource}: {who}")
+            _remark("lines are sent as typed; .help shows what else there is, Ctrl-D leaves")
             _converse(console)
         else:
             _recite(console, lines or _stdin())
@@ -99,13 +102,6 @@ def talk(
 def _stdin() -> Iterator[str]:
     for line in sys.stdin:
         yield line.rstrip("\r\n")
-
-
-def _greet(console: Console) -> None:
-    identity = console.identity
-    who = f"{identity.maker} {identity.model}, {identity.serial}, {identity.firmware}"
-    _remark(f"{console.role} at {console.resource}: {who}")
-    _remark("lines are sent as typed; .help shows what else there is, Ctrl-D leaves")
 
 
 def _recite(console: Console, lines: Iterator[str]) -> None:
@@ -165,9 +161,6 @@ class _Conversation:
         if text.startswith("."):
             self._direct(text)
             return None
-        return self._say(text)
-
-    def _say(self, text: str) -> str | None:
         from vcfbench.bench.console import summary  # noqa: PLC0415
 
         said = self._console.say(text)

@@ -87,7 +87,13 @@ def _perform(by_hand: ByHand, line: str) -> str | None:
     if name in {"quit", "exit"}:
         raise _Stop
     if name == "help":
-        _remark(_help(by_hand))
+        shown = [(" ".join((word.name, *word.takes)), word.means) for word in by_hand.words.values()]
+        shown += [
+            ("ROLE LINE", f"send a question as it is, with --raw anything: {', '.join(by_hand.consoles)}"),
+            ("quit", "leave"),
+        ]
+        width = max(len(usage) for usage, _ in shown)
+        _remark("\n".join(f"{usage:<{width}}  {means}" for usage, means in shown))
     elif name in by_hand.words:
         typer.echo(by_hand.perform(name, rest.split()) or "done")
     elif name in by_hand.names():
@@ -123,16 +129,6 @@ def _unknown(by_hand: ByHand, name: str) -> PlanError:
         return PlanError(f"{name!r}: bench {by_hand.bench.description.name} has no {role}")
     close = get_close_matches(name, [*by_hand.names(), *_OWN], n=1)
     return PlanError(f"there is no word {name!r}{f' ({close[0]!r}?)' if close else ''}; help shows them")
-
-
-def _help(by_hand: ByHand) -> str:
-    shown = [(" ".join((word.name, *word.takes)), word.means) for word in by_hand.words.values()]
-    shown += [
-        ("ROLE LINE", f"send a question as it is, with --raw anything: {', '.join(by_hand.consoles)}"),
-        ("quit", "leave"),
-    ]
-    width = max(len(usage) for usage, _ in shown)
-    return "\n".join(f"{usage:<{width}}  {means}" for usage, means in shown)
 
 
 def _remark(text: str) -> None:

@@ -182,12 +182,6 @@ class Hp34401A(ScpiInstrument):
             f"TRIG:DEL {decimal(delay_s)}",
             deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s),
         )
-        self._verify_count(samples)
-        self._session.send("INIT")
-        self._sampled = samples
-        return samples * interval_s + _OVERHEAD_S
-
-    def _verify_count(self, samples: int) -> None:
         if (found := self._session.query_int("SAMP:COUN?")) != samples:
             raise InstrumentError(
                 f"was set to {samples} readings but reads back {found}",
@@ -195,6 +189,9 @@ class Hp34401A(ScpiInstrument):
                 resource=self.resource,
                 command="SAMP:COUN?",
             )
+        self._session.send("INIT")
+        self._sampled = samples
+        return samples * interval_s + _OVERHEAD_S
 
     def sampled_voltages_v(self) -> tuple[float, ...]:
         """Return the readings of the sampling that was begun last, V, and set the meter back to single ones.

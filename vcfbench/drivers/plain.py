@@ -122,19 +122,16 @@ class PlainLine:
                 line.take_unasked()
                 line.dirty = True  # the dialect finds its place again before it asks anything itself
                 line.send(message.encode("ascii") + self._terminator, line.deadline(self._timeout_s))
-                return self._heard(message)
+                lines: list[bytes] = []
+                wait_s = self._timeout_s if "?" in message else min(_COMMAND_S, self._timeout_s)
+                with suppress(DeadlineExceeded):
+                    while True:
+                        lines.append(self._line.take_line(self._line.deadline(wait_s)))
+                        wait_s = _SILENCE_S
+                rest = self._line.take_unasked()
+                return b" ".join(part for part in (*lines, rest) if part.strip())
             except TransportError as error:
                 raise line.locate(error, message, line.deadline(0.0))  # noqa: B904 - the same error, now knowing where
-
-    def _heard(self, message: str) -> bytes:
-        lines: list[bytes] = []
-        wait_s = self._timeout_s if "?" in message else min(_COMMAND_S, self._timeout_s)
-        with suppress(DeadlineExceeded):
-            while True:
-                lines.append(self._line.take_line(self._line.deadline(wait_s)))
-                wait_s = _SILENCE_S
-        rest = self._line.take_unasked()
-        return b" ".join(part for part in (*lines, rest) if part.strip())
 
     def clear(self) -> None:
         """Drop unasked bytes; tables know no device clear."""

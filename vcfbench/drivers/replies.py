@@ -144,7 +144,11 @@ def block_length(head: Sequence[int] | bytes) -> tuple[int, int] | None:
         raise _refuse("a definite-length block", begin)
     if len(begin) < 2:
         return None
-    return _counted(begin, 2 + int(begin[1:2]))
+    header = 2 + int(begin[1:2])
+    digits = begin[2:header]
+    if digits and not digits.isdigit():
+        raise _refuse("the length of a block", begin)
+    return (header, int(digits)) if len(begin) >= header else None
 
 
 def is_whole(answer: bytes | bytearray, *, ended: bool) -> bool:
@@ -176,10 +180,3 @@ def _after_item(answer: bytes | bytearray, place: int) -> int | None:
     begin = place + sum(lengths)
     plain = _PLAIN_DATA.match(answer, begin) if begin <= len(answer) else None
     return None if plain is None else plain.end()
-
-
-def _counted(begin: bytes, header: int) -> tuple[int, int] | None:
-    digits = begin[2:header]
-    if digits and not digits.isdigit():
-        raise _refuse("the length of a block", begin)
-    return (header, int(digits)) if len(begin) >= header else None

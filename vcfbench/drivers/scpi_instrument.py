@@ -67,7 +67,12 @@ class ScpiInstrument:
         self._last_read = LastRead(session.clock)
         if self.error_question == "*ESR?":
             session.use_event_status()
-        self._open()
+        # Take over the instrument as it stands: end an earlier exchange, check the identity, drop old errors
+        deadline = self._session.deadline(max(self._session.timeout_s, self.first_answer_s))
+        self._session.clear(deadline)
+        self._take_remote(deadline)
+        self._verify(self._identity(deadline))
+        self._session.send("*CLS", deadline=deadline)
         session.declare_safe(*self._safe_words_here())
 
     @classmethod
@@ -99,14 +104,6 @@ class ScpiInstrument:
     def clock(self) -> Clock:
         """The clock that the session waits on."""
         return self._session.clock
-
-    def _open(self) -> None:
-        """Take over the instrument as it stands: end an earlier exchange, check the identity, drop old errors."""
-        deadline = self._session.deadline(max(self._session.timeout_s, self.first_answer_s))
-        self._session.clear(deadline)
-        self._take_remote(deadline)
-        self._verify(self._identity(deadline))
-        self._session.send("*CLS", deadline=deadline)
 
     def _take_remote(self, deadline: Deadline) -> None:
         """Send the commands that the interface needs before the instrument may be spoken to."""

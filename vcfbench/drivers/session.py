@@ -450,7 +450,7 @@ class Session:
                 self._connect_anew(limit)
             elif self._dirty:
                 try:
-                    self.resync(_half(limit))
+                    self.resync(Deadline.after(limit.clock, limit.remaining() / 2.0))
                 except TransportError:
                     self._connect_anew(limit)
 
@@ -559,7 +559,10 @@ class Session:
             excess += len(more)
         last = parts.pop()
         cut = len(last) - excess  # up to the last part there was no more than the data
-        self._received = _after_terminator(last[cut:])
+        rest = last[cut:]
+        if rest[:1] not in (b"", b"\n", b"\r"):
+            raise FramingError(f"a block is longer than it says, {rest[:20]!r} follows it")
+        self._received = rest.lstrip(b"\r").removeprefix(b"\n")
         return b"".join([*parts, last[:cut]])
 
     def _read_raw(self, deadline: Deadline) -> bytes:
@@ -632,18 +635,8 @@ def _shown(command: str) -> str:
     return command if len(command) <= _LONGEST_SHOWN else f"{command[:_LONGEST_SHOWN]}..."
 
 
-def _half(deadline: Deadline) -> Deadline:
-    return Deadline.after(deadline.clock, deadline.remaining() / 2.0)
-
-
 def _require_time(deadline: Deadline, so_far: int) -> None:
     if deadline.expired():
         raise DeadlineExceeded("the answer does not end")
     if so_far > _LONGEST_LINE:
         raise FramingError(f"{so_far} bytes came without an end of line")
-
-
-def _after_terminator(rest: bytes) -> bytes:
-    if rest[:1] not in (b"", b"\n", b"\r"):
-        raise FramingError(f"a block is longer than it says, {rest[:20]!r} follows it")
-    return rest.lstrip(b"\r").removeprefix(b"\n")

@@ -297,13 +297,10 @@ class VisaWire:
             self.send(b"\x03", deadline)
         self._grant(deadline)
         with suppress(pyvisa.errors.Error, NotImplementedError, OSError):  # not every library has it; resync decides
-            self._clear()
-
-    def _clear(self) -> None:
-        if self.interface == "asrl":
-            self._opened.flush(BufferOperation.discard_read_buffer)
-        else:
-            self._opened.clear()
+            if self.interface == "asrl":
+                self._opened.flush(BufferOperation.discard_read_buffer)
+            else:
+                self._opened.clear()
 
     def close(self) -> None:
         """Close PyVISA's resource."""

@@ -162,7 +162,12 @@ def sweep(settings: BandwidthSettings) -> Routine[Outcome]:
 
 
 def _swept(settings: BandwidthSettings) -> Routine[list[tuple[float, SineResponse]]]:
-    yield from _drive_frequency(settings)
+    # Measure the drive frequency where there is an oscilloscope: Q is in proportion to it
+    if settings.station.oscilloscope is not None:
+        drive = settings.drive
+        middle = fmean(drive.frequency_hz), fmean(drive.amplitude_v)
+        expected = SineRecord(middle[0], (middle[1],), (0.0,))
+        yield CaptureSines((settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected)
     yield ConfigureMeter(float(settings.meter_range_v), NPLC)
     yield from v_vc_on()
     yield Note("The sine at frequencies far apart")
@@ -185,15 +190,6 @@ def _measurable(settings: BandwidthSettings, frequencies_hz: Iterable[float]) ->
     """Return the frequencies, rising, that a record tells from the mains: its pick-up is a tone as well."""
     mains_hz, samples = settings.station.mains_hz, settings.record_samples
     return sorted(each for each in frequencies_hz if each <= HIGHEST_HZ and stands_off_mains(each, mains_hz, samples))
-
-
-def _drive_frequency(settings: BandwidthSettings) -> Routine[None]:
-    """Measure the drive frequency where there is an oscilloscope: Q is in proportion to it."""
-    if settings.station.oscilloscope is not None:
-        drive = settings.drive
-        middle = fmean(drive.frequency_hz), fmean(drive.amplitude_v)
-        expected = SineRecord(middle[0], (middle[1],), (0.0,))
-        yield CaptureSines((settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected)
 
 
 def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[SineResponse]:

@@ -164,9 +164,12 @@ def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
 
 def _station(description: BenchDescription) -> Station:
     """Return the station by the bench file; the meter's resolution depends on the chosen settings."""
+    # The known corrections of the voltmeters by role, if any beside the data sheet
+    parts = {role: getattr(description, role) for role in ("multimeter", "v_vc_meter")}
+    known = {role: _meter_known(description, part) for role, part in parts.items() if part is not None}
     return Station(
         instruments=_placed(description),
-        meters=_meters(description),
+        meters={role: each for role, each in known.items() if each != MeterKnown()},
         rails=description.wiring.rails,
         oscilloscope=None if description.oscilloscope is None else description.wiring.oscilloscope,
         mains_hz=description.site.mains_hz,
@@ -181,13 +184,6 @@ def _placed(description: BenchDescription) -> dict[str, PlacedInstrument]:
     """Return the instruments of the bench file by role."""
     parts = {role: getattr(description, role) for role in ROLES}
     return {role: _placed_part(part, description.name) for role, part in parts.items() if part is not None}
-
-
-def _meters(description: BenchDescription) -> dict[str, MeterKnown]:
-    """Return the known corrections of the voltmeters by role, if any beside the data sheet."""
-    parts = {role: getattr(description, role) for role in ("multimeter", "v_vc_meter")}
-    known = {role: _meter_known(description, part) for role, part in parts.items() if part is not None}
-    return {role: each for role, each in known.items() if each != MeterKnown()}
 
 
 def _placed_part(part: Any, station: str) -> PlacedInstrument:

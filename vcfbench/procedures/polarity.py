@@ -164,7 +164,14 @@ def _both_ways(settings: PolaritySettings) -> Routine[Outcome]:
         points += yield from under_servo(settings, _turned(settings))
         yield Settle(settings.settle_s, "gyro settles")
     points += yield from _driven(settings)
-    _require_responses(settings, points)
+    silent = [each.what for each in _responses(settings, points) if not each.found]
+    if silent:
+        raise MeasurementError(
+            "; ".join(_silence(silent)),
+            instrument="v_vc_meter" if silent == ["meter on V_Vc"] else "multimeter",
+            step=str(points[-1].step),
+            hint=LOOK_AT_SIGNALS,
+        )
     return Outcome("both ways")
 
 
@@ -223,22 +230,6 @@ def _driven(settings: PolaritySettings) -> Routine[list[Point]]:
             points.append((yield from take(settings, DRIVEN, rate_deg_s=0.0, v_vc_v=level_v)))
     yield DisableVvc()
     return points
-
-
-def _require_responses(settings: PolaritySettings, points: Sequence[Point]) -> None:
-    """See that there are signs at all.
-
-    Raises:
-        MeasurementError: the output, or the meter on V_Vc, does not answer.
-    """
-    silent = [each.what for each in _responses(settings, points) if not each.found]
-    if silent:
-        raise MeasurementError(
-            "; ".join(_silence(silent)),
-            instrument="v_vc_meter" if silent == ["meter on V_Vc"] else "multimeter",
-            step=str(points[-1].step),
-            hint=LOOK_AT_SIGNALS,
-        )
 
 
 def results(settings: PolaritySettings, points: Measured) -> PolarityResult:

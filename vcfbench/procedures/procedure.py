@@ -78,23 +78,20 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
         if not isinstance(self.settings, type) or not issubclass(self.settings, ProcedureSettings):
             raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings, a class of them")
         for asked, what in ((self.needs, "needs"), (self.uses, "uses")):
-            self._require_capabilities(asked, what)
+            # Refuse unknown roles and capabilities: else they would fail with the bench
+            roles = (*ROLES, "rate_table")
+            words = f"procedure {self.name!r}: {what}: expected a capability by role, as in {{'power': PowersRails}}"
+            if not isinstance(asked, Mapping):
+                raise ConfigError(f"{words}, came {asked!r}")
+            for role, capability in asked.items():
+                if role not in roles:
+                    raise ConfigError(f"{words}, of {', '.join(roles)}; came {role!r}")
+                if not isinstance(capability, type):
+                    raise ConfigError(f"{words}, came {role}: {capability!r}")
         if self.name in self.settings.__struct_fields__:
             raise ConfigError(
                 f"procedure {self.name!r}: its name is that of a setting, [procedure.{self.name}] is both"
             )
-
-    def _require_capabilities(self, asked: object, what: str) -> None:
-        """Refuse unknown roles and capabilities: else they would fail with the bench."""
-        roles = (*ROLES, "rate_table")
-        words = f"procedure {self.name!r}: {what}: expected a capability by role, as in {{'power': PowersRails}}"
-        if not isinstance(asked, Mapping):
-            raise ConfigError(f"{words}, came {asked!r}")
-        for role, capability in asked.items():
-            if role not in roles:
-                raise ConfigError(f"{words}, of {', '.join(roles)}; came {role!r}")
-            if not isinstance(capability, type):
-                raise ConfigError(f"{words}, came {role}: {capability!r}")
 
     def __repr__(self) -> str:
         return f"<Procedure {self.name}>"

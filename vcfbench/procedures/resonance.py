@@ -245,7 +245,12 @@ def _sense_ring_downs(settings: ResonanceSettings) -> Routine[float]:
     channels = settings.station.channel_of("drive"), settings.station.channel_of("sense")
     seconds_a_division, points = _SENSE_RECORD
     yield ConfigureScope(seconds_a_division, channels[0])
-    expected, drives_hz = _expected(settings), list[float]()
+    drive_hz = fmean(settings.drive.frequency_hz)
+    offsets_hz = settings.split_guess_hz, settings.in_phase_split_hz
+    expected, drives_hz = (
+        SenseDecay(drive_hz, tuple(RingingMode(drive_hz - each, 1000.0, 1.0) for each in offsets_hz)),
+        list[float](),
+    )
     shown_v = (0.0, 0.0)
     for number in range(settings.sense_ring_downs):
         yield SetVvc(settings.ring_down_v_vc_v)
@@ -257,12 +262,6 @@ def _sense_ring_downs(settings: ResonanceSettings) -> Routine[float]:
         decay = answer((yield CaptureDecay(channels, shown_v, points, expected)), SenseDecay)
         drives_hz.append(decay.drive_hz)
     return fmean(drives_hz)
-
-
-def _expected(settings: ResonanceSettings) -> SenseDecay:
-    drive_hz = fmean(settings.drive.frequency_hz)
-    offsets_hz = settings.split_guess_hz, settings.in_phase_split_hz
-    return SenseDecay(drive_hz, tuple(RingingMode(drive_hz - each, 1000.0, 1.0) for each in offsets_hz))
 
 
 def _drive_ring_downs(settings: ResonanceSettings, drive_hz: float) -> Routine[None]:

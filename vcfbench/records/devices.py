@@ -83,14 +83,6 @@ class CurveShare(_Value, frozen=True, kw_only=True):
     """Covariance from this source; all together are the covariance of the curve."""
 
 
-def _asymmetry(rows: tuple[tuple[float, ...], ...], i: int, j: int) -> float:
-    """Return the allowed difference of two elements that should be one: the rounding error of their variances.
-
-    Coefficients of even and odd order are hardly correlated where the levels are symmetric: of 0, rounding is all.
-    """
-    return 1e-6 * math.sqrt(abs(rows[i][i] * rows[j][j]))
-
-
 class KvcCurve(_Value, frozen=True, kw_only=True):
     """The rate that a V_Vc stands for: the sum of ``coefficients[i] * V_Vc**i``, deg/s for V_Vc in V."""
 
@@ -115,7 +107,12 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
         if len(rows) != size or any(len(row) != size for row in rows):
             raise ValueError(f"expected a covariance of {size} rows of {size} numbers")
         for i in range(size):
-            if rows[i][i] < 0.0 or any(abs(rows[i][j] - rows[j][i]) > _asymmetry(rows, i, j) for j in range(i)):
+            # The allowed difference of two elements that should be one: the rounding error of their variances.
+            # Coefficients of even and odd order are hardly correlated where the levels are symmetric: of 0, rounding
+            # is all
+            if rows[i][i] < 0.0 or any(
+                abs(rows[i][j] - rows[j][i]) > (1e-6 * math.sqrt(abs(rows[i][i] * rows[j][j]))) for j in range(i)
+            ):
                 raise ValueError("expected a covariance that is symmetric, with variances of at least 0")
         if not self.v_vc_min_v < self.v_vc_max_v:
             raise ValueError("expected v_vc_min_v below v_vc_max_v")
@@ -572,16 +569,6 @@ def load_device(serial: str, devices: Path | str = "devices") -> Device:
     return DeviceStore(Path(devices)).device(serial)
 
 
-def _kind(record: DeviceRecord) -> str:
-    kinds = {
-        Certificate: "certificate",
-        SelfCalibration: "self-calibration",
-        StaticNoise: "static noise",
-        Characterisation: "characterisation",
-    }
-    return kinds[type(record)]
-
-
 def require_serial(serial: str) -> None:
     """See that `serial` can be the serial number of a device; ConfigError when it cannot."""
     if not _SERIAL.fullmatch(serial) or _RESERVED.fullmatch(serial):
@@ -603,7 +590,13 @@ def _text(record: DeviceRecord) -> str:
     """Return the entry as JSON; ConfigError where it does not come back from there the same, as with a NaN."""
     values = {"format": FORMAT, **msgspec.to_builtins(record)}
     text = msgspec.json.format(msgspec.json.encode(values), indent=2).decode() + "\n"
-    source = f"the {_kind(record)} of {record.serial}"
+    kinds = {
+        Certificate: "certificate",
+        SelfCalibration: "self-calibration",
+        StaticNoise: "static noise",
+        Characterisation: "characterisation",
+    }
+    source = f"the {kinds[type(record)]} of {record.serial}"
     if _record(text, source) != record:
         raise ConfigError(f"{source}: it cannot be written so that it comes back as it is")
     return text
@@ -649,18 +642,14 @@ def _placed(directory: Path, text: str) -> Path:
             number = max((taken for taken, _ in _numbered(directory)), default=0) + 1
             path = directory / f"{number:04d}.json"
             with suppress(FileExistsError):  # another program took the number meanwhile
-                _name(draft, path)
+                # Give `draft` its name; FileExistsError if there is one of that name: an entry replaces no other
+                if os.name == "nt":
+                    draft.rename(path)  # which refuses there what it would replace elsewhere
+                else:
+                    path.hardlink_to(draft)
                 for each in (directory, directory.parent, directory.parent.parent):  # they may be new
                     synchronise_names(each)
                 return path
     finally:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
-
-
-def _name(draft: Path, path: Path) -> None:
-    """Give `draft` its name; FileExistsError if there is one of that name: an entry replaces no other."""
-    if os.name == "nt":
-        draft.rename(path)  # which refuses there what it would replace elsewhere
-    else:
-        path.hardlink_to(draft)

@@ -57,7 +57,15 @@ class RunMetadata(Struct, frozen=True, kw_only=True):
         _number("humidity_percent", self.humidity_percent, 0.0, 100.0)
         if self.ambient_from not in {None, "chamber"}:
             raise ConfigError(f"ambient_from: expected 'chamber', came {_short(self.ambient_from)}")
-        force_setattr(self, "tags", ReadOnly(_tags(self.tags)))
+        tags = self.tags
+        if not isinstance(tags, Mapping) or len(tags) > _MOST_TAGS:
+            raise ConfigError(f"tags: expected texts by key, at most {_MOST_TAGS}, came {_short(tags)}")
+        for key, value in tags.items():
+            if not isinstance(key, str) or not _KEY.fullmatch(key):
+                expected = "a key of letters, digits, '_', '-' and '.'"
+                raise ConfigError(f"tags: expected {expected}, came {_short(key)}")
+            _text(f"tag {key}", value, _LINE)
+        force_setattr(self, "tags", ReadOnly(tags))
 
     def as_json(self) -> dict[str, Any]:
         """Return the values that are set, by name."""
@@ -180,17 +188,6 @@ def _number(name: str, value: object, low: float, high: float) -> None:
     fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     if value is not None and not (fits and low <= float(str(value)) <= high):
         raise ConfigError(f"{name}: expected a number from {low:g} to {high:g}, came {_short(value)}")
-
-
-def _tags(tags: object) -> Mapping[str, str]:
-    if not isinstance(tags, Mapping) or len(tags) > _MOST_TAGS:
-        raise ConfigError(f"tags: expected texts by key, at most {_MOST_TAGS}, came {_short(tags)}")
-    for key, value in tags.items():
-        if not isinstance(key, str) or not _KEY.fullmatch(key):
-            expected = "a key of letters, digits, '_', '-' and '.'"
-            raise ConfigError(f"tags: expected {expected}, came {_short(key)}")
-        _text(f"tag {key}", value, _LINE)
-    return tags
 
 
 def _short(value: object) -> str:

@@ -60,7 +60,9 @@ def _single(value: object, name: str) -> Any:
         case str() | date() | PurePath():
             return str(value)
         case int():
-            return _whole(value, name)
+            if not -_WHOLE <= value < _WHOLE:
+                raise ConfigError(f"{name}: expected a whole number of 64 bits, came a longer one")
+            return value
         case float():
             return _finite(float(value), name)
         case set() | frozenset():
@@ -77,12 +79,6 @@ def _single(value: object, name: str) -> Any:
 def _finite(value: float, name: str) -> float:
     if not math.isfinite(value):
         raise ConfigError(f"{name}: expected a finite number, or None where there is none, came {value}")
-    return value
-
-
-def _whole(value: int, name: str) -> int:
-    if not -_WHOLE <= value < _WHOLE:
-        raise ConfigError(f"{name}: expected a whole number of 64 bits, came a longer one")
     return value
 
 

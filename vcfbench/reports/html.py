@@ -37,21 +37,19 @@ def _part(part: Part, draw: Callable[[Figure], str] | None) -> str:
         case Heading():
             return f"<h{part.level}>{_set(part.text)}</h{part.level}>"
         case Table():
-            return _table(part)
+            columns = part.columns
+            caption = f"<caption>{_set(part.title)}</caption>" if part.title else ""
+            head = (
+                f"<thead>{_row('th', [column.head for column in columns], columns)}</thead>" if part.has_heads else ""
+            )
+            body = "".join(_row("td", row, columns) for row in part.printed())
+            return f'<div style="overflow-x:auto"><table>{caption}{head}<tbody>{body}</tbody></table></div>'
         case Text():
             return f"<pre>{(escaped if part.verbatim else _set)(part.text)}</pre>"
         case Notice():
             return f'<p class="notice {part.kind}"><strong>{_set(part.text)}</strong></p>'
         case Figure():
             return "" if draw is None else draw(part)
-
-
-def _table(table: Table) -> str:
-    columns = table.columns
-    caption = f"<caption>{_set(table.title)}</caption>" if table.title else ""
-    head = f"<thead>{_row('th', [column.head for column in columns], columns)}</thead>" if table.has_heads else ""
-    body = "".join(_row("td", row, columns) for row in table.printed())
-    return f'<div style="overflow-x:auto"><table>{caption}{head}<tbody>{body}</tbody></table></div>'
 
 
 def _row(tag: str, cells: Sequence[str], columns: Sequence[Column]) -> str:

@@ -33,7 +33,12 @@ def page_of(report: Report, title: str, name: str, *, printed: bool = False) -> 
     numbers = iter(range(1, len(report.parts) + 1))
 
     def draw(figure: Figure) -> str:
-        return _figure(figure, next(numbers), printed=printed)
+        number = next(numbers)
+        svg = svg_of(figure, f"f{number}")
+        if not printed:
+            for colour, themed in _THEMED.items():
+                svg = svg.replace(colour, themed)
+        return _captioned(figure, number, svg)
 
     body = "\n".join(f"<section>\n{html_of(Report(part), draw)}\n</section>" for part in _sections(report))
     style = files("vcfbench.reports").joinpath("page.css").read_text(encoding="utf-8")
@@ -71,14 +76,6 @@ def piece_of(report: Report, name: str) -> str:
         return drawn.replace("<figure>", '<figure style="max-width:44rem;background:#fff;color:#20262e">', 1)
 
     return html_of(report, draw)
-
-
-def _figure(figure: Figure, number: int, *, printed: bool) -> str:
-    svg = svg_of(figure, f"f{number}")
-    if not printed:
-        for colour, themed in _THEMED.items():
-            svg = svg.replace(colour, themed)
-    return _captioned(figure, number, svg)
 
 
 def _captioned(figure: Figure, number: int, svg: str) -> str:

@@ -165,19 +165,16 @@ class LiveProgress(NoProgress):
         if step.not_checked:
             self._print(step.describe(), "yellow", whole=True)
         elif isinstance(result, Window):
-            self._print_row(t_s, result)
+            point = result.recorded_point
+            row = PointRow(t_s, result, None if point is None else self._points.add(point))
+            heads = head(row, self._console.width)
+            if heads != self._head:  # a new part, or the window is wider or narrower than it was
+                self._head = heads
+                for line in heads:
+                    self._print(line, "dim")
+            self._print(row_text(row, self._console.width), "cyan")
         elif step.effect in {Effect.MEASURES, Effect.CHECKS} and (words := result.describe()):
             self._print(f"  {words}", "")
-
-    def _print_row(self, t_s: float, window: Window) -> None:
-        point = window.recorded_point
-        row = PointRow(t_s, window, None if point is None else self._points.add(point))
-        heads = head(row, self._console.width)
-        if heads != self._head:  # a new part, or the window is wider or narrower than it was
-            self._head = heads
-            for line in heads:
-                self._print(line, "dim")
-        self._print(row_text(row, self._console.width), "cyan")
 
     def _end_part(self) -> None:
         """Print the line through the points of the part that ends, and have the next begin with a heading."""
@@ -273,7 +270,15 @@ class _Block:
         from rich.console import Group  # noqa: PLC0415
         from rich.text import Text  # noqa: PLC0415
 
-        rows = _filled([self._state.table(), self._state.supplied(), self._state.driven()], width)
+        # `parts` side by side, in as few lines of `width` as they need
+        parts = [self._state.table(), self._state.supplied(), self._state.driven()]
+        lines: list[str] = []
+        for part in parts:
+            if lines and len(lines[-1]) + 3 + len(part) <= width:
+                lines[-1] += f"   {part}"
+            else:
+                lines.append(part)
+        rows = lines
         texts = [Text(line, no_wrap=True, overflow="ellipsis", style="dim") for line in rows]
         doing = Text(self._doing, no_wrap=True, overflow="ellipsis")
         return Group(doing, *texts, self._times(width))
@@ -303,14 +308,3 @@ class _Block:
         pace = self._heard_s / self._t_s if self._t_s > 1.0 else 1.0
         since_s = (now_s - self._heard_s) / pace if pace else 0.0
         return self._t_s + min(since_s, 0.0 if self._step is None else self._step.duration_s), pace
-
-
-def _filled(parts: Sequence[str], width: int) -> list[str]:
-    """Return `parts` side by side, in as few lines of `width` as they need."""
-    lines: list[str] = []
-    for part in parts:
-        if lines and len(lines[-1]) + 3 + len(part) <= width:
-            lines[-1] += f"   {part}"
-        else:
-            lines.append(part)
-    return lines

@@ -40,12 +40,11 @@ def in_unicode(text: str) -> str:
 def marked_up(text: str, escaped: Callable[[str], str]) -> str:
     """Return `text` set as :func:`in_unicode` does, names with their index as HTML has it, all else `escaped`."""
     pieces = _NAME.split(in_unicode(text))
-    return "".join(_with_index(each) if place % 2 else _kept(each, escaped) for place, each in enumerate(pieces))
-
-
-def _kept(piece: str, escaped: Callable[[str], str]) -> str:
-    """Return `piece` escaped; the thin spaces, which Python does not call printable, stay."""
-    return _THIN.join(map(escaped, piece.split(_THIN)))
+    # `piece` escaped; the thin spaces, which Python does not call printable, stay
+    return "".join(
+        _with_index(each) if place % 2 else _THIN.join(map(escaped, each.split(_THIN)))
+        for place, each in enumerate(pieces)
+    )
 
 
 def marked_up_in_svg(text: str) -> str:

@@ -237,7 +237,16 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
     require_ambient(asked.metadata, description)
     with blamed_on(chosen):
         settings = settings_of(chosen, description, _with_device(asked, chosen), _source(asked.bench))
-    checked.metadata = _completed(asked.metadata, settings, description)
+    metadata = asked.metadata
+    if None not in (metadata.dut, settings.named_device) and metadata.dut != settings.named_device:
+        raise ConfigError(
+            f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"
+        )
+    checked.metadata = replace(
+        metadata,
+        dut=metadata.dut or settings.named_device,
+        operator=metadata.operator or description.laboratory.operator,
+    )
     return Prepared(with_settings(description, settings), chosen, settings)
 
 
@@ -262,23 +271,6 @@ def _with_device(asked: Asked, procedure: AnyProcedure) -> Layer | None:
     if not of_device or asked.settings is None:
         return Layer(of_device, dotted) if of_device else asked.settings
     return Layer(merged(of_device, asked.settings.values), asked.settings.naming)
-
-
-def _completed(metadata: RunMetadata, settings: ProcedureSettings, description: BenchDescription) -> RunMetadata:
-    """Return the metadata of the run, with the device of the settings and the operator of the bench file.
-
-    Raises:
-        ConfigError: another device is in the settings.
-    """
-    if None not in (metadata.dut, settings.named_device) and metadata.dut != settings.named_device:
-        raise ConfigError(
-            f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"
-        )
-    return replace(
-        metadata,
-        dut=metadata.dut or settings.named_device,
-        operator=metadata.operator or description.laboratory.operator,
-    )
 
 
 def _source(bench: BenchDescription | Path | str | None) -> str | None:

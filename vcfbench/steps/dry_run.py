@@ -36,7 +36,11 @@ def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None
             number += 1
             if not isinstance(step, Step):
                 raise PlanError(f"step {number}: expected a step, the plan yields {step!r}")
-            _require_duration(number, step)
+            # Refuse a step that is never over, or takes time back: all times behind it would be nonsense
+            if not 0.0 <= step.duration_s < math.inf:
+                raise PlanError(
+                    f"step {number} ({step.describe()}): expected to last 0 s or more, came {step.duration_s:g} s"
+                )
             yield PlannedStep(number, t_s, step)
             t_s += step.duration_s
             step = plan.send(step.predict(gyro))
@@ -44,12 +48,6 @@ def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None
         return
     finally:
         abandon(plan)
-
-
-def _require_duration(number: int, step: Step) -> None:
-    """Refuse a step that is never over, or takes time back: all times behind it would be nonsense."""
-    if not 0.0 <= step.duration_s < math.inf:
-        raise PlanError(f"step {number} ({step.describe()}): expected to last 0 s or more, came {step.duration_s:g} s")
 
 
 def dry_run(plan: Plan, gyro: LinearGyro, limits: LimitChecks) -> list[PlannedStep]:

@@ -222,7 +222,14 @@ class Acquire(Step, Struct, frozen=True):
         table_deg_s = self._table_rate(context)
         last = context.rest()
         self._add(tally, last)
-        self._require_expected_noise(tally, context)
+        # Raise MeasurementError unless the readings scatter as the bench file expects, apart from drift
+        if self.noise_v is not None and not self.noise_v[0] <= tally.within_std_v <= self.noise_v[1]:
+            low_v, high_v = self.noise_v
+            raise problem(
+                context.bench.multimeter,
+                f"the readings scatter by {tally.within_std_v:.2g} V, the bench file expects {low_v:g} to {high_v:g} V "
+                "(expected.reading_noise_v)",
+            )
         self._require_like_the_run(last, tally, context)
         window = self._window(last if tally.chunks == 1 else (), tally, table_deg_s, rails)
         clock.sleep_until(start_s + self.samples * self.interval_s)
@@ -314,16 +321,6 @@ class Acquire(Step, Struct, frozen=True):
             first = tally.count - len(chunk) + 1
             among = "" if len(chunk) == self.samples else f" (readings {first} to {tally.count} of {self.samples})"
             raise problem(context.bench.multimeter, f"{said}{among}; a mean of them is no measurement")
-
-    def _require_expected_noise(self, tally: Tally, context: Context) -> None:
-        """Raise MeasurementError unless the readings scatter as the bench file expects, apart from drift."""
-        if self.noise_v is not None and not self.noise_v[0] <= tally.within_std_v <= self.noise_v[1]:
-            low_v, high_v = self.noise_v
-            raise problem(
-                context.bench.multimeter,
-                f"the readings scatter by {tally.within_std_v:.2g} V, the bench file expects {low_v:g} to {high_v:g} V "
-                "(expected.reading_noise_v)",
-            )
 
 
 def _volts(readings: Sequence[Reading]) -> list[float]:

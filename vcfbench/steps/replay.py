@@ -79,7 +79,10 @@ def taken_over(record: JournalRecord, run: str) -> tuple[TakenOver, ...]:
         chunks[chunk["n"]].append({"taken_over": run, **chunk})
     done = [line for line in record.steps if failed is None or line["n"] < failed]
     taken = [_taken({"taken_over": run, **line}, tuple(chunks[line["n"]])) for line in done]
-    return tuple(taken[: _believed([each.step for each in taken])])
+    steps = [each.step for each in taken]
+    measured = max((number for number, step in enumerate(steps, 1) if step.effect is Effect.MEASURES), default=0)
+    checks = (number for number in range(measured, len(steps)) if isinstance(steps[number], _LOOKS_AT_DRIVE))
+    return tuple(taken[: next(checks, len(steps))])
 
 
 def _taken(line: Mapping[str, Any], chunks: tuple[Mapping[str, Any], ...]) -> TakenOver:
@@ -90,12 +93,6 @@ def _taken(line: Mapping[str, Any], chunks: tuple[Mapping[str, Any], ...]) -> Ta
         return TakenOver(step, result, line, chunks)
     unknown = line["result_kind"] if isinstance(step, Step) else line["step_kind"]
     raise PlanError(f"step {line['n']} of the record: a {unknown} of this form is not known here")
-
-
-def _believed(steps: Sequence[Step]) -> int:
-    measured = max((number for number, step in enumerate(steps, 1) if step.effect is Effect.MEASURES), default=0)
-    checks = (number for number in range(measured, len(steps)) if isinstance(steps[number], _LOOKS_AT_DRIVE))
-    return next(checks, len(steps))
 
 
 def rest_of(plan: Plan, taken: Sequence[TakenOver]) -> Plan:

@@ -121,7 +121,16 @@ class NoiseSeen(Struct):
         if scatter is None:
             return ""
         earlier = tuple(self._extremes.values())
-        self._remember(scatter)
+        # Keep the windows that are looked at again, and no others: a run may have any number of them
+        self._seen += 1
+        variance_v2 = scatter.squares_v2 / scatter.degrees
+        for name, is_beyond in (
+            ("far", lambda most: _off_v2(scatter) > _off_v2(most)),
+            ("wide", lambda most: variance_v2 > most.squares_v2 / most.degrees),
+            ("narrow", lambda least: variance_v2 < least.squares_v2 / least.degrees),
+        ):
+            if name not in self._extremes or is_beyond(self._extremes[name][1]):
+                self._extremes[name] = (self._seen, scatter)
         self._squares_v2 += scatter.squares_v2
         self._degrees += scatter.degrees
         self._table_squares_v2 += scatter.degrees * scatter.table_v2
@@ -131,18 +140,6 @@ class NoiseSeen(Struct):
             if said := self._complaint(window):
                 return f"window {number} of the run: {said}"
         return ""
-
-    def _remember(self, window: Scatter) -> None:
-        """Keep the windows that are looked at again, and no others: a run may have any number of them."""
-        self._seen += 1
-        variance_v2 = window.squares_v2 / window.degrees
-        for name, is_beyond in (
-            ("far", lambda most: _off_v2(window) > _off_v2(most)),
-            ("wide", lambda most: variance_v2 > most.squares_v2 / most.degrees),
-            ("narrow", lambda least: variance_v2 < least.squares_v2 / least.degrees),
-        ):
-            if name not in self._extremes or is_beyond(self._extremes[name][1]):
-                self._extremes[name] = (self._seen, window)
 
     def _complaint(self, window: Scatter) -> str:
         return self._outlier(window) or self._wide_or_narrow(window)

@@ -251,7 +251,12 @@ def _study(said: _File, source: str, folder: Path) -> Study:
         seeds=range(said.seeds.first, said.seeds.first + said.seeds.count),
         metrics=said.metrics,
     )
-    _require_simulated(study)
+    simulated = isinstance(study.bench_table.get("simulation"), dict) and "served" not in study.bench_table
+    if not simulated:
+        raise ConfigError(
+            f"{study.source}: bench: expected a bench that is simulated here, {study.bench} is not",
+            hint="its bench file has no table [simulation], or a table [served]",
+        )
     _loaded(study.procedure)
     return study
 
@@ -265,15 +270,6 @@ def _require_few(said: _File, cases: int, source: str) -> None:
         error = refusal(f"{source}: vary and seeds", f"at most {said.most_runs} runs", came)
         error.hint = f"most_runs of the study file says how many are meant, at most {_MOST_RUNS}"
         raise error
-
-
-def _require_simulated(study: Study) -> None:
-    simulated = isinstance(study.bench_table.get("simulation"), dict) and "served" not in study.bench_table
-    if not simulated:
-        raise ConfigError(
-            f"{study.source}: bench: expected a bench that is simulated here, {study.bench} is not",
-            hint="its bench file has no table [simulation], or a table [served]",
-        )
 
 
 def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:

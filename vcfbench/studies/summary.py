@@ -109,7 +109,7 @@ def summary_table(cases: Sequence[CaseSummary]) -> Table:
     heads = list(dict.fromkeys(label for case in cases for label in case.values))
     columns = [
         Column("metric", align="left"),
-        *(Column(_short(head), align="left") for head in heads),
+        *(Column(".".join(head.split(".")[-2:]), align="left") for head in heads),
         *(Column(name) for name in ("n", "mean", "sd", "5 %", "95 %", "u", "z mean", "z sd", "in U95")),
     ]
     rows = list(_lines(cases, heads))
@@ -136,11 +136,6 @@ def _lines(cases: Sequence[CaseSummary], heads: Sequence[str]) -> Iterator[list[
 
 def _values(case: CaseSummary, heads: Sequence[str]) -> list[str | None]:
     return [None if head not in case.values else in_words(case.values[head]) for head in heads]
-
-
-def _short(path: str) -> str:
-    """Return the last two names of a long path."""
-    return ".".join(path.split(".")[-2:])
 
 
 def _figure(number: float | None) -> str | None:

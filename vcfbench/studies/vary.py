@@ -154,24 +154,20 @@ def _varied(path: str, value: Any, where: str) -> Varied:
     if isinstance(said, _Listed):
         return Listed(path, label, said.values)
     if isinstance(said, _Range):
-        return Listed(path, label, _spaced(said, where))
+        if said.spacing == "log" and not (said.begin > 0.0 and said.end > 0.0):
+            raise refusal(where, "both ends above 0 for logarithmic steps", f"{said.begin:g} to {said.end:g}")
+        parts = [place / (said.steps - 1) for place in range(said.steps)]
+        if said.spacing == "log":
+            between = [said.begin * (said.end / said.begin) ** part for part in parts]
+        else:
+            between = [said.begin + (said.end - said.begin) * part for part in parts]
+        return Listed(path, label, (said.begin, *between[1:-1], said.end))
     if isinstance(said, _Uniform) and said.uniform[0] > said.uniform[1]:
         raise refusal(f"{where}.uniform", "the lower end first", words(list(said.uniform)))
     if isinstance(said, _Normal) and said.normal[1] < 0.0:
         raise refusal(f"{where}.normal", "a mean and a standard deviation of at least 0", words(list(said.normal)))
     law = next(name for name in ("uniform", "normal", "choice") if hasattr(said, name))
     return Drawn(path, label, law, getattr(said, law))  # type: ignore[arg-type]  # one of the three
-
-
-def _spaced(said: _Range, where: str) -> tuple[float, ...]:
-    if said.spacing == "log" and not (said.begin > 0.0 and said.end > 0.0):
-        raise refusal(where, "both ends above 0 for logarithmic steps", f"{said.begin:g} to {said.end:g}")
-    parts = [place / (said.steps - 1) for place in range(said.steps)]
-    if said.spacing == "log":
-        between = [said.begin * (said.end / said.begin) ** part for part in parts]
-    else:
-        between = [said.begin + (said.end - said.begin) * part for part in parts]
-    return (said.begin, *between[1:-1], said.end)
 
 
 def count(axes: Sequence[Listed], how: str) -> int:

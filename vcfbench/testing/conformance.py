@@ -97,16 +97,14 @@ def scpi_case(
         driver_class.model,
         driver_class,
         protocol,
-        lambda wire, clock: driver_class(_session(wire, clock)),
+        lambda wire, clock: driver_class(
+            Session(wire, name="under test", resource="SCRIPT", clock=clock, timeout_s=1.0)
+        ),
         answers,
         driver_class.error_question,
         refusal,
         settled,
     )
-
-
-def _session(wire: Wire, clock: VirtualClock) -> Session:
-    return Session(wire, name="under test", resource="SCRIPT", clock=clock, timeout_s=1.0)
 
 
 def _open_table(wire: Wire, clock: VirtualClock) -> RateTableDriver:
@@ -192,16 +190,12 @@ def conformance_problems(case: ConformanceCase) -> list[str]:
 
 
 def _contract_problems(case: ConformanceCase) -> Iterator[str]:
-    for name in _members(case.protocol):
+    for name in sorted({n for base in case.protocol.__mro__ for n in vars(base) if not n.startswith("_")}):
         expected, found = getattr(case.protocol, name), getattr(case.driver_class, name, None)
         if found is None:
             yield f"{name} is missing"
         elif inspect.isfunction(expected) and not _takes_as_much(expected, found):
             yield f"{name} is called differently from the protocol's"
-
-
-def _members(protocol: type) -> list[str]:
-    return sorted({n for base in protocol.__mro__ for n in vars(base) if not n.startswith("_")})
 
 
 def _takes_as_much(expected: Any, found: Any) -> bool:

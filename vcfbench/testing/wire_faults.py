@@ -251,7 +251,7 @@ class FaultyWire:
         if data:
             self._reply(link, data)
         else:
-            self._instrument_left(link)
+            self._drop(link)
 
     def _drop(self, link: _Link) -> None:
         for end in (link.near, link.far):
@@ -274,9 +274,6 @@ class FaultyWire:
 
     def _program_left(self, link: _Link) -> None:
         raise NotImplementedError
-
-    def _instrument_left(self, link: _Link) -> None:
-        self._drop(link)
 
 
 class _Link:

@@ -254,8 +254,19 @@ class AclDialect(Struct):
             InstrumentError: something was refused; also if the messages do not end.
         """
         refused: list[str] = []
-        while len(refused) < _DEEPEST_QUEUE and self._status_byte(line, deadline) & _ERRORS_QUEUED:
-            message = self._message(line, deadline)
+        while (
+            len(refused) < _DEEPEST_QUEUE and replies.integer(self.ask(line, ":Status:STB?", deadline)) & _ERRORS_QUEUED
+        ):
+            # The next message, empty if there is none: a question has just been answered, so this is the reply
+            question = ":Status:MSG? QERROR"
+            with line.exclusive():
+                try:
+                    self._say(line, question, deadline)
+                    body = self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
+                except TransportError as error:
+                    raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+                line.dirty = False
+            message = replies.text(body)
             if not message:
                 break
             refused.append(message)
@@ -266,21 +277,6 @@ class AclDialect(Struct):
                 instrument=line.name,
                 resource=line.resource,
             )
-
-    def _message(self, line: TableLine, deadline: Deadline) -> str:
-        """Return the next message, empty if there is none: a question has just been answered, so this is the reply."""
-        question = ":Status:MSG? QERROR"
-        with line.exclusive():
-            try:
-                self._say(line, question, deadline)
-                body = self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
-            except TransportError as error:
-                raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
-            line.dirty = False
-        return replies.text(body)
-
-    def _status_byte(self, line: TableLine, deadline: Deadline) -> int:
-        return replies.integer(self.ask(line, ":Status:STB?", deadline))
 
     def _word(self, line: TableLine, word: str, deadline: Deadline) -> int:
         return replies.integer(self.ask(line, f":Status:CSR? A{self.axis}{word}", deadline))
@@ -331,7 +327,9 @@ class AclDialect(Struct):
     def _body(self, line: TableLine, deadline: Deadline) -> str:
         """Return the data of the next reply that has any, or that a header says to have none."""
         if self.header == "auto":
-            self._learn_header(line, deadline)
+            first = line.take(_HEADER_BYTES, deadline)
+            line.put_back(first)
+            self.header = detect_header(first)
         body = b""
         while body in _ACKNOWLEDGEMENTS:
             body = self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
@@ -345,11 +343,6 @@ class AclDialect(Struct):
         body = self._counted(line, deadline)
         if body not in _ACKNOWLEDGEMENTS:
             raise FramingError(f"expected an acknowledgement, came {body[:60]!r}")
-
-    def _learn_header(self, line: TableLine, deadline: Deadline) -> None:
-        first = line.take(_HEADER_BYTES, deadline)
-        line.put_back(first)
-        self.header = detect_header(first)
 
     def _counted(self, line: TableLine, deadline: Deadline) -> bytes:
         """Return a reply that its header counts, without line end; the rest of an uncounted one is skipped."""

@@ -153,10 +153,7 @@ class AtlDialect(Struct):
                 return self._number(line, "PVE", deadline)
             except InstrumentError:
                 self._tells_rate = False
-        return self._watched_rate(line, deadline)
-
-    def _watched_rate(self, line: TableLine, deadline: Deadline) -> float:
-        """Return the rate from two angles; below 600 deg/s the shorter way round is the right one."""
+        # The rate from two angles; below 600 deg/s the shorter way round is the right one
         first, started_s = self.angle_deg(line, deadline), line.clock.now()
         sleep(line.clock, _SPAN_S)
         turned = self.angle_deg(line, deadline) - first

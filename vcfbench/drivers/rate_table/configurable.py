@@ -427,7 +427,12 @@ class ConfigurableDialect:
         line.send(message, deadline)
         self._last_sent_s = line.clock.now()
         self._sequence += 1
-        self._take_echo(line, message, deadline)
+        # Take the echo that always comes; one that may come is known when it comes
+        if self.profile.link.echo == "always":
+            end = self.profile.link.rx_end
+            echoed = take_text(self.profile.frame.__class__(), end, line, deadline)
+            if echoed != message.decode("latin-1").strip():
+                raise FramingError(f"expected the echo of the command, came {echoed[:60]!r}")
 
     def message(self, template: str, values: Mapping[str, Value] | None = None) -> bytes:
         """Return the bytes that a template comes to, framed."""
@@ -438,14 +443,6 @@ class ConfigurableDialect:
         if profile.binary:
             return frame_bytes(profile.frame, templates.fill_bytes(template, known, profile.frame.order))
         return frame_text(profile.frame, templates.fill_text(template, known), profile.link.tx_end)
-
-    def _take_echo(self, line: TableLine, message: bytes, deadline: Deadline) -> None:
-        """Take the echo that always comes; one that may come is known when it comes."""
-        if self.profile.link.echo == "always":
-            end = self.profile.link.rx_end
-            echoed = take_text(self.profile.frame.__class__(), end, line, deadline)
-            if echoed != message.decode("latin-1").strip():
-                raise FramingError(f"expected the echo of the command, came {echoed[:60]!r}")
 
     def _reply(self, line: TableLine, step: Step, within: Deadline, **known: bool) -> Received | None:
         if step.expect is None:

@@ -92,18 +92,14 @@ def _open_port(url: str, link: Link, baud_rate: int, timeout_s: float) -> serial
         port.parity, port.stopbits = link.parity[0].upper(), link.stop_bits
         port.rtscts, port.dsrdtr = link.flow == "rts_cts", link.flow == "dsr_dtr"
         port.xonxoff = link.flow == "xon_xoff"
-        _set_levels(port, link)
+        # Set DTR and RTS before the port is opened: their edge resets some controllers
+        if link.dtr is not None:
+            port.dtr = link.dtr
+        if link.rts is not None:
+            port.rts = link.rts
         if isinstance(port, serial.Serial):
             port.exclusive = True  # one owner a connection; only real ports know how
         port.open()
     except Exception as error:  # termios.error is no OSError, and the handler of a URL is anyone's code
         raise ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
     return port
-
-
-def _set_levels(port: serial.Serial, link: Link) -> None:
-    """Set DTR and RTS before the port is opened: their edge resets some controllers."""
-    if link.dtr is not None:
-        port.dtr = link.dtr
-    if link.rts is not None:
-        port.rts = link.rts

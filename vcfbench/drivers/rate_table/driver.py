@@ -118,7 +118,9 @@ class RateTableDriver:
         """Zero the demand, then close the servo; raises InterlockError when a fault forbids it or the table turns."""
         self._command(self._dialect.claim)
         self._claimed = True
-        self._require_no_fault()
+        fault = self.fault()
+        if fault is not None:
+            raise self._interlock(fault, "see to the cause, then clear the fault")
         self._require_rest("it was found turning at {rate:g} deg/s, somebody else may be commanding it")
         self._dialect.set_limits(self._line, self._limits, self._line.deadline())
         self._command(self._dialect.close_servo)
@@ -255,8 +257,21 @@ class RateTableDriver:
             acceleration_deg_s2 = self._braking_deg_s2(self._share(deadline, 0.5))
             self._stop_within(acceleration_deg_s2, self._share(deadline, 0.2))
         if not self._wait_for_rest(self._share(deadline, 0.8)):
-            self._abort(deadline)
-        return self._release_at_rest(deadline)
+            # End with the table's own orderly shutdown, when it does not obey: still not to be called safe
+            self._dialect.open_servo(self._line, deadline)
+            raise MeasurementError(
+                f"the table did not come to rest, last read at {self.rate_deg_s():g} deg/s; an abort was sent",
+                instrument=self.name,
+                resource=self.resource,
+                hint="use the hard-wired emergency stop",
+            )
+        self._dialect.hold(self._line, deadline)
+        self._dialect.open_servo(self._line, deadline)
+        if not self._wait_for_servo(deadline, "open"):
+            raise InstrumentError("at rest, but the servo did not open", instrument=self.name, resource=self.resource)
+        self._dialect.release(self._line, deadline)
+        self._claimed = False
+        return f"at rest (|rate| below {self._rest_tolerance_deg_s:g} deg/s), servo open"
 
     def _braking_deg_s2(self, deadline: Deadline) -> float:
         """Return the acceleration last used, or more, within the limit, when that would take longer than there is."""
@@ -269,25 +284,6 @@ class RateTableDriver:
 
     def _share(self, deadline: Deadline, part: float) -> Deadline:
         return Deadline.after(self.clock, deadline.remaining() * part)
-
-    def _abort(self, deadline: Deadline) -> None:
-        """End with the table's own orderly shutdown, when it does not obey: still not to be called safe."""
-        self._dialect.open_servo(self._line, deadline)
-        raise MeasurementError(
-            f"the table did not come to rest, last read at {self.rate_deg_s():g} deg/s; an abort was sent",
-            instrument=self.name,
-            resource=self.resource,
-            hint="use the hard-wired emergency stop",
-        )
-
-    def _release_at_rest(self, deadline: Deadline) -> str:
-        self._dialect.hold(self._line, deadline)
-        self._dialect.open_servo(self._line, deadline)
-        if not self._wait_for_servo(deadline, "open"):
-            raise InstrumentError("at rest, but the servo did not open", instrument=self.name, resource=self.resource)
-        self._dialect.release(self._line, deadline)
-        self._claimed = False
-        return f"at rest (|rate| below {self._rest_tolerance_deg_s:g} deg/s), servo open"
 
     def _wait_for_rest(self, deadline: Deadline) -> bool:
         quiet = 0
@@ -306,11 +302,6 @@ class RateTableDriver:
         return True
 
     # Exchanges
-
-    def _require_no_fault(self) -> None:
-        fault = self.fault()
-        if fault is not None:
-            raise self._interlock(fault, "see to the cause, then clear the fault")
 
     def _require_rest(self, words: str) -> None:
         for _ in range(_POLLS_AT_REST):

@@ -204,16 +204,13 @@ class EspDialect(Struct):
             number, words = int(found[1]), found[3]
             if number == 0:
                 return
-            self._note(number, words)
-
-    def _note(self, number: int, words: str) -> None:
-        axis, kind = divmod(number, 100)
-        fault = _STOPPED.get(number) if number < 100 else _FAULTS.get(kind) if axis == self.axis else None
-        if fault is not None:
-            text = f"{fault} ({number} {words})"
-            self._faults += [] if text in self._faults else [text]
-        else:
-            self._refused.append((number, words))
+            axis, kind = divmod(number, 100)
+            fault = _STOPPED.get(number) if number < 100 else _FAULTS.get(kind) if axis == self.axis else None
+            if fault is not None:
+                text = f"{fault} ({number} {words})"
+                self._faults += [] if text in self._faults else [text]
+            else:
+                self._refused.append((number, words))
 
     # Exchanges
 

@@ -111,12 +111,9 @@ def frame_bytes(frame: Frame, data: bytes) -> bytes:
         body = body.ljust(room, bytes([frame.pad]))
     if frame.length_at is not None:
         size = len(body) + check + len(trailer) - frame.length_extra
-        body = _replaced(body, frame.length_at, encode(frame.length_type, size, frame.order))
+        part = encode(frame.length_type, size, frame.order)
+        body = body[: frame.length_at] + part + body[frame.length_at + len(part) :]
     return body + _check(frame, body) + trailer
-
-
-def _replaced(body: bytes, at: int, part: bytes) -> bytes:
-    return body[:at] + part + body[at + len(part) :]
 
 
 def _check(frame: Frame, body: bytes) -> bytes:

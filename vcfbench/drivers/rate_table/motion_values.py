@@ -52,7 +52,11 @@ class MotionValues:
         }
         values |= {f"rate_{slot}": rate if slot == self._axis else 0.0 for slot in range(1, 7)}
         if acceleration_deg_s2 != math.inf:
-            values["acc"] = self._commanded_acceleration(line, acceleration_deg_s2)
+            commanded = self.table_acceleration(acceleration_deg_s2)
+            if commanded is None:
+                what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
+                raise limit_error(line, what)
+            values["acc"] = commanded
         if self._profile.units.travel is not None:
             values["travel_end"] = self._profile.units.travel[1 if rate >= 0.0 else 0]
         return values
@@ -69,13 +73,6 @@ class MotionValues:
                 line, f"a rate of {rate_deg_s:g} deg/s is below the least of its profile, {least:g} deg/s"
             )
         return rate
-
-    def _commanded_acceleration(self, line: TableLine, acceleration_deg_s2: float) -> float:
-        commanded = self.table_acceleration(acceleration_deg_s2)
-        if commanded is None:
-            what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
-            raise limit_error(line, what)
-        return commanded
 
     def table_acceleration(self, acceleration_deg_s2: float) -> float | None:
         """Return the acceleration in the table's units, not above that demanded; None if it cannot be told that."""

@@ -264,7 +264,11 @@ def profile_text(name: str) -> str:
 def parse_profile(text: str, source: str) -> Profile:
     """Return the profile that the TOML `text` tells; `source` names it in errors (ConfigError)."""
     raw = parse_toml(text, source)
-    _convert_parts(raw, source)
+    # Try the entries under names of the profile's choice one by one: msgspec's path would not tell the name
+    for section, kind in _KEYED.items():
+        if isinstance(raw.get(section), dict):
+            for name, value in raw[section].items():
+                _convert(value, kind, (section, name), source)
     profile = _convert(raw, Profile, (), source)
     for path, expected, came in _invalid_values(profile):
         raise _error(source, path, expected, came)
@@ -283,14 +287,6 @@ _KEYED: dict[str, Any] = {
     "status": Flag,
     "requires": Requirement,
 }
-
-
-def _convert_parts(raw: dict[str, Any], source: str) -> None:
-    """Try the entries under names of the profile's choice one by one: msgspec's path would not tell the name."""
-    for section, kind in _KEYED.items():
-        if isinstance(raw.get(section), dict):
-            for name, value in raw[section].items():
-                _convert(value, kind, (section, name), source)
 
 
 def _convert(raw: Any, kind: type[_T], path: tuple[str, ...], source: str) -> _T:
@@ -312,7 +308,8 @@ def _explained(message: str, raw: Any, path: tuple[str, ...], source: str) -> Co
         return _error(source, f"{dotted}.{missing[1]}".removeprefix("."), "a value", "nothing")
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", what):
         return _error(source, f"{dotted}.{unknown[1]}".removeprefix("."), "a known key", "an unknown key")
-    return _error(source, dotted, _in_words(what), value)
+    expected = what.removeprefix("Expected ").partition(", got ")[0].replace("`", "")
+    return _error(source, dotted, " ".join(_WORDS.get(word, word) for word in expected.split()), value)
 
 
 _WORDS = {
@@ -327,12 +324,6 @@ _WORDS = {
     ">": "above",
     "<": "below",
 }
-
-
-def _in_words(what: str) -> str:
-    """Say in words the form that msgspec expected, without the names of Python's types."""
-    expected = what.removeprefix("Expected ").partition(", got ")[0].replace("`", "")
-    return " ".join(_WORDS.get(word, word) for word in expected.split())
 
 
 def _dotted(keys: tuple[str | int, ...]) -> str:
@@ -359,7 +350,16 @@ def _invalid_values(profile: Profile) -> Iterator[_InvalidValue]:
             expected = "line where messages are lines, and not where they are bytes"
             yield "reply_frame.kind", expected, profile.reply_frame.kind
     yield from _invalid_replys(profile)
-    yield from _invalid_commands(profile)
+    for name, steps in profile.commands.items():
+        if name not in COMMANDS:
+            yield f"commands.{name}", f"one of {', '.join(COMMANDS)}", "an unknown key"
+        for number, step in enumerate(steps):
+            yield from _invalid_steps(f"commands.{name}[{number}]", name, step, profile)
+    for name in ("stop", "start"):
+        if not profile.commands.get(name):
+            yield f"commands.{name}", "at least one step", "nothing"
+    if not any(profile.commands.get(name) for name in ("identify", "read_all", "read_pos")) and profile.stream is None:
+        yield "commands.identify", "a question that a table answers, or [stream]", "nothing"
     yield from _invalid_fields(profile)
     yield from _invalid_flags(profile)
     yield from _invalid_circles(profile)
@@ -412,19 +412,6 @@ def _invalid_replys(profile: Profile) -> Iterator[_InvalidValue]:
         yield "stream.reply", "one of [replies]", profile.stream.reply
 
 
-def _invalid_commands(profile: Profile) -> Iterator[_InvalidValue]:
-    for name, steps in profile.commands.items():
-        if name not in COMMANDS:
-            yield f"commands.{name}", f"one of {', '.join(COMMANDS)}", "an unknown key"
-        for number, step in enumerate(steps):
-            yield from _invalid_steps(f"commands.{name}[{number}]", name, step, profile)
-    for name in ("stop", "start"):
-        if not profile.commands.get(name):
-            yield f"commands.{name}", "at least one step", "nothing"
-    if not any(profile.commands.get(name) for name in ("identify", "read_all", "read_pos")) and profile.stream is None:
-        yield "commands.identify", "a question that a table answers, or [stream]", "nothing"
-
-
 def _invalid_steps(path: str, name: str, step: Step, profile: Profile) -> Iterator[_InvalidValue]:
     if step.retry and name not in QUESTIONS:
         yield f"{path}.retry", f"0: only questions are asked again ({', '.join(QUESTIONS)})", step.retry
@@ -440,19 +427,6 @@ def _invalid_steps(path: str, name: str, step: Step, profile: Profile) -> Iterat
         _try_template(step.send or "", profile, templates.sample_values())
     except ValueError as error:
         yield f"{path}.send", f"a template ({error})", step.send
-
-
-def _invalid_stops(profile: Profile) -> Iterator[_InvalidValue]:
-    """See that the table can be told to stop whatever is known of it: these words are sent before all else."""
-    known = {name: value for name, value in templates.sample_values().items() if name in _ALWAYS_KNOWN}
-    steps = [step for name in profile.safety.stop for step in profile.commands.get(name, ()) if step.send is not None]
-    if not steps:
-        yield "safety.stop", "commands that send something", list(profile.safety.stop)
-    for step in steps:
-        try:
-            _try_template(step.send or "", profile, known)
-        except ValueError as error:
-            yield "safety.stop", f"commands that need no rate, acceleration or position ({error})", step.send
 
 
 def _try_template(template: str, profile: Profile, values: Mapping[str, templates.Value]) -> None:
@@ -554,7 +528,16 @@ def _invalid_safetys(profile: Profile) -> Iterator[_InvalidValue]:
     for name in profile.safety.stop:
         if name not in profile.commands:
             yield "safety.stop", "names of [commands]", name
-    yield from _invalid_stops(profile)
+    # See that the table can be told to stop whatever is known of it: these words are sent before all else
+    known = {name: value for name, value in templates.sample_values().items() if name in _ALWAYS_KNOWN}
+    steps = [step for name in profile.safety.stop for step in profile.commands.get(name, ()) if step.send is not None]
+    if not steps:
+        yield "safety.stop", "commands that send something", list(profile.safety.stop)
+    for step in steps:
+        try:
+            _try_template(step.send or "", profile, known)
+        except ValueError as error:
+            yield "safety.stop", f"commands that need no rate, acceleration or position ({error})", step.send
     units = profile.units
     if units.rate_quantum > units.rate_max:
         yield "units.rate_quantum", f"at most rate_max, {units.rate_max:g}", units.rate_quantum

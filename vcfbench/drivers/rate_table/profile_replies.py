@@ -75,7 +75,9 @@ class ProfileReplies:
                     raise
                 continue
             if isinstance(received, Received):
-                self._close_reply(line, deadline)
+                prompt = self._profile.link.prompt
+                while prompt is not None and self._text(line, deadline) != prompt:
+                    pass
                 return received
             dropped = received
             if not out_of_order:
@@ -89,12 +91,6 @@ class ProfileReplies:
             return Received(data) if _has(reply.bytes, data) else data
         text = self._text(line, deadline)
         return _matched(reply, text) or text
-
-    def _close_reply(self, line: TableLine, deadline: Deadline) -> None:
-        """Take the prompt that follows the data."""
-        prompt = self._profile.link.prompt
-        while prompt is not None and self._text(line, deadline) != prompt:
-            pass
 
     def _require_droppable(self, line: TableLine, message: bytes | str, *, among_others: bool, sent: str) -> None:
         if isinstance(message, bytes):

@@ -93,11 +93,8 @@ def _token(token: str, values: Mapping[str, Value], order: Order) -> bytes:
     value = float(_value(place["name"], values))
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be sent")
-    return encode(place["kind"], value * _factor(place["factor"]), order)
-
-
-def _factor(text: str | None) -> float:
+    text = place["factor"]
     factor = float(text or 1.0)
     if not 1e-12 <= abs(factor) <= 1e12:
         raise ValueError(f"a factor is from 1e-12 to 1e12 either sign, not {text}")
-    return factor
+    return encode(place["kind"], value * factor, order)

@@ -193,24 +193,21 @@ class ZaberDialect(Struct):
         """Set the acceleration, then run at a velocity; rate 0 is ``stop``."""
         speed = round(self._speed(rate_deg_s))
         if math.isfinite(acceleration_deg_s2):
-            self._command(line, f"set accel {self._acceleration(line, acceleration_deg_s2)}", deadline)
+            # The whole number that is not above the demand; 0 would mean infinite
+            units = math.floor(acceleration_deg_s2 * self.steps_per_deg * _ACCELERATION)
+            if units < 1:
+                least = 1.0 / (self.steps_per_deg * _ACCELERATION)
+                raise LimitError(
+                    f"an acceleration of {acceleration_deg_s2:g} deg/s2 is below the {least:.3g} deg/s2 that the stage "
+                    "can be told, nothing was sent",
+                    **located(line),
+                )
+            self._command(line, f"set accel {units}", deadline)
         self._steady.demand(speed * self.rate_quantum_deg_s)
         self._command(line, f"move vel {speed}" if speed else "stop", deadline)
 
     def _speed(self, rate_deg_s: float) -> float:
         return rate_deg_s * self.steps_per_deg * _VELOCITY
-
-    def _acceleration(self, line: TableLine, acceleration_deg_s2: float) -> int:
-        """Return the whole number that is not above the demand; 0 would mean infinite."""
-        units = math.floor(acceleration_deg_s2 * self.steps_per_deg * _ACCELERATION)
-        if units < 1:
-            least = 1.0 / (self.steps_per_deg * _ACCELERATION)
-            raise LimitError(
-                f"an acceleration of {acceleration_deg_s2:g} deg/s2 is below the {least:.3g} deg/s2 that the stage "
-                "can be told, nothing was sent",
-                **located(line),
-            )
-        return units
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Ask whether the driver is enabled."""

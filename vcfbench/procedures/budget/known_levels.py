@@ -70,7 +70,14 @@ class KnownLevels(Struct, frozen=True):
             own, lows = np.array([self.range_of(each) for each in volts]), (0.0, *self.ranges_v)
             return [(f"{self.ranges_v[n]:g} V range", own == n, limit(lows[n])) for n in sorted(set(own.tolist()))]
         found = []
-        for here in _worst_ranges(_sizes(volts), weights, limit):
+        # The levels without their sign; those within 2 % of one another have the same
+        sizes = np.abs(volts)
+        order = np.argsort(sizes)
+        first = 0.0
+        for place in order:
+            first = first if sizes[place] <= (1.0 + _ONE_LEVEL) * first else float(sizes[place])
+            sizes[place] = first
+        for here in _worst_ranges(sizes, weights, limit):
             low_v, high_v = float(np.abs(volts[here]).min()), float(np.abs(volts[here]).max())
             found.append((f"{low_v:.3g} to {high_v:.3g} V", here, limit(low_v)))
         return found
@@ -151,17 +158,6 @@ def known_levels(points: Sequence[Point], known: Sources) -> KnownLevels:
 
 def _step_v(upper_v: float, bits: int) -> float:
     return 2.0 * upper_v / 2**bits if bits and math.isfinite(upper_v) else 0.0
-
-
-def _sizes(volts: Floats) -> Floats:
-    """Return the levels without their sign; those within 2 % of one another have the same."""
-    sizes = np.abs(volts)
-    order = np.argsort(sizes)
-    first = 0.0
-    for place in order:
-        first = first if sizes[place] <= (1.0 + _ONE_LEVEL) * first else float(sizes[place])
-        sizes[place] = first
-    return sizes
 
 
 def _worst_ranges(sizes: Floats, weights: Floats, limit: Callable[[float], float]) -> Iterator[NDArray[np.bool_]]:

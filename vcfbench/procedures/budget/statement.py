@@ -175,7 +175,10 @@ class Circumstances(Struct, frozen=True):
             elif kind == "bias_deg_s":
                 found[name] = (value - drifted) / mounted
         if self.moves_driven_zero and _DIFFERENCE in values:
-            moved = values[_DIFFERENCE] * (self._output_per_volt(q) - 1.0)
+            # The factor of the output of a volt at the modulator: that of its offset too. The offset sets the zeros
+            # of both columns apart, so their difference goes with it
+            warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
+            moved = values[_DIFFERENCE] * ((self.phases.k_vc(q) * self.phases.scale_factor(q) / warmer) - 1.0)
             found[_DIFFERENCE] = values[_DIFFERENCE] + moved
             found["virtual.bias"] = found["virtual.bias"] + moved
             found["virtual.bias_deg_s"] = found["virtual.bias_deg_s"] + moved / values["virtual.scale_factor"]
@@ -187,30 +190,18 @@ class Circumstances(Struct, frozen=True):
         moving = {_TEMPERATURE, CARRIER_PHASE, DEMODULATOR_PHASE}
         return any(source.name in moving for source in self.sources)
 
-    def _output_per_volt(self, q: Mapping[str, Any]) -> Any:
-        """Return the factor of the output of a volt at the modulator: that of its offset too.
-
-        The offset sets the zeros of both columns apart, so their difference goes with it.
-        """
-        warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
-        return self.phases.k_vc(q) * self.phases.scale_factor(q) / warmer
-
 
 _DIFFERENCE = "bias_difference_v"
 _TEMPERATURE, _WARM_UP, _MISALIGNMENT = "temperature", "warm-up", "misalignment"
 
 
-def _coverage_factor(result: Result, sources: Mapping[str, Source]) -> float:
-    """Return the factor of 95 %: Student's t, or by convolution where sources that are not normal prevail."""
-    kinds = {name: source.distribution for name, source in sources.items()}
-    odd = math.fsum(line.share for line in result.contributions if kinds[line.source] is not Distribution.NORMAL)
-    return convolved_coverage_factor(result, sources.values()) if odd > _NEARLY_NORMAL else result.coverage_factor
-
-
 def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tuple[str, ...] = ()) -> StatedValue:
     """Return a result of a budget as it is stated, `missing` being the contributions that it lacks."""
     sources = {source.name: source for source in budget.sources}
-    factor = _coverage_factor(result, sources)
+    # The factor of 95 %: Student's t, or by convolution where sources that are not normal prevail
+    kinds = {name: source.distribution for name, source in sources.items()}
+    odd = math.fsum(line.share for line in result.contributions if kinds[line.source] is not Distribution.NORMAL)
+    factor = convolved_coverage_factor(result, sources.values()) if odd > _NEARLY_NORMAL else result.coverage_factor
     lines = tuple(
         StatedContribution(
             line.source,

@@ -51,20 +51,16 @@ class Residuals(Struct, frozen=True):
         left = np.eye(rate.size) - np.outer(rate, line.slope_weights) - line.bias_weights
         residual_v = line.output_v - slope * rate - line.bias_v
         of_span = np.outer(residual_v / slope, line.slope_weights)
-        mean = _means(rate)
+        # The weights (m, n) of the windows in the means at each rate; rates that differ by a hair are one
+        steps = np.round(rate / (_ONE_RATE * float(np.ptp(rate))))
+        members = (steps == np.array(list(dict.fromkeys(steps.tolist())))[:, None]).astype(np.float64)
+        mean = np.asarray(members / members.sum(axis=1, keepdims=True))
         return cls(
             mean @ rate,
             to_ppm * (mean @ residual_v),
             to_ppm * (mean @ (left - of_span)),
             -to_ppm * slope * (mean @ left),
         )
-
-
-def _means(rate_deg_s: Floats) -> Floats:
-    """Return the weights (m, n) of the windows in the means at each rate; rates that differ by a hair are one."""
-    steps = np.round(rate_deg_s / (_ONE_RATE * float(np.ptp(rate_deg_s))))
-    members = (steps == np.array(list(dict.fromkeys(steps.tolist())))[:, None]).astype(np.float64)
-    return np.asarray(members / members.sum(axis=1, keepdims=True))
 
 
 class LargestResidual(Struct, frozen=True):

@@ -119,13 +119,12 @@ def outputs_figure(title: str, lines: Sequence[tuple[str, Sequence[Point], Calib
         [
             each
             for name, points, column in lines
-            for each in (_points(name, points, column), _line(name, points, column))
+            for each in (
+                Series(name, [p.rate_deg_s for p in points], [p.output_v for p in points], _u_outputs(points, column)),
+                _line(name, points, column),
+            )
         ],
     )
-
-
-def _points(name: str, points: Sequence[Point], column: CalibrationColumn) -> Series:
-    return Series(name, [p.rate_deg_s for p in points], [p.output_v for p in points], _u_outputs(points, column))
 
 
 def _u_outputs(points: Sequence[Point], column: CalibrationColumn) -> tuple[float, ...] | None:

@@ -91,7 +91,17 @@ class HealthCheck(Struct, frozen=True, kw_only=True):
 def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
     """Return the changes of K_Vc's causes, with the treatment of each."""
     seen = structs.replace(now, in_phase_share=None)  # force and pick-off of either mode stay as they were
-    then, seen, amplitudes = min(_with_amplitudes(then, seen), key=lambda each: each[2].u_ppm)
+    # Then and now, and the effect of the amplitudes alone, by oscilloscope and by multimeter; one at least
+    both = [(then, seen)]
+    if then.carrier_over_drive is not None and seen.carrier_over_drive is not None:
+        one = Kept(value=1.0, u=0.0)
+        by_meter = [
+            structs.replace(each, drive_amplitude_v=one, carrier_amplitude_v=each.carrier_over_drive)
+            for each in (then, seen)
+        ]
+        both.append((by_meter[0], by_meter[1]))
+    found = [(first, second, k_vc_change(first, _amplitudes_alone(second))) for first, second in both]
+    then, seen, amplitudes = min([each for each in found if each[2].parts] or found[:1], key=lambda each: each[2].u_ppm)
     worth = amplitudes.u_ppm <= AMPLITUDES_WORTH_PPM
     whole = k_vc_change(
         then, seen if worth else structs.replace(seen, drive_amplitude_v=None, carrier_amplitude_v=None)
@@ -110,22 +120,6 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
         warning=_charged(then, seen),
         measured=tuple(name for name, moved, _ in MAY_HAVE if all(getattr(now, each) for each in moved)),
     )
-
-
-def _with_amplitudes(
-    then: Characteristics, now: Characteristics
-) -> list[tuple[Characteristics, Characteristics, KvcChange]]:
-    """Return then and now, and the effect of the amplitudes alone, by oscilloscope and by multimeter; one at least."""
-    both = [(then, now)]
-    if then.carrier_over_drive is not None and now.carrier_over_drive is not None:
-        one = Kept(value=1.0, u=0.0)
-        by_meter = [
-            structs.replace(each, drive_amplitude_v=one, carrier_amplitude_v=each.carrier_over_drive)
-            for each in (then, now)
-        ]
-        both.append((by_meter[0], by_meter[1]))
-    found = [(first, second, k_vc_change(first, _amplitudes_alone(second))) for first, second in both]
-    return [each for each in found if each[2].parts] or found[:1]
 
 
 def _amplitudes_alone(now: Characteristics) -> Characteristics:

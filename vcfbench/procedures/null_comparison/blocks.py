@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
-    from vcfbench.procedures.sweep.window_noise import Flicker
     from vcfbench.records.schema import Point
 
 Floats: TypeAlias = "NDArray[np.float64]"
@@ -79,7 +78,11 @@ def bias_at_rest(
     """
     begin, end = (each[list(places)] for each in window_times(settings, points))
     zeros = np.array([points[place].output_v for place in places])
-    flicker = _flicker_of(settings, noise, scale_factor)
+    # The flicker that counts in a run whose own blocks know it badly; the density is B^2 / (pi f)
+    per_v2 = math.pi * (3600.0 / scale_factor) ** 2
+    known = settings.station.sources
+    stated = None if "bias_instability_deg_h" in known.assumed else flicker_stated(known)  # a guess tells nothing
+    flicker = flicker_counted(stated, per_v2 * noise.flicker_v2, per_v2 * noise.u_flicker_v2, "blocks of this run")
     per_b = abs(scale_factor) / 3600.0 * about_horizon(begin, end, settings.station.sources.horizon_h)
     mean_v = float(zeros.mean())
     parts = [
@@ -88,14 +91,6 @@ def bias_at_rest(
         *parts_at_rest(settings, mean_v, scale_factor, float(end[-1] - begin[0])),
     ]
     return measurand(mean_v, "V", parts, settings.station.sources.missing("bias"))
-
-
-def _flicker_of(settings: KnownVvcSettings, noise: BlockNoise, scale_factor: float) -> Flicker:
-    """Return the flicker that counts in a run whose own blocks know it badly; the density is B^2 / (pi f)."""
-    per_v2 = math.pi * (3600.0 / scale_factor) ** 2
-    known = settings.station.sources
-    stated = None if "bias_instability_deg_h" in known.assumed else flicker_stated(known)  # a guess tells nothing
-    return flicker_counted(stated, per_v2 * noise.flicker_v2, per_v2 * noise.u_flicker_v2, "blocks of this run")
 
 
 def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:

@@ -78,7 +78,14 @@ def _modulated(settings: OnlineSettings, table_deg_s: float | None) -> Routine[O
     yield Settle(settings.settle_s, "gyro settles after the sine went off")
     yield from _sampled(settings, 0.0, of, table_deg_s)
     if settings.v_vc_role == "multimeter":
-        yield from _by_hand(settings)
+        # Have V_Vc measured by the one meter, whose leads a person moves there and back: at rest and the sine
+        yield Note("V_Vc by the one multimeter")
+        yield move_leads("multimeter", "v_vc")
+        yield _sample(settings, 0.0, "v_vc", None)
+        yield SetSine(settings.modulation_hz, settings.amplitude_v)
+        yield Settle(settings.settle_s, "the generator settles")
+        yield _sample(settings, settings.amplitude_v, "v_vc", None)
+        yield move_leads("multimeter", "output")
     return Outcome(f"{settings.bursts * settings.windows_a_burst} windows of {settings.window_s:g} s")
 
 
@@ -88,17 +95,6 @@ def _sampled(
     """Take a record of the output, and read the rails back: the meter would not know that they fell."""
     yield _sample(settings, amplitude_v, of, table_deg_s)
     yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
-
-
-def _by_hand(settings: OnlineSettings) -> Routine[None]:
-    """Have V_Vc measured by the one meter, whose leads a person moves there and back: at rest and the sine."""
-    yield Note("V_Vc by the one multimeter")
-    yield move_leads("multimeter", "v_vc")
-    yield _sample(settings, 0.0, "v_vc", None)
-    yield SetSine(settings.modulation_hz, settings.amplitude_v)
-    yield Settle(settings.settle_s, "the generator settles")
-    yield _sample(settings, settings.amplitude_v, "v_vc", None)
-    yield move_leads("multimeter", "output")
 
 
 def _sample(

@@ -155,13 +155,9 @@ class _Run:
     sign: float
 
 
-def _sampled(measured: Measured) -> list[tuple[SampleModulated, ModulatedRecord]]:
-    found = measured.found(ModulatedRecord)
-    return [(step, record) for step, record in found if isinstance(step, SampleModulated)]
-
-
 def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
-    sampled = _sampled(measured)
+    found = measured.found(ModulatedRecord)
+    sampled = [(step, record) for step, record in found if isinstance(step, SampleModulated)]
     modulated = [record for step, record in sampled if step.amplitude_v and step.of != "v_vc"]
     rest = [record for step, record in sampled if not step.amplitude_v and step.of != "v_vc"]
     frequency_hz, windows = settings.modulation_hz, settings.windows_a_burst

@@ -289,7 +289,8 @@ def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) ->
     blocks = [_Moved.of(windows[at : at + a_block], scale.value) for at in range(0, len(windows), a_block)]
     std = math.sqrt(fmean(window.std_v**2 for _, window in windows)) / abs(scale.value)
     window_s = settings.samples * settings.sample_interval_s
-    slot_s = _slot_s(measured)
+    begins = [float(window.t_s[0]) for window in measured.readings.windows]
+    slot_s = (begins[-1] - begins[0]) / (len(begins) - 1) * _A_STATE
     bias_noise = block_noise([each.bias for each in blocks], std, settings.samples, window_s, slot_s)
     size = fmean(each.slope.zero_v for each in blocks)
     slope_std = std / (math.sqrt(2.0) * settings.level_deg_s * abs(size))
@@ -322,12 +323,6 @@ class _Moved:
             seen = [{each.rail: each.voltage_v for each in window.rails} for window in (rest, plus, minus)]
             rails.append({output: fmean(each[output] for each in seen) for output in seen[0]})
         return cls(Block(tuple(bias)), Block(tuple(slope)), tuple(rails))
-
-
-def _slot_s(measured: Measured) -> float:
-    """Return the time from one state of the rails to the next, s."""
-    begins = [float(window.t_s[0]) for window in measured.readings.windows]
-    return (begins[-1] - begins[0]) / (len(begins) - 1) * _A_STATE
 
 
 def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tuple[float, list[UncertaintyPart]]:

@@ -82,7 +82,6 @@ if TYPE_CHECKING:
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
-    from vcfbench.records.devices import KvcCurve
     from vcfbench.records.schema import Point
     from vcfbench.steps.measured import Measured
 
@@ -343,7 +342,14 @@ def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Me
     for place, rate in enumerate(magnitudes):
         of_rate = [point for each in driven[place :: len(magnitudes)] for point in each]
         v_vc += [measured_level([p for p in of_rate if p.rate_deg_s == sign * rate], by_hand) for sign in (1.0, -1.0)]
-    _require_known(settings.known.k_vc, v_vc)
+    # See that no V_Vc is beyond the curve by more than a generator may be off
+    curve = settings.known.k_vc
+    margin_v = 0.05 * (curve.v_vc_max_v - curve.v_vc_min_v) / 2.0
+    for level_v in v_vc:
+        if not curve.v_vc_min_v - margin_v <= level_v <= curve.v_vc_max_v + margin_v:
+            raise ConfigError(
+                f"V_Vc of {level_v:g} V: K_Vc is known from {curve.v_vc_min_v:g} to {curve.v_vc_max_v:g} V alone"
+            )
     noise = noise_of(settings, blocks, points)
     scatter = [p.v_vc_std_v for each in driven for p in each if p.v_vc_std_v is not None]
     count = 2 * settings.cycles * settings.samples
@@ -357,20 +363,6 @@ def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Me
         block_covariance(noise, len(magnitudes), settings.cycles),
         len(points),
     )
-
-
-def _require_known(curve: KvcCurve, v_vc_v: Sequence[float]) -> None:
-    """See that no V_Vc is beyond the curve by more than a generator may be off.
-
-    Raises:
-        ConfigError: one is.
-    """
-    margin_v = 0.05 * (curve.v_vc_max_v - curve.v_vc_min_v) / 2.0
-    for level_v in v_vc_v:
-        if not curve.v_vc_min_v - margin_v <= level_v <= curve.v_vc_max_v + margin_v:
-            raise ConfigError(
-                f"V_Vc of {level_v:g} V: K_Vc is known from {curve.v_vc_min_v:g} to {curve.v_vc_max_v:g} V alone"
-            )
 
 
 def _column(rates: Floats, seen: _Measured, line: Measurand, bias: Measurand) -> CalibrationColumn:

@@ -41,11 +41,6 @@ def _driven(point: Point) -> bool:
     return point.step in {2, 4, 6, 7}
 
 
-def _noise_v(points: Sequence[Point]) -> float:
-    degrees = sum(point.n - 1 for point in points)
-    return math.sqrt(math.fsum((point.n - 1) * point.std_v**2 for point in points) / max(1, degrees))
-
-
 def require_same_zero(zero_table: Point, zero_virtual: Point, turning: Point) -> None:
     """See that the generator, coming on at 0 V, does not move the zero by more than the match can bear.
 
@@ -81,7 +76,8 @@ def require_steady_slope(
     if len(ordered) < 2:
         return
     slope = _slope(*reference) if reference else statistics.median(starmap(_slope, pairwise(ordered)))
-    noise_v = _noise_v(points)
+    degrees = sum(point.n - 1 for point in points)
+    noise_v = math.sqrt(math.fsum((point.n - 1) * point.std_v**2 for point in points) / max(1, degrees))
     low, high = _SLOPES
     for left, right in [(ordered[0], ordered[-1]), *pairwise(ordered)]:
         u_v = _NOISES * noise_v * math.sqrt(1.0 / left.n + 1.0 / right.n)

@@ -75,7 +75,16 @@ class WindowNoise(Struct, frozen=True):
         pooled = math.fsum((point.n - 1) * point.std_v**2 for point in points) / dof
         pooled = _resolved(pooled, settings.meter_resolution_v, int(readings.max()))
         white = cls(readings, pooled, float(dof), np.empty(0), None, referred_v2=_by_references(points))
-        known, successive = settings.station.sources, _successive_zeros(points)
+        # The weights (k, n) of the differences between each zero and the next one of the same kind
+        pairs = [
+            pair
+            for step in (ZERO_TABLE, ZERO_DRIVEN)
+            for pair in pairwise(place for place, point in enumerate(points) if point.step == step)
+        ]
+        weights = np.zeros((len(pairs), len(points)))
+        for row, (before, after) in enumerate(pairs):
+            weights[row, before], weights[row, after] = -1.0, 1.0
+        known, successive = settings.station.sources, weights
         stated = known.bias_instability_deg_h
         if stated == 0.0 or (stated is None and not successive.size):
             return white
@@ -164,19 +173,6 @@ def _by_references(points: Sequence[Point]) -> Floats | None:
 
 _LEAST_DOF = 2.0
 """Below that an interval of 95 % would say nothing."""
-
-
-def _successive_zeros(points: Sequence[Point]) -> Floats:
-    """Return the weights (k, n) of the differences between each zero and the next one of the same kind."""
-    pairs = [
-        pair
-        for step in (ZERO_TABLE, ZERO_DRIVEN)
-        for pair in pairwise(place for place, point in enumerate(points) if point.step == step)
-    ]
-    weights = np.zeros((len(pairs), len(points)))
-    for row, (before, after) in enumerate(pairs):
-        weights[row, before], weights[row, after] = -1.0, 1.0
-    return weights
 
 
 def _jointly(

@@ -108,7 +108,18 @@ def _over_temperature(settings: TemperatureSettings) -> Routine[Outcome]:
         yield from _go_to(settings, temperature_c, previous_c)
         yield from _soak(settings)
         yield from _reached(settings, temperature_c)
-        yield from _measured_there(settings)
+        yield from watched(settings, _chopped(settings))
+        if settings.station.oscilloscope is not None:
+            drive = settings.drive
+            expected = SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
+            yield CaptureSines(
+                (settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected
+            )
+        if settings.split:
+            yield from sweep(settings.sweep)
+            yield DisableVvc()
+            yield ConfigureGenerator(0.0)
+            yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
         previous_c = temperature_c
     return Outcome(f"{len(settings.temperatures_c)} temperatures")
 
@@ -195,19 +206,6 @@ def _table_deg_s(settings: TemperatureSettings, sign: float) -> float | None:
     if settings.station.limits.max_rate_deg_s is None:
         return None
     return sign * settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0
-
-
-def _measured_there(settings: TemperatureSettings) -> Routine[None]:
-    yield from watched(settings, _chopped(settings))
-    if settings.station.oscilloscope is not None:
-        drive = settings.drive
-        expected = SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
-        yield CaptureSines((settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected)
-    if settings.split:
-        yield from sweep(settings.sweep)
-        yield DisableVvc()
-        yield ConfigureGenerator(0.0)
-        yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
 
 
 def _chopped(settings: TemperatureSettings) -> Routine[None]:

@@ -497,7 +497,7 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
 def _row(name: str, found: Measurand | _NotSeen) -> tuple[Cell | float | str | None, ...]:
     if isinstance(found, _NotSeen):
         return (f"{name}, not seen, below (95 %)", found.upper_95, None, None, found.unit, "")
-    return (name, *found.printed(), found.unit, _made_of(found))
+    return (name, *found.printed(), found.unit, ", ".join(f"{each.source} {each.u:.2g}" for each in found.parts))
 
 
 def _lack_of_fit(results: TemperatureResult) -> str:
@@ -514,7 +514,3 @@ def _figure(results: TemperatureResult, name: str, unit: str, values: Sequence[f
         if of:
             series.append(Series(direction, [x for x, _ in of], [y for _, y in of]))
     return Figure(f"{name} over temperature", Axis("temperature", "degC"), Axis(name, unit), series)
-
-
-def _made_of(quantity: Measurand) -> str:
-    return ", ".join(f"{each.source} {each.u:.2g}" for each in quantity.parts)

@@ -200,14 +200,10 @@ def _virtual_sweep(
         own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
         require_steady_slope(points[-2:], reference, limit_v)
     require_steady_slope(points, reference, limit_v)
-    yield from _references_after(settings, [point.v_vc_v for point in points])
-
-
-def _references_after(settings: VirtualCoriolisSettings, levels_v: Sequence[float]) -> Routine[None]:
-    """Take the outermost levels again that were visited in one stretch alone, and the zero where no reference began.
-
-    At the ends one stretch that is off looks like the modulator's next orders, or like another range of the generator.
-    """
+    # Take the outermost levels again that were visited in one stretch alone, and the zero where no reference began.
+    # At the ends one stretch that is off looks like the modulator's next orders, or like another range of the
+    # generator
+    levels_v = [point.v_vc_v for point in points]
     stretches = [level_v for level_v, _ in groupby(levels_v)]
     ends_v = dict.fromkeys((max(levels_v), min(levels_v)))
     again = [level_v for level_v in ends_v if stretches.count(level_v) == 1]

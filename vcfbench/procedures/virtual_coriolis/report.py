@@ -30,9 +30,15 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
     table = [point for point in points if point.step == 3]
     virtual = [point for point in points if point.step == 4]
     lines = [("turntable", table, results.turntable), ("virtual Coriolis", virtual, results.virtual)]
+    # Lay out steps 3 and 4 with the V_Vc that stood for each rate
+    columns = (
+        *(Column("Omega_z", "deg/s", "g"), Column("turntable", "V", ".5f")),
+        *(Column("virtual Coriolis", "V", ".5f"), Column("V_Vc", "V", ".5f")),
+    )
+    pairs = zip(table, virtual, strict=True)
     return Report(
         [
-            _table_1(table, virtual),
+            Table(columns, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs]),
             Text(_comparison(results)),
             *_nulls(results),
             *_sweeps(results),
@@ -72,16 +78,6 @@ def _sweeps(results: VirtualCoriolisResult) -> list[Text]:
     if not isinstance(results, SweptVirtualCoriolisResult):
         return []
     return [sweep_text("turntable", results.turntable_sweep), sweep_text("virtual Coriolis", results.virtual_sweep)]
-
-
-def _table_1(table: Sequence[Point], virtual: Sequence[Point]) -> Table:
-    """Lay out steps 3 and 4 with the V_Vc that stood for each rate."""
-    columns = (
-        *(Column("Omega_z", "deg/s", "g"), Column("turntable", "V", ".5f")),
-        *(Column("virtual Coriolis", "V", ".5f"), Column("V_Vc", "V", ".5f")),
-    )
-    pairs = zip(table, virtual, strict=True)
-    return Table(columns, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs])
 
 
 def _comparison(results: VirtualCoriolisResult) -> str:

@@ -182,7 +182,10 @@ def _four_steps(
 
     measured = any(point.v_vc_measured_v is not None for point in points)
     generator = generator_sheet(settings or ProcedureSettings())
-    u_v, u_level = u_output_v(points, meter_resolution_v), 0.0 if measured else _u_level(generator)
+    u_v, u_level = (
+        u_output_v(points, meter_resolution_v),
+        0.0 if measured else (math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)),
+    )
     points = standing_for(points, 4, matching.rate_of)
     noise_k_vc = matching.u_k_vc(noise_std_v(points), u_resolution_v(meter_resolution_v))
     u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
@@ -225,11 +228,6 @@ def _statement(settings: ProcedureSettings, points: Sequence[Point], matching: M
 def _u_generator(generator: LevelSpecification, v_vc_v: float) -> float:
     """Return the relative standard uncertainty of a level that is known by its setting alone, rectangular limits."""
     return (generator.setting + generator.offset_v / abs(v_vc_v)) / math.sqrt(3.0)
-
-
-def _u_level(generator: LevelSpecification) -> float:
-    """Return the relative uncertainty by a level's step, on a bipolar range that ends at most 10 dB above the level."""
-    return math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)
 
 
 def _relative_u(column: ScaleFactorResult) -> float:

@@ -63,7 +63,16 @@ class CarrierModel:
     def run(self, state: NDArray[np.float64], cycles: int, *, rate_rad_s: float, virtual_v: float) -> CarrierRun:
         """Go on for whole carrier cycles under a constant rate and modulator voltage."""
         to_samples = self._cycle(rate_rad_s, virtual_v)
-        starts = _powers(to_samples[-1], state, cycles)
+        # The states after 0..count applications of `once`, in blocks
+        once = to_samples[-1]
+        powers = [np.eye(len(state))]
+        for _ in range(min(BLOCK_CYCLES, cycles)):
+            powers.append(once @ powers[-1])
+        block = np.array(powers[1:])
+        states = [state[None, :]]
+        for start in range(0, cycles, len(block)):
+            states.append((block @ states[-1][-1])[: cycles - start])
+        starts = np.concatenate(states)
         drive, sense, filtered = (
             (starts[:-1] @ (to_samples.transpose(0, 2, 1) @ row).T).ravel() for row in self._rows()
         )
@@ -159,15 +168,3 @@ def _oscillate(matrices: NDArray[np.float64], row: int, natural: float, scale: f
     matrices[:, row, row + 1] = scale
     matrices[:, row + 1, row] = -(natural**2) / scale
     matrices[:, row + 1, row + 1] = -natural / quality
-
-
-def _powers(once: NDArray[np.float64], state: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the states after 0..count applications of `once`, in blocks."""
-    powers = [np.eye(len(state))]
-    for _ in range(min(BLOCK_CYCLES, count)):
-        powers.append(once @ powers[-1])
-    block = np.array(powers[1:])
-    states = [state[None, :]]
-    for start in range(0, count, len(block)):
-        states.append((block @ states[-1][-1])[: count - start])
-    return np.concatenate(states)

@@ -304,7 +304,13 @@ class ChainDesign:
         """Return the chain for a drive motion given by its displacement and velocity envelopes."""
         bench, poles = self._bench, self._filter_poles
         eigen = np.array([p for mode in resonances for p in mode.poles]) - 1j * drive_rad_s
-        seen = self._seen(resonances)
+        # What each part adds to V_s = K_amp K_pre (K_inyv y1 + K_anyv y2), equations (7) and (8), V
+        weights = []
+        for pick_off, resonance in zip(self._pick_offs, resonances, strict=True):
+            plus, minus = resonance.poles
+            each = pick_off / (plus - minus)
+            weights += [each, -each]
+        seen = np.array(weights)
         v_dac = bench.sense_path.reference_amplitude_v * abs(displacement_m) / bench.drive_loop.amplitude_m
         down = self._residues * (0.5j * bench.sense_path.multiplier_per_v * v_dac * self._demodulator_phase)
         up = self._residues * (0.5j * bench.sense_path.multiplier_per_v * v_dac * self._demodulator_phase).conjugate()
@@ -335,15 +341,6 @@ class ChainDesign:
             carrier_through=carrier_through,
             virtual_through=virtual_through,
         )
-
-    def _seen(self, resonances: tuple[Resonance, Resonance]) -> NDArray[np.complex128]:
-        """Return what each part adds to V_s = K_amp K_pre (K_inyv y1 + K_anyv y2), equations (7) and (8), V."""
-        weights = []
-        for pick_off, resonance in zip(self._pick_offs, resonances, strict=True):
-            plus, minus = resonance.poles
-            each = pick_off / (plus - minus)
-            weights += [each, -each]
-        return np.array(weights)
 
 
 def build_chain(

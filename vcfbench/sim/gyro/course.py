@@ -66,20 +66,17 @@ class Acting(Struct, frozen=True):
         since, rate = self.since_s - self.rate.start_s, self.rate
         bench, scale = self.bench, math.pi / 180
         earth = earth_rate_deg_s(bench)
-        warm, drift = self._bias()
+        # The bias rate by temperature, deg/s: its goal, and what is left of the warm-up
+        thermal, warm_up = self.bench.thermal, self.warm_up
+        goal = thermal.bias_coefficient_deg_s_k * (warm_up.goal_c - thermal.reference_c)
+        left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.since_s) - warm_up.goal_c)
+        warm, drift = (goal, [(complex(left), complex(-1 / warm_up.time_constant_s))])
         constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + earth + warm)
         terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
         moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])
         virtual = self.passage.modulated(self.since_s)
         pushed = real_terms(virtual.terms)
         return Forcing(constant, scale * rate.slope_deg_s2, moving, virtual.constant_v, pushed, virtual.slope_v_s)
-
-    def _bias(self) -> tuple[float, list[tuple[complex, complex]]]:
-        """Return the bias rate by temperature, deg/s: its goal, and what is left of the warm-up."""
-        thermal, warm_up = self.bench.thermal, self.warm_up
-        goal = thermal.bias_coefficient_deg_s_k * (warm_up.goal_c - thermal.reference_c)
-        left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.since_s) - warm_up.goal_c)
-        return goal, [(complex(left), complex(-1 / warm_up.time_constant_s))]
 
 
 class _Noted(Struct, frozen=True):

@@ -118,9 +118,19 @@ class Gyro:
         if self._running != was_running:
             self._heat()
         if self._running and not was_running:
-            self._start()
+            self._drive = start_up(
+                self._bench,
+                self._drive_mode,
+                self._drive_parts(),
+                start_s=self.now_s,
+                phase_rad=self._phase,
+                supplied=self._supplied(),
+            )
         elif was_running and not self._running:
-            self._stop()
+            speed = self._drive[0].drive_rad_s
+            self._drive = ring_down(
+                self._drive_mode, self._drive_parts(), drive_rad_s=speed, start_s=self.now_s, phase_rad=self._phase
+            )
         self._settle()
 
     def set_ripple(self, rail: int, ripple: Ripple | None) -> None:
@@ -273,7 +283,9 @@ class Gyro:
         """Return the carrier's phase, rad."""
         if self._acting is None:
             return self._phase
-        return _later_phase(self._phase, self._acting.drive.drive_rad_s, self.now_s - self._acting.since_s)
+        return math.fmod(
+            self._phase + self._acting.drive.drive_rad_s * (self.now_s - self._acting.since_s), 2 * math.pi
+        )
 
     def _pass_events(self) -> None:
         self._end_acting()
@@ -386,22 +398,6 @@ class Gyro:
         self._bands = self._warm_up.bands(thermal)
         self._drive_mode = self._mode_at(self._temperature_c())
 
-    def _start(self) -> None:
-        self._drive = start_up(
-            self._bench,
-            self._drive_mode,
-            self._drive_parts(),
-            start_s=self.now_s,
-            phase_rad=self._phase,
-            supplied=self._supplied(),
-        )
-
-    def _stop(self) -> None:
-        speed = self._drive[0].drive_rad_s
-        self._drive = ring_down(
-            self._drive_mode, self._drive_parts(), drive_rad_s=speed, start_s=self.now_s, phase_rad=self._phase
-        )
-
     def _drive_parts(self) -> tuple[complex, complex]:
         """Return the two parts of the drive mode now."""
         segment, mode = self._drive[0], self._drive_mode
@@ -418,7 +414,3 @@ class Gyro:
     def _mode_at(self, temperature_c: float) -> Resonance:
         """Return the drive mode at a temperature."""
         return resonance_at(self._bench.drive_mode, self._bench.thermal, temperature_c)
-
-
-def _later_phase(phase_rad: float, speed_rad_s: float, elapsed_s: float) -> float:
-    return math.fmod(phase_rad + speed_rad_s * elapsed_s, 2 * math.pi)

@@ -143,7 +143,11 @@ class NoisyChain:
         follow = chain.rate[:, None] / (slow - chain.eigenmodes[:, None])
         self.chain = chain
         self._input, self._output = _noise_maps(chain, follow, drift, white_rad_sqrt_s)
-        self._integral = self._integral_row(chain, follow)
+        # The integral of v as a sum of modes; the mode of exponent 0 gets its input here
+        moving = self._exponents[:-1]
+        weights = np.concatenate((chain.to_filtered, chain.to_filtered @ follow)) / moving
+        self._input[-1] = weights @ self._input[:-1]
+        self._integral = np.concatenate((weights, [-1.0]))
         self._rows = np.vstack((self._output, self._integral))
         self._plain = _Gathered.of(self._input, self._exponents)
         self._turned = _Gathered.of(self._input, self._exponents, np.conj)
@@ -157,13 +161,6 @@ class NoisyChain:
         self._steps: dict[int, Interval] = {}
         self._variances: dict[int, float] = {}
         self._autocovariance: NDArray[np.complex128] | None = None
-
-    def _integral_row(self, chain: Chain, follow: NDArray[np.complex128]) -> NDArray[np.complex128]:
-        """Return the integral of v as a sum of modes; the mode of exponent 0 gets its input here."""
-        moving = self._exponents[:-1]
-        weights = np.concatenate((chain.to_filtered, chain.to_filtered @ follow)) / moving
-        self._input[-1] = weights @ self._input[:-1]
-        return np.concatenate((weights, [-1.0]))
 
     def covariance(self, interval_s: float) -> NDArray[np.float64]:
         """Return the covariance of (Re modal, Im modal, flicker, integral) gathered over `interval_s`."""
@@ -215,23 +212,17 @@ class NoisyChain:
         key = round(duration_s * 1e9)
         if key not in self._variances:
             make_room(self._variances)
-            self._variances[key] = self._variance_v2(key * 1e-9)
+            if self._autocovariance is None:
+                shows, sources, moving = self.shows[:, 0], self._input[:-1], self.moving
+                plain = (sources @ sources.T) / -np.add.outer(moving, moving) @ shows
+                turned = (sources @ sources.conj().T) / -np.add.outer(moving, moving.conj()) @ shows.conj()
+                self._autocovariance = np.asarray(0.5 * shows * (plain + turned))
+            x = self.moving * (key * 1e-9)
+            small = np.abs(x) < SMALL
+            far = np.where(small, 1.0, x)
+            mean = np.where(small, 1 + x / 3 + x**2 / 12, 2 * (np.expm1(far) - far) / far**2)
+            self._variances[key] = max(float((self._autocovariance * (1 - mean)).sum().real), 0.0)
         return self._variances[key]
-
-    def _variance_v2(self, duration_s: float) -> float:
-        if self._autocovariance is None:
-            self._autocovariance = self._correlated()
-        x = self.moving * duration_s
-        small = np.abs(x) < SMALL
-        far = np.where(small, 1.0, x)
-        mean = np.where(small, 1 + x / 3 + x**2 / 12, 2 * (np.expm1(far) - far) / far**2)
-        return max(float((self._autocovariance * (1 - mean)).sum().real), 0.0)
-
-    def _correlated(self) -> NDArray[np.complex128]:
-        shows, sources, moving = self.shows[:, 0], self._input[:-1], self.moving
-        plain = (sources @ sources.T) / -np.add.outer(moving, moving) @ shows
-        turned = (sources @ sources.conj().T) / -np.add.outer(moving, moving.conj()) @ shows.conj()
-        return np.asarray(0.5 * shows * (plain + turned))
 
     @property
     def moving(self) -> NDArray[np.complex128]:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.gyro.bridge import NoisePath
     from vcfbench.sim.gyro.chain import Response
     from vcfbench.sim.gyro.course import Answer
-    from vcfbench.sim.gyro.drive import DriveSegment, Motion
+    from vcfbench.sim.gyro.drive import DriveSegment
     from vcfbench.sim.gyro.electronic import ElectronicNoise
     from vcfbench.sim.gyro.electronics import Passage, Pin
     from vcfbench.sim.gyro.modes import Resonance
@@ -129,7 +129,14 @@ class Stretch(Struct, frozen=True):
     def _whole_output(self, duration: float) -> float:
         """Return the integral of the output, the rails' ripple in it."""
         rippling = self._rippling()
-        output = self._output_integral(duration)
+        variance = 0.0 if self.noise is None else self.noise.variance_v2(duration)
+        noise = self.noise_integral_v_s / duration
+        filtered = self._response.filtered.later(self.responding_s)
+        moving, limits_v = None, self.given.limits_v
+        if limits_v is None:
+            moving = self._moving_limits()
+            limits_v = moving.tightest(duration)
+        output = output_integral(self.given.bench.output_stage, limits_v, filtered, duration, noise, variance, moving)
         if rippling is not None:
             output += rippling.integral(duration)
         return (
@@ -147,20 +154,6 @@ class Stretch(Struct, frozen=True):
         ripples = [term for pin in self.given.pins for term in pin.rippling(self.start_s)] if share else []
         terms = [(share * size, speed) for size, speed in ripples]
         return Oscillation(0.0, terms) if terms else None
-
-    def _output_integral(self, duration: float) -> float:
-        variance = 0.0 if self.noise is None else self.noise.variance_v2(duration)
-        noise = self.noise_integral_v_s / duration
-        filtered = self._response.filtered.later(self.responding_s)
-        moving, limits_v = None, self.given.limits_v
-        if limits_v is None:
-            moving = self._moving_limits()
-            limits_v = moving.tightest(duration)
-        return output_integral(self.given.bench.output_stage, limits_v, filtered, duration, noise, variance, moving)
-
-    def _amplified(self, filtered_v: NDArray[np.float64], elapsed_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        limits = self._moving_limits().at(elapsed_s) if self.given.limits_v is None else self.given.limits_v
-        return amplify(self.given.bench.output_stage, filtered_v, limits)
 
     def _moving_limits(self) -> MovingLimits:
         """Return where the output saturates while the rails move."""
@@ -217,7 +210,8 @@ class Stretch(Struct, frozen=True):
         if node == "output":
             filtered = self._response.filtered.at(self.responding_s + elapsed).real
             noisy = filtered if self.noise is None else filtered + self.noise.filtered(elapsed)
-            volts = self._amplified(noisy, elapsed)
+            limits = self._moving_limits().at(elapsed) if self.given.limits_v is None else self.given.limits_v
+            volts = amplify(self.given.bench.output_stage, noisy, limits)
             rippling = self._rippling()
             volts = volts if rippling is None else volts + rippling.at(elapsed)
             return volts if self.given.electronic is None else volts + self.given.electronic.at(times_s)
@@ -244,14 +238,11 @@ class Stretch(Struct, frozen=True):
         held = np.clip(np.searchsorted(starts, times_s, side="right") - 1, 0, None)
         moved = np.zeros_like(times_s)
         for index in np.unique(held):
-            moved[held == index] = _free_motion(
-                self.given.drive_mode, self.given.drive.motions[index], times_s[held == index]
+            motion = self.given.drive.motions[index]
+            moved[held == index] = (
+                motion.waveform(self.given.drive_mode).at(times_s[held == index] - motion.start_s).real
             )
         return moved
-
-
-def _free_motion(mode: Resonance, motion: Motion, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    return motion.waveform(mode).at(times_s - motion.start_s).real
 
 
 def _turned(speed_rad_s: float, duration_s: float) -> complex:

@@ -43,14 +43,6 @@ def wrong_of(ended: Ended, clean: Clean, *, spoilt: bool = False) -> Iterator[st
     if error is not None and not isinstance(error, BenchError):
         yield f"raised {type(error).__name__}: {error}"
         return
-    yield from _left_live(ended)
-    yield from _not_safe(ended)
-    yield from _code(ended, spoilt=spoilt)
-    if ended.end_s > 2.0 * clean.duration_s + _LONGEST_S:
-        yield f"it took {ended.end_s:.0f} s of bench time, without faults {clean.duration_s:.0f} s"
-
-
-def _left_live(ended: Ended) -> Iterator[str]:
     said = {each.instrument for each in getattr(ended.error, "reports", ()) if not each.safe}
     if abs(ended.rate_deg_s) > _RATE_DEG_S and "rate_table" not in said:
         yield f"left turning at {ended.rate_deg_s:.3g} deg/s, and nobody says so"
@@ -58,6 +50,10 @@ def _left_live(ended: Ended) -> Iterator[str]:
         yield f"V_Vc left at {ended.v_vc_v:.3g} V, and nobody says so"
     if max(map(abs, ended.rails_v)) > _RAIL_V and "power" not in said:
         yield f"rails left at {ended.rails_v[0]:.3g} V and {ended.rails_v[1]:.3g} V, and nobody says so"
+    yield from _not_safe(ended)
+    yield from _code(ended, spoilt=spoilt)
+    if ended.end_s > 2.0 * clean.duration_s + _LONGEST_S:
+        yield f"it took {ended.end_s:.0f} s of bench time, without faults {clean.duration_s:.0f} s"
 
 
 def _not_safe(ended: Ended) -> Iterator[str]:

@@ -156,7 +156,15 @@ class _Stage:
                 self.ended.signals += 1
                 _send(self._random.choice((signal.SIGINT, signal.SIGTERM)))
         elif happening.what == "starter":
-            self._start_another()
+            # Try to go on with the run that is under way, as somebody at another terminal might
+            found = sorted(self.folder.glob("*/journal.jsonl")) if self.folder is not None else []
+            for journal in found:
+                if vcfbench.records.journal.being_written(journal):
+                    try:
+                        broken_off(journal.parent)
+                    except ConfigError:
+                        continue
+                    self.ended.wrong.append("a run under way is taken for one that was broken off")
         elif happening.what == "clock":
             _Shifted.by += timedelta(seconds=happening.size)
 
@@ -167,17 +175,6 @@ class _Stage:
         self.left = next(disk.after_power_cut(self._random)) if happening.what == "power cut" else disk.now()
         disk.stopped = True
         raise Killed
-
-    def _start_another(self) -> None:
-        """Try to go on with the run that is under way, as somebody at another terminal might."""
-        found = sorted(self.folder.glob("*/journal.jsonl")) if self.folder is not None else []
-        for journal in found:
-            if vcfbench.records.journal.being_written(journal):
-                try:
-                    broken_off(journal.parent)
-                except ConfigError:
-                    continue
-                self.ended.wrong.append("a run under way is taken for one that was broken off")
 
     def before(self, number: int, what: str) -> float | None:
         """Return the part of a write that the disk takes, None for all; raise the OSError that was drawn."""
