@@ -59,7 +59,7 @@ def stop(language: str) -> None:
             run, clock = station.start(folder, bench, "turntable"), WallClock()
             while not station.come("table at rate"):
                 sleep(clock, 0.1)
-            wire.begin(WireFault("silent", replies=0))
+            wire.begin(WireFault("silent", count=0))
             run.signal(signal.SIGTERM)
             say(f"exit code {run.wait()}\n{run.stderr}{served.physics()}\n{bytes(wire.received)!r}")
 

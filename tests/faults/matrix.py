@@ -33,18 +33,12 @@ OTHERS = {"rails on, meter": "multimeter", "rails on, oscilloscope": "oscillosco
 """The same for what drives nothing: no cells of the matrix, but their replies matter too."""
 
 MODES: dict[str, dict[str, Any]] = {
-    "silent": {"kind": "silent"},
+    **{kind: {"kind": kind} for kind in ("silent", "truncated", "replaced", "unended", "doubled")},
+    **{kind: {"kind": kind} for kind in ("disconnect", "unreachable", "garbage")},
     "late": {"kind": "late", "delay_s": 1.4},
-    "torn": {"kind": "torn"},
-    "garbage": {"kind": "garbage"},
-    "without end": {"kind": "unended"},
     "trickle": {"kind": "trickle", "delay_s": 0.3},
-    "doubled": {"kind": "doubled"},
-    "dropped": {"kind": "dropped"},
-    "away": {"kind": "cut"},
-    "noise": {"kind": "noise"},
 }
-"""Modes of failing. *Dropped*: the connection is lost, a new one works. *Away*: for a second there is no new one."""
+"""Modes of failing: faults by their kind. *Unreachable* lasts a second."""
 
 _RUN_S = 90.0
 _POLL_S = 0.1
@@ -65,12 +59,12 @@ class Case:
     @property
     def hears(self) -> bool:
         """Whether the instrument can still be told anything."""
-        return not (self.lasting and self.mode == "away")
+        return not (self.lasting and self.mode == "unreachable")
 
     @property
     def fault(self) -> WireFault:
         """What happens on the wire."""
-        return WireFault(replies=None if self.lasting else 1, **MODES[self.mode])
+        return WireFault(count=None if self.lasting else 1, **MODES[self.mode])
 
     @property
     def procedure(self) -> str:
@@ -163,7 +157,7 @@ class _Watch:
                 self.wire.begin(self.case.fault)
             return
         now_s = self.wire.clock.now()
-        once_away = self.case.mode == "away" and not self.case.lasting
+        once_away = self.case.mode == "unreachable" and not self.case.lasting
         if once_away and self.wire.spoilt_s and now_s > self.wire.spoilt_s[0] + _AWAY_S:
             self.wire.end()
         physics = self.station.served.physics()

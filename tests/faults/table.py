@@ -32,12 +32,12 @@ from the moment that the row names: one answer (*once*) or all (*lasting*). Comm
 asked, past all instruments: is the table at rest, is everything off, and since when? Exit code, words and record must
 say the same.
 
-*Safe* counts the cells in which the instrument could be told anything: all but *away, lasting*, where there is no
-connection any more. *Still* is the longest time from the step that failed (from the end of a run in which none did) to
-the table's rest, *all* until everything is off too, which an orderly end does last. The bar is 5 s for *still*, and 5 s
-after the end of the run for all, beside what a stop takes on a good wire on the same machine. Exit code 0: the fault
-was healed, and the numbers are right. 3: the run ended, the bench is proved safe. 5: it was told to stop, which could
-not be proved.
+*Safe* counts the cells in which the instrument could be told anything: all but *unreachable, lasting*, where there is
+no connection any more. *Still* is the longest time from the step that failed (from the end of a run in which none
+did) to the table's rest, *all* until everything is off too, which an orderly end does last. The bar is 5 s for
+*still*, and 5 s after the end of the run for all, beside what a stop takes on a good wire on the same machine. Exit
+code 0: the fault was healed, and the numbers are right. 3: the run ended, the bench is proved safe. 5: it was told to
+stop, which could not be proved.
 """
 
 _COLUMNS = "| cells | safe | still | all | 0 | 3 | 5 | else | wrong |"

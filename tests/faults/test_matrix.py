@@ -21,7 +21,7 @@ pytestmark = [
 
 FEW = [
     Case("acl", "table at rate", "tcp", "silent", lasting=True),
-    Case("acl", "V_Vc on", "pty", "torn", lasting=True),
+    Case("acl", "V_Vc on", "pty", "truncated", lasting=True),
     Case("acl", "rails on", "tcp", "doubled", lasting=True),
     Case("acl", "rails on, meter", "tcp", "doubled", lasting=True),
 ]

@@ -7,10 +7,11 @@ import socket
 import threading
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import pytest
 import serial
+from simrack.faults import Kind
 from simrack_tests.ports import PLENTY_S, eventually
 
 from vcfbench.clock import WallClock
@@ -59,7 +60,7 @@ def asked(port: Any, question: bytes) -> bytes:
     ("kind", "expected"),
     [
         ("silent", b""),
-        ("torn", b"<AB"),
+        ("truncated", b"<AB"),
         ("unended", b"<ABC>"),
         ("doubled", b"<ABC>\r\n<ABC>\r\n"),
         ("late", b"<ABC>\r\n"),
@@ -68,7 +69,7 @@ def asked(port: Any, question: bytes) -> bytes:
 def test_a_reply_is_spoilt_once_and_the_next_is_whole(kind: Any, expected: bytes) -> None:
     with instrument() as (resource, heard), faulty_wire(resource) as wire, serial.serial_for_url(wire.resource) as port:
         assert asked(port, b"A\n") == b"<A>\r\n"
-        wire.begin(WireFault(kind, replies=1, delay_s=0.3))
+        wire.begin(WireFault(kind, count=1, delay_s=0.3))
         begin_s = CLOCK.now()
         port.write(b"ABC\n")
         eventually(lambda: wire.spoilt_s)
@@ -85,7 +86,7 @@ def test_random_bytes_come_from_the_seed() -> None:
     came = []
     for _ in range(2):
         with instrument() as (resource, _), faulty_wire(resource) as wire, serial.serial_for_url(wire.resource) as port:
-            wire.begin(WireFault("garbage", seed=4))
+            wire.begin(WireFault("replaced", seed=4))
             port.timeout = PLENTY_S
             port.write(b"ABCDEF\n")
             came.append(port.read(len(b"<ABCDEF>\r\n")))
@@ -114,7 +115,7 @@ def test_a_trickle_comes_byte_by_byte() -> None:
 
 def test_an_endless_answer_goes_on_until_the_fault_ends() -> None:
     with instrument() as (resource, _), faulty_wire(resource) as wire, serial.serial_for_url(wire.resource) as port:
-        wire.begin(WireFault("endless", replies=1))
+        wire.begin(WireFault("endless", count=1))
         port.timeout = PLENTY_S
         port.write(b"A\n")
         assert port.read(300_000).endswith(b"A" * 290_000)
@@ -123,7 +124,7 @@ def test_an_endless_answer_goes_on_until_the_fault_ends() -> None:
 
 def test_what_was_told_before_a_connection_is_dropped_arrives_and_a_new_one_works() -> None:
     with instrument() as (resource, heard), faulty_wire(resource) as wire:
-        wire.begin(WireFault("dropped", replies=1))
+        wire.begin(WireFault("disconnect", count=1))
         with serial.serial_for_url(wire.resource) as port, pytest.raises(serial.SerialException):
             asked(port, b"A\n")
         with serial.serial_for_url(wire.resource) as port:
@@ -133,7 +134,7 @@ def test_what_was_told_before_a_connection_is_dropped_arrives_and_a_new_one_work
 
 def test_a_line_that_is_cut_comes_back_when_the_fault_ends() -> None:
     with instrument() as (resource, _), faulty_wire(resource) as wire:
-        wire.begin(WireFault("cut"))
+        wire.begin(WireFault("unreachable"))
         with serial.serial_for_url(wire.resource) as port, pytest.raises(serial.SerialException):
             asked(port, b"A\n")
         with pytest.raises(serial.SerialException):
@@ -155,7 +156,7 @@ def test_a_serial_line_is_dropped_and_comes_back_at_the_same_path() -> None:
             assert os.read(master, 10) == b"A\n"
             os.write(master, b"one\n")
             assert port.read(4) == b"one\n"
-            wire.begin(WireFault("dropped", replies=1))
+            wire.begin(WireFault("disconnect", count=1))
             os.write(master, b"two\n")
             with pytest.raises(serial.SerialException):
                 port.read(4)
@@ -166,7 +167,7 @@ def test_a_serial_line_is_dropped_and_comes_back_at_the_same_path() -> None:
             assert os.read(master, 10) == b"B\n"
             os.write(master, b"three\n")
             assert port.read(6) == b"three\n"
-        wire.begin(WireFault("cut"))
+        wire.begin(WireFault("unreachable"))
         os.write(master, b"four\n")
         eventually(lambda: not path.is_symlink())
         wire.end()
@@ -180,3 +181,7 @@ def test_mistakes_are_refused() -> None:
         WireFault("no such thing")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="expected a socket or a serial line"), faulty_wire("GPIB0::1::INSTR"):
         pass
+
+
+def test_kinds_that_instruments_have_too_have_the_same_names() -> None:
+    assert set(WIRE_FAULTS) - set(get_args(Kind)) == {"flipped", "replaced", "unended", "endless", "trickle", "doubled"}

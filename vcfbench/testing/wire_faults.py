@@ -5,7 +5,7 @@ always reach the instrument as they are; only what comes back suffers::
 
     with faulty_wire("TCPIP0::127.0.0.1::5025::SOCKET") as wire:
         meter = manager.open_resource(wire.resource)     # instead of the instrument's own resource
-        wire.begin(WireFault("late", replies=1, delay_s=3.0))
+        wire.begin(WireFault("late", count=1, delay_s=3.0))
 
 A reply is what arrives from the instrument in one piece.
 """
@@ -34,33 +34,33 @@ if TYPE_CHECKING:
 WireFaultKind = Literal[
     "silent",
     "late",
-    "torn",
+    "truncated",
     "flipped",
-    "garbage",
+    "replaced",
     "unended",
     "endless",
     "trickle",
     "doubled",
-    "dropped",
-    "cut",
-    "noise",
+    "disconnect",
+    "unreachable",
+    "garbage",
 ]
 
 WIRE_FAULTS: dict[str, str] = {
     "silent": "replies are lost",
     "late": "replies come `delay_s` later, in their order",
-    "torn": "the second half of each reply is missing",
+    "truncated": "the second half of each reply is missing",
     "flipped": "one bit of each reply is the other way round",
-    "garbage": "random bytes come instead of each reply",
+    "replaced": "random bytes come instead of each reply",
     "unended": "line ends are missing; of a reply without one, its last byte",
     "endless": "a reply is followed by letters without end",
     "trickle": "replies come byte by byte, one every `delay_s`",
     "doubled": "each reply comes twice",
-    "dropped": "the connection is lost with each reply; a new one works until the next",
-    "cut": "the connection is lost with the next reply; there is no new one until the fault ends",
-    "noise": "random bytes come before each reply, and between",
+    "disconnect": "the connection is lost with each reply; a new one works until the next",
+    "unreachable": "the connection is lost with the next reply; there is no new one until the fault ends",
+    "garbage": "random bytes come before each reply, and between",
 }
-"""Effect of each kind."""
+"""Effect of each kind; kinds of :mod:`simrack.faults` have their names from there."""
 
 _CHUNK = 1 << 16
 _TICK_S = 0.02
@@ -76,7 +76,7 @@ class WireFault:
 
     Args:
         kind: one of `WIRE_FAULTS`.
-        replies: how many replies are spoilt; None: all, until the fault is ended.
+        count: how many replies are spoilt; None: all, until the fault is ended.
         delay_s: how much later ``late`` replies come, s; the time from byte to byte of ``trickle``, s.
         seed: of random bytes and places.
 
@@ -85,7 +85,7 @@ class WireFault:
     """
 
     kind: WireFaultKind
-    replies: int | None = None
+    count: int | None = None
     delay_s: float = 1.0
     seed: int = 0
 
@@ -133,7 +133,7 @@ class FaultyWire:
     def begin(self, fault: WireFault) -> None:
         """Spoil replies from now on."""
         with self._lock:
-            self._fault, self._left, self._random = fault, fault.replies, Random(fault.seed)  # noqa: S311
+            self._fault, self._left, self._random = fault, fault.count, Random(fault.seed)  # noqa: S311
             self.spoilt_s.clear()
             self.received.clear()
             self.answered = 0
@@ -173,8 +173,8 @@ class FaultyWire:
         self.spoilt_s.append(self.clock.now())
         if self._left is not None:
             self._left -= 1
-        if fault.kind in {"dropped", "cut"}:
-            self._lose(link, forever=fault.kind == "cut")
+        if fault.kind in {"disconnect", "unreachable"}:
+            self._lose(link, forever=fault.kind == "unreachable")
         elif fault.kind == "late":
             link.send(data, self.clock.now() + fault.delay_s)
         elif fault.kind == "trickle":
@@ -190,20 +190,20 @@ class FaultyWire:
     def _altered(self, kind: str, data: bytes) -> bytes:
         change: dict[str, Callable[[], bytes]] = {
             "silent": lambda: b"",
-            "torn": lambda: data[: len(data) // 2],
+            "truncated": lambda: data[: len(data) // 2],
             "flipped": lambda: _flipped(data, self._random),
-            "garbage": lambda: self._random.randbytes(len(data)),
+            "replaced": lambda: self._random.randbytes(len(data)),
             "unended": lambda: data.rstrip(b"\r\n") if data.endswith((b"\r", b"\n")) else data[:-1],
             "endless": lambda: data.rstrip(b"\r\n"),
             "doubled": lambda: data * 2,
-            "noise": lambda: self._random.randbytes(_BURST) + data,
+            "garbage": lambda: self._random.randbytes(_BURST) + data,
         }
         return change[kind]()
 
     def _noise(self) -> None:
         """Put a burst of noise on the wire unasked, as long as there is noise on it."""
         fault = self._spoiling()
-        if fault is not None and fault.kind == "noise" and self._left is None:
+        if fault is not None and fault.kind == "garbage" and self._left is None:
             for link in self._links:
                 link.send(self._random.randbytes(_BURST), self.clock.now())
 
@@ -223,7 +223,7 @@ class FaultyWire:
         if any(link.pending for link in self._links):
             return _TICK_S
         fault = self._spoiling()
-        return 5.0 * _TICK_S if fault is not None and fault.kind == "noise" else _IDLE_S
+        return 5.0 * _TICK_S if fault is not None and fault.kind == "garbage" else _IDLE_S
 
     def _nudge(self) -> None:
         with suppress(OSError):
