@@ -1,7 +1,7 @@
-"""What lists of many records take, with and without an index: `python benchmarks/index.py [RECORDS] [URL]`.
+"""What lists of many records take, with and without an index: `python benchmarks/index.py [RECORDS]`.
 
-The records are copies of one of 17 points, each with a start, a device and a tag of its own; without a URL the index is
-the SQLite file beside them. Seconds of wall and of CPU; on a busy machine the latter counts.
+The records are copies of one of 17 points, each with a start, a device and a tag of its own. Seconds of wall and of
+CPU; on a busy machine the latter counts.
 """
 
 from __future__ import annotations
@@ -68,14 +68,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         runs = records(Path(folder), count)
         timed(f"{count} records, no index", lambda: vcfbench.run_summaries(runs))
-        index = RunIndex(runs, sys.argv[2] if len(sys.argv) > 2 else None)
-        print(index.name)
+        index = RunIndex(runs)
         timed("made of the records", lambda: index.refresh(rebuild=True))
         index.select(selection_of(dut="none"))
         timed("held against the records", index.refresh)
         for asked in SELECTIONS:
             timed(f"query {asked}", lambda asked=asked: index.select(selection_of(**asked)))  # type: ignore[misc]
-        index.close()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The index of runs says what the records say, on SQLite and on PostgreSQL, whatever becomes of either."""
+"""The index of runs says what the records say, whatever becomes of either."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import sqlite3
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
@@ -14,18 +13,15 @@ import pytest
 
 import vcfbench
 from tests import warm
-from tests.postgresql import database
 from tests.seals import sealed
 from tests.test_run_summaries import NAMES, QUICK, TOLD, change
 from vcfbench.archive.index import BESIDE, RunIndex
-from vcfbench.archive.summary import selection_of
-from vcfbench.errors import ConfigError
+from vcfbench.archive.summary import RunSummary, ordered, selection_of, summary_of
+from vcfbench.records.directory import RunDirectory
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
-
-pytest.importorskip("sqlalchemy")
 
 
 @pytest.fixture(scope="module")
@@ -33,19 +29,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path_factory.mktemp("index"), metadata=TOLD)
     assert run.directory is not None
     return run.directory
-
-
-@pytest.fixture(scope="module")
-def postgresql() -> Iterator[str]:
-    with database() as url:
-        yield url
-
-
-@pytest.fixture(params=["sqlite", "postgresql"])
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    if request.param == "postgresql":
-        return str(request.getfixturevalue("postgresql"))
-    return f"sqlite:///{tmp_path / 'named.sqlite'}"
 
 
 @pytest.fixture
@@ -78,15 +61,23 @@ ASKED: list[dict[str, Any]] = [
 ]
 
 
-def test_the_index_answers_as_the_records_do(runs: Path, url: str) -> None:
+def from_records(runs: Path) -> tuple[RunSummary, ...]:
+    return ordered(summary_of(RunDirectory(each.parent)) for each in runs.glob("*/journal.jsonl"))
+
+
+def test_the_index_answers_as_the_records_do(runs: Path) -> None:
     """Every selection, the first time and from what stands in the index."""
+    expected = {str(asked): vcfbench.run_summaries(runs, **asked) for asked in ASKED}
     for _ in range(2):
         for asked in ASKED:
-            assert vcfbench.run_summaries(runs, **asked, index=url) == vcfbench.run_summaries(runs, **asked), asked
+            index = RunIndex(runs)
+            index.refresh()
+            assert index.select(selection_of(**asked)) == expected[str(asked)], asked
+            assert vcfbench.run_summaries(runs, **asked) == expected[str(asked)], asked
 
 
-def test_only_what_changed_is_read_again(runs: Path, url: str) -> None:
-    index = RunIndex(runs, url)
+def test_only_what_changed_is_read_again(runs: Path) -> None:
+    index = RunIndex(runs)
     assert index.refresh().read == 3
     assert index.refresh().read == 0
     change(runs / NAMES[1], metadata={"dut": "G-7"})
@@ -94,15 +85,14 @@ def test_only_what_changed_is_read_again(runs: Path, url: str) -> None:
     shutil.copytree(runs / NAMES[1], runs / "20260301T000000Z-turntable-00000a")
     done = index.refresh()
     assert (done.records, done.read, done.gone, done.made_again) == (3, 2, 1, None)
-    assert index.select(selection_of()) == vcfbench.run_summaries(runs)
+    assert index.select(selection_of()) == from_records(runs)
     assert len(index.select(selection_of(dut="G-7"))) == 2
     assert index.refresh(rebuild=True).read == 3
-    assert index.select(selection_of()) == vcfbench.run_summaries(runs)
-    index.close()
+    assert index.select(selection_of()) == from_records(runs)
 
 
-def test_a_change_that_keeps_size_and_time_is_seen(runs: Path, url: str) -> None:
-    index = RunIndex(runs, url)
+def test_a_change_that_keeps_size_and_time_is_seen(runs: Path) -> None:
+    index = RunIndex(runs)
     index.refresh()
     journal = runs / NAMES[0] / "journal.jsonl"
     before = journal.stat()
@@ -112,11 +102,10 @@ def test_a_change_that_keeps_size_and_time_is_seen(runs: Path, url: str) -> None
     assert journal.stat().st_size == before.st_size
     assert index.refresh().read == 1
     assert [each.run for each in index.select(selection_of(dut="G-8"))] == [NAMES[0]]
-    index.close()
 
 
-def test_a_verdict_that_is_stored_later_is_seen(runs: Path, url: str) -> None:
-    index = RunIndex(runs, url)
+def test_a_verdict_that_is_stored_later_is_seen(runs: Path) -> None:
+    index = RunIndex(runs)
     index.refresh()
     stored = runs / NAMES[0] / "result.json"
     values = json.loads(stored.read_text())
@@ -124,61 +113,25 @@ def test_a_verdict_that_is_stored_later_is_seen(runs: Path, url: str) -> None:
     stored.write_text(json.dumps({**values, "acceptance": {"verdict": "pass", "limits": [limit]}}))
     index.refresh()
     assert index.select(selection_of(dut="G-1"))[0].verdict == "pass"
-    index.close()
 
 
-def test_stations_share_one_index(runs: Path, made: Path, tmp_path: Path, url: str) -> None:
-    other = tmp_path / "station-2"
-    shutil.copytree(made, other / made.name)
-    there = RunIndex(other, url)
-    there.refresh()
-    here = vcfbench.run_summaries(runs, index=url)
-    assert [each.run for each in here] == list(NAMES)
-    everywhere = vcfbench.run_summaries(runs, index=url, everywhere=True)
-    assert {each.directory for each in everywhere} >= {other / made.name, *(each.directory for each in here)}
-    here_again = RunIndex(runs, url)
-    here_again.refresh(rebuild=True)  # leaves the other's alone
-    assert there.select(selection_of()) == vcfbench.run_summaries(other)
-    there.close()
-    here_again.close()
-
-
-def test_programs_that_write_at_the_same_time_take_turns(runs: Path, url: str) -> None:
+def test_programs_that_write_at_the_same_time_take_turns(runs: Path) -> None:
     summaries = vcfbench.run_summaries(runs)
 
     def write(_: int) -> bool:
-        index = RunIndex(runs, url)
+        index = RunIndex(runs)
         for again in range(4):
             index.refresh(rebuild=again % 2 == 0)
         found = index.select(selection_of())
-        index.close()
         return found == summaries
 
     with ThreadPoolExecutor(3) as programs:
         assert list(programs.map(write, range(3))) == [True] * 3
 
 
-def test_tables_of_another_version_are_not_believed(runs: Path, url: str) -> None:
-    index = RunIndex(runs, url)
-    index.refresh()
-    with index._engine.begin() as connection:
-        connection.exec_driver_sql("UPDATE vcfbench_index SET value = '0'")
-    with pytest.raises(ConfigError, match="those of another version of vcfbench"):
-        index.refresh()
-    assert index.refresh(rebuild=True).made_again == "its tables are those of another version"
-    with index._engine.begin() as connection:
-        connection.exec_driver_sql("ALTER TABLE vcfbench_runs DROP COLUMN note")
-    with pytest.raises(ConfigError, match="those of another version of vcfbench"):
-        index.refresh()
-    index.refresh(rebuild=True)
-    assert index.select(selection_of()) == vcfbench.run_summaries(runs)
-    index.close()
-
-
 def beside(runs: Path) -> Path:
     index = RunIndex(runs)
     index.refresh()
-    index.close()
     return runs / BESIDE
 
 
@@ -203,15 +156,15 @@ def cut(path: Path) -> None:
 def foreign(path: Path) -> None:
     path.unlink()
     with sqlite3.connect(path) as connection:
-        connection.execute("CREATE TABLE vcfbench_runs (run TEXT, dut TEXT)")
-        connection.execute("INSERT INTO vcfbench_runs VALUES ('x', 'G-1')")
+        connection.execute("CREATE TABLE runs (run TEXT, dut TEXT)")
+        connection.execute("INSERT INTO runs VALUES ('x', 'G-1')")
     connection.close()
 
 
 def of_another_version(path: Path) -> None:
     with sqlite3.connect(path) as connection:
-        connection.execute("UPDATE vcfbench_index SET value = '0'")
-        connection.execute("UPDATE vcfbench_runs SET dut = 'G-9'")
+        connection.execute("PRAGMA user_version = 3")
+        connection.execute("UPDATE runs SET summary = '{}'")
     connection.close()
 
 
@@ -224,7 +177,6 @@ def test_an_index_beside_the_records_that_is_none_is_made_again(spoil: Callable[
     assert vcfbench.run_summaries(runs, dut="G-2") == summaries[1:2]
     index = RunIndex(runs)
     assert index.refresh().read == 0  # it is whole again
-    index.close()
 
 
 def test_an_index_of_another_directory_is_not_believed(runs: Path, tmp_path: Path) -> None:
@@ -235,47 +187,9 @@ def test_an_index_of_another_directory_is_not_believed(runs: Path, tmp_path: Pat
     assert [each.dut for each in vcfbench.run_summaries(moved)] == ["G-5", "G-2", "G-3"]
 
 
-def test_a_database_that_somebody_named_is_not_thrown_away(runs: Path, tmp_path: Path) -> None:
-    precious = tmp_path / "thesis.txt"
-    precious.write_bytes(b"words " * 1000)
-    with pytest.raises(ConfigError, match="it is no database, or damaged"):
-        vcfbench.run_summaries(runs, index=f"sqlite:///{precious}")
-    assert precious.read_bytes() == b"words " * 1000
-
-
-def test_without_the_extra_the_records_are_read(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    beside(runs)
-    change(runs / NAMES[0], metadata={"dut": "G-5"})
-    monkeypatch.setitem(sys.modules, "sqlalchemy", None)
-    assert [each.dut for each in vcfbench.run_summaries(runs)] == ["G-5", "G-2", "G-3"]
-    with pytest.raises(ConfigError, match="an index of runs needs sqlalchemy") as refused:
-        RunIndex(runs)
-    assert refused.value.hint == "pip install 'vcfbench[index]'"
-
-
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ("nonsense", "--index: expected a URL"),
-        ("mysql://a@b/c", "expected a URL of postgresql or sqlite, came one of mysql"),
-        ("postgresql://u:secret@127.0.0.1:1/x", "index postgresql"),
-        ("sqlite:////no/such/place/x.sqlite", "unable to open database file"),
-    ],
-)
-def test_an_index_that_cannot_be_reached_is_said_without_its_password(wrong: str, words: str, runs: Path) -> None:
-    with pytest.raises(ConfigError, match=words) as refused:
-        vcfbench.run_summaries(runs, index=wrong)
-    assert "secret" not in str(refused.value)
-
-
-def test_everywhere_needs_an_index_that_is_shared(runs: Path) -> None:
-    with pytest.raises(ConfigError, match="everywhere: expected an index that other stations share"):
-        vcfbench.run_summaries(runs, everywhere=True)
-
-
 def test_the_command_makes_and_asks_the_index(runs: Path, tmp_path: Path) -> None:
     done = warm.run(["vcfbench", "runs", "index"], tmp_path)
-    assert done.stdout == "sqlite:///runs/index.sqlite: 3 records, 3 read, 0 gone\n"
+    assert done.stdout == "runs/index.sqlite: 3 records, 3 read, 0 gone\n"
     assert json.loads(warm.run(["vcfbench", "runs", "index", "--json"], tmp_path).stdout)["read"] == 0
     listed = json.loads(warm.run(["vcfbench", "runs", "list", "--json", "--dut", "G-2"], tmp_path).stdout)["runs"]
     assert [each["run"] for each in listed] == [NAMES[1]]

@@ -124,7 +124,6 @@ def test_a_run_that_goes_on_is_running_and_neither_resumed_nor_amended(record: P
 
 
 def test_an_index_sees_a_run_that_was_killed_after_it_looked(record: Path) -> None:
-    pytest.importorskip("sqlalchemy")
     kept = (record / "journal.jsonl").read_bytes()
     (record / "journal.jsonl").unlink()
     journal = Journal(record / "journal.jsonl")

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vcfbench.archive.summary import RunSummary, ordered, selection_of, summary_of
-from vcfbench.errors import ConfigError
 from vcfbench.records.directory import recorded_runs
 
 if TYPE_CHECKING:
@@ -22,11 +21,10 @@ def run_summaries(
     status: str | None = None,
     procedure: str | None = None,
     tags: Mapping[str, str] | None = None,
-    index: str | None = None,
-    everywhere: bool = False,
 ) -> tuple[RunSummary, ...]:
     """Return summaries of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
 
+    An index beside the records (``vcfbench runs index``) is brought up to date and asked instead of them.
     ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
 
     Args:
@@ -36,20 +34,15 @@ def run_summaries(
         status: only those that ended so.
         procedure: only those of this procedure.
         tags: only those that have all of them.
-        index: URL of the database of an index that is asked, and brought up to date before; without it that beside
-            the records, where one was made there (``vcfbench runs index``), or the records themselves.
-        everywhere: also those that other stations have put into the index at `index`.
 
     Raises:
-        ConfigError: there is no such status, the date is none, or the index at `index` cannot be used.
+        ConfigError: there is no such status, or the date is none.
     """
     chosen = selection_of(dut=dut, since=since, status=status, procedure=procedure, tags=tags)
-    if everywhere and index is None:
-        raise ConfigError("everywhere: expected an index that other stations share, came none", hint="--index URL")
-    if index is not None or (Path(runs) / "index.sqlite").is_file():
-        from vcfbench.archive.index import indexed  # noqa: PLC0415  # loads SQLAlchemy
+    if (Path(runs) / "index.sqlite").is_file():
+        from vcfbench.archive.index import indexed  # noqa: PLC0415  # loads SQLite
 
-        found = indexed(Path(runs), chosen, index, everywhere=everywhere)
+        found = indexed(Path(runs), chosen)
         if found is not None:
             return found
     return ordered(each for each in map(summary_of, recorded_runs(Path(runs))) if chosen.takes(each))

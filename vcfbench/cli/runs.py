@@ -24,15 +24,6 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True, help="List and show records.")
 
 Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")]
-Index_ = Annotated[
-    str | None,
-    typer.Option(
-        "--index",
-        metavar="URL",
-        envvar="VCFBENCH_INDEX",
-        help="Database of the index: postgresql://user@host/database. Default: a file beside the records.",
-    ),
-]
 Run_ = Annotated[
     str, typer.Argument(metavar="RUN", autocompletion=run_names, help="Directory of the run, its name, or 'last'.")
 ]
@@ -58,10 +49,6 @@ def list_(
         list[str] | None,
         typer.Option("--tag", metavar="KEY=VALUE", help="Only runs with this tag. Repeatable: all must match."),
     ] = None,
-    index: Index_ = None,
-    everywhere: Annotated[
-        bool, typer.Option("--everywhere", help="Also runs that other stations have put into the index.")
-    ] = False,
     json: Json_ = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each run.")] = False,
 ) -> None:
@@ -72,7 +59,7 @@ def list_(
     if json and csv:
         raise ConfigError("--json and --csv: expected one of the two, came both")
     asked = {"dut": dut, "since": since, "status": status, "procedure": procedure}
-    known = run_summaries(runs, **asked, tags=tags_of(tag or ()), index=index, everywhere=everywhere)
+    known = run_summaries(runs, **asked, tags=tags_of(tag or ()))
     for each in known:
         if each.problem is not None:
             typer.echo(f"vcfbench: {each.problem}", err=True)
@@ -128,7 +115,6 @@ def _line(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
 @app.command("index")
 def index(
     runs: Runs_ = Path("runs"),
-    index_: Index_ = None,
     *,
     rebuild: Annotated[bool, typer.Option("--rebuild", help="Read every record again, not only what changed.")] = False,
     json: Json_ = False,
@@ -138,19 +124,16 @@ def index(
 
     from vcfbench.archive.index import RunIndex  # noqa: PLC0415
 
-    if index_ is None and not runs.is_dir():
+    if not runs.is_dir():
         raise ConfigError(f"{shown(runs)}: there are no records to make an index of")
-    made = RunIndex(runs, index_)
-    try:
-        done = made.refresh(rebuild=rebuild)
-    finally:
-        made.close()
+    made = RunIndex(runs)
+    done = made.refresh(rebuild=rebuild)
     if json:
-        print_json({"index": made.name, **to_builtins(done)})
+        print_json({"index": str(made.path), **to_builtins(done)})
         return
     if done.made_again is not None:
-        typer.echo(f"vcfbench: {made.name} was made again: {done.made_again}", err=True)
-    typer.echo(f"{made.name}: {done.records} records, {done.read} read, {done.gone} gone")
+        typer.echo(f"vcfbench: {made.path} was made again: {done.made_again}", err=True)
+    typer.echo(f"{made.path}: {done.records} records, {done.read} read, {done.gone} gone")
 
 
 @app.command("export")
