@@ -33,9 +33,9 @@ from msgspec import structs
 from simrack.faults import Fault, FaultInjector
 
 import vcfbench
-from vcfbench.bench.simulated import SimulatedBench, physical_parameters
 from vcfbench.errors import BenchError
 from vcfbench.procedures.measurand import Measurand
+from vcfbench.sim.builder import SimulatedBench, physical_parameters
 from vcfbench.steps import Acquire, Window
 from vcfbench.steps.executor import StepFinished
 

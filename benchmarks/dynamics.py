@@ -164,8 +164,8 @@ def _off(found: Measurand, true: float) -> float:
 
 
 def _parameters(bench: vcfbench.BenchDescription) -> Any:
-    from vcfbench.bench.overrides import overridden  # noqa: PLC0415
     from vcfbench.sim.gyro.design import paper_bench  # noqa: PLC0415
+    from vcfbench.station.overrides import overridden  # noqa: PLC0415
 
     if bench.simulation is None:
         raise ValueError("these are the parameters of no simulation")

@@ -51,7 +51,7 @@ HOST = r"""
 import ctypes, json, os, signal, sys, threading, time
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import numpy, numpy.fft, numpy.ma, numpy.polynomial, numpy.random, pyvisa, pyvisa_py, serial
-import vcfbench, vcfbench.bench.bench, vcfbench.bench.file, vcfbench.drivers.registry, vcfbench.records.export
+import vcfbench, vcfbench.bench.bench, vcfbench.station.file, vcfbench.drivers.registry, vcfbench.records.export
 import vcfbench.procedures.virtual_coriolis.plan, vcfbench.runs.conduct, vcfbench.runs.resumed
 import vcfbench.drivers.visa_wire as visa_wire, vcfbench.drivers.rate_table.line as line
 from vcfbench.steps.executor import StepFinished

@@ -32,14 +32,14 @@ import numpy as np
 from msgspec import structs
 
 import vcfbench
-from vcfbench.bench.settings import PAPER_RATES_DEG_S
-from vcfbench.bench.simulated import physical_parameters, true_output
+from vcfbench.sim.builder import physical_parameters, true_output
+from vcfbench.station.settings import PAPER_RATES_DEG_S
 from vcfbench.studies.truth import turntable_truth
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
     Line = dict[str, Any]
 

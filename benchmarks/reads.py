@@ -9,7 +9,7 @@ from pathlib import Path
 from measure import Figure, per_second, report
 
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import load_bench
+from vcfbench.procedures.bench_file import load_bench
 
 PEER = """
 spec: "1.1"

@@ -16,7 +16,7 @@ BARE_TYPER = "import typer; app = typer.Typer(); app.command()(lambda: None); ap
 WATCHDOG = """
 import resource, time
 from vcfbench import load_bench
-from vcfbench.bench.watchdog import Watchdog
+from vcfbench.safety.watchdog import Watchdog
 from vcfbench.drivers.calls import Calls
 description = load_bench("paper")
 started = time.perf_counter()

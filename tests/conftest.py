@@ -29,7 +29,7 @@ SLOW = (
     "cli/test_safe.py",
     "faults/test_owners.py",
     "faults/test_signals.py",
-    "bench/test_discovery.py",
+    "station/test_discovery.py",
     "testing/test_wire_faults.py",
     "sim/serve/test_tables.py",
     "test_docs.py",

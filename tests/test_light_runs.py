@@ -10,9 +10,9 @@ import pytest
 from msgspec import Struct
 from simrack_tests.cells import few
 
-from vcfbench.bench import description, parts, settings
 from vcfbench.procedures.sweep import schedule
 from vcfbench.procedures.virtual_coriolis import settings as own_settings
+from vcfbench.station import description, parts, settings
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,11 +11,12 @@ import pytest
 
 import vcfbench
 from tests import warm
-from vcfbench.bench.equipment import equipment_on, overdue_words
-from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.runs.ambient import with_ambient
+from vcfbench.station.equipment import equipment_on, overdue_words
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from pathlib import Path

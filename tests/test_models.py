@@ -14,9 +14,6 @@ from msgspec.structs import replace
 
 from vcfbench import models
 from vcfbench.bench.check import check_bench
-from vcfbench.bench.discovery import recognise
-from vcfbench.bench.file import embedded_text, parse_bench
-from vcfbench.bench.simulated import twins
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.drivers.rate_table.dialect import AxisSettings, TableDialect
 from vcfbench.drivers.registry import find_driver
@@ -33,15 +30,19 @@ from vcfbench.models import (
     resolve,
     twin_of,
 )
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
+from vcfbench.sim.builder import twins
 from vcfbench.specifications import HP_34401A
+from vcfbench.station.discovery import recognise
+from vcfbench.station.file import embedded_text
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 
 @pytest.mark.parametrize("row", [*MODELS, *LANGUAGES], ids=lambda row: row.name)

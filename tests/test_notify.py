@@ -10,12 +10,12 @@ import pytest
 from msgspec import structs
 
 import vcfbench
-from vcfbench.bench.description import Notify
-from vcfbench.bench.file import parse_bench
 from vcfbench.cli import left_live
 from vcfbench.clock import WallClock
 from vcfbench.errors import Aborted, ConfigError, NotSafe
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.runs.notified import notify, outcome_word
+from vcfbench.station.description import Notify
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 import vcfbench
-from vcfbench.bench.file import embedded_text
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from vcfbench import Plan, Point, Run
-    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.station.settings import ProcedureSettings
 
 QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5}
 

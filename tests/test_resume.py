@@ -21,13 +21,13 @@ from tests import warm
 from tests.seals import sealed
 from vcfbench.archive.keeping import keep_of_device
 from vcfbench.archive.run import breaks
-from vcfbench.bench.writing import bench_text
 from vcfbench.cli.main import app
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, PlanError
 from vcfbench.records.journal import read_journal
 from vcfbench.runs.asked import Asked, Checked
 from vcfbench.runs.resumed import broken_off
+from vcfbench.station.writing import bench_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -428,7 +428,7 @@ def test_two_signals_while_a_package_is_loaded_are_a_stop(tmp_path: Path, monkey
         twice()
         raise AssertionError
 
-    monkeypatch.setattr("vcfbench.bench.simulated.twin_of", stopped)
+    monkeypatch.setattr("vcfbench.sim.builder.twin_of", stopped)
     with pytest.raises(Aborted, match=r"^stopped by SIGTERM"):
         vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path)
     assert not list(tmp_path.iterdir())

@@ -16,7 +16,7 @@ import pytest
 
 import vcfbench
 from tests import warm
-from vcfbench.bench.file import embedded_text, template
+from vcfbench.station.file import embedded_text, template
 from vcfbench.steps import SetRate, Settle
 
 if TYPE_CHECKING:

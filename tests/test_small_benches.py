@@ -13,10 +13,6 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 import vcfbench
-from vcfbench.bench.description import Limits
-from vcfbench.bench.served import on_wires
-from vcfbench.bench.settings import ProcedureSettings
-from vcfbench.bench.writing import bench_text
 from vcfbench.cli.main import app
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.errors import Aborted, ConfigError
@@ -32,6 +28,10 @@ from vcfbench.interfaces import (
 )
 from vcfbench.procedures.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
 from vcfbench.records.schema import Status
+from vcfbench.sim.served import on_wires
+from vcfbench.station.description import Limits
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.writing import bench_text
 from vcfbench.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle
 from vcfbench.steps.executor import ReadingTaken
 from vcfbench.testing import serve_simulated
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
     from vcfbench.steps.executor import Event
     from vcfbench.steps.step import Plan, Routine
     from vcfbench.testing import ServedLab
@@ -209,7 +209,7 @@ OWN_FILE = """
 from vcfbench import Procedure
 from vcfbench.interfaces import PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.routines import energised, set_v_vc, take, v_vc_on
-from vcfbench.bench.settings import ProcedureSettings
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Outcome
 
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 import vcfbench
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import true_output
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.builder import true_output
 from vcfbench.studies.truth import Rates, four_step_truth, truth_of
 
 STUDY = Path(__file__).parents[1] / "benchmarks" / "truth.py"

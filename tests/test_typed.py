@@ -13,7 +13,8 @@ from vcfbench.typed import decoder_of, typed
 
 AT_ONCE = """
 import sys, threading
-from vcfbench.bench.file import embedded_text, parse_bench
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.station.file import embedded_text
 sys.setswitchinterval(1e-6)
 barrier = threading.Barrier(4)
 def work():

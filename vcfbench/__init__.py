@@ -17,14 +17,8 @@ if TYPE_CHECKING:
     from vcfbench.archive.run import RawReading, Run
     from vcfbench.archive.summary import RunSummary
     from vcfbench.archive.written import write_certificate, write_report
-    from vcfbench.bench.acceptance import Acceptance, Verdict
     from vcfbench.bench.bench import Bench, open_bench
-    from vcfbench.bench.control import RunControl, RunState
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.file import load_bench
-    from vcfbench.bench.limits import LimitChecks
-    from vcfbench.bench.safing import MadeSafe, safe_bench
-    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.bench.make_safe import MadeSafe, safe_bench
     from vcfbench.clock import Clock, Deadline, PacedClock, ScaledClock, VirtualClock, WallClock, sleep
     from vcfbench.errors import (
         Aborted,
@@ -67,6 +61,7 @@ if TYPE_CHECKING:
         SwitchesOutput,
         Waveform,
     )
+    from vcfbench.procedures.bench_file import load_bench
     from vcfbench.procedures.catalogue import PROCEDURES
     from vcfbench.procedures.procedure import Procedure
     from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
@@ -81,6 +76,11 @@ if TYPE_CHECKING:
     from vcfbench.runs.conduct import run
     from vcfbench.runs.resumed import resume
     from vcfbench.runs.started import StartedRun, start
+    from vcfbench.safety.control import RunControl, RunState
+    from vcfbench.station.acceptance import Acceptance, Verdict
+    from vcfbench.station.description import BenchDescription
+    from vcfbench.station.limits import LimitChecks
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps import Note, Settle
     from vcfbench.steps.dry_run import PlannedStep
     from vcfbench.steps.executor import (
@@ -244,8 +244,8 @@ _HOMES = {
         "StartedRun",
         "start",
     ),
-    "bench.limits": ("LimitChecks",),
-    "bench.control": (
+    "station.limits": ("LimitChecks",),
+    "safety.control": (
         "RunControl",
         "RunState",
     ),
@@ -268,9 +268,9 @@ _HOMES = {
         "Bench",
         "open_bench",
     ),
-    "bench.description": ("BenchDescription",),
-    "bench.file": ("load_bench",),
-    "bench.safing": (
+    "station.description": ("BenchDescription",),
+    "procedures.bench_file": ("load_bench",),
+    "bench.make_safe": (
         "MadeSafe",
         "safe_bench",
     ),
@@ -324,7 +324,7 @@ _HOMES = {
         "SwitchesOutput",
         "Waveform",
     ),
-    "bench.acceptance": (
+    "station.acceptance": (
         "Acceptance",
         "Verdict",
     ),
@@ -353,7 +353,7 @@ _HOMES = {
     ),
     "procedures.turntable": ("TurntableResult",),
     "procedures.virtual_coriolis.results": ("VirtualCoriolisResult",),
-    "bench.settings": ("ProcedureSettings",),
+    "station.settings": ("ProcedureSettings",),
     "steps.step": (
         "Context",
         "Outcome",

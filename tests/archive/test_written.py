@@ -13,10 +13,10 @@ import pytest
 import vcfbench
 from tests.seals import sealed
 from vcfbench.archive.reported import command_of, full_report
-from vcfbench.bench.file import embedded_text
 from vcfbench.errors import ConfigError
 from vcfbench.reports.document import Figure, Heading, Notice
 from vcfbench.reports.text import text_of
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from vcfbench import Run

@@ -9,10 +9,10 @@ from vcfbench.errors import ConnectFailed, LinkLost
 from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.station import UnopenedBench
+    from vcfbench.bench.ground import UnopenedBench
     from vcfbench.clock import Deadline
     from vcfbench.interfaces import Instrument
+    from vcfbench.station.description import BenchDescription
 
 
 class FakeInstrument:

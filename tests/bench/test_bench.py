@@ -12,15 +12,16 @@ import pytest
 from tests.bench.fakes import FakeRack
 from vcfbench.bench import bench as bench_module
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import load_bench, parse_bench, template
 from vcfbench.clock import sleep
 from vcfbench.errors import Aborted, BenchError, ConfigError, InterlockError, LimitError, NotSafe
+from vcfbench.procedures.bench_file import load_bench, parse_bench
+from vcfbench.station.file import template
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 SAFE_ORDER = [
     "rate_table safe",
@@ -195,10 +196,11 @@ CHILD = """
 import signal, sys
 from tests.bench.fakes import FakeInstrument, FakeRack
 from vcfbench.bench import bench as module
-from vcfbench.bench.file import parse_bench, template
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.station.file import template
 from vcfbench.clock import WallClock, sleep
 from vcfbench.errors import BenchError
-import vcfbench.bench.safety as safety
+import vcfbench.safety.stack as safety
 
 rack = FakeRack(power=sys.argv[1])
 module.open_role = rack.open_role

@@ -10,13 +10,13 @@ from msgspec import structs
 import vcfbench
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
-from vcfbench.bench.file import load_bench, parse_bench
-from vcfbench.bench.limits import LimitChecks
-from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.safing import safe_bench
-from vcfbench.bench.simulated import SimulatedBench
-from vcfbench.bench.writing import bench_text
+from vcfbench.bench.make_safe import safe_bench
 from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, MeasurementError
+from vcfbench.procedures.bench_file import load_bench, parse_bench
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.station.limits import LimitChecks
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.writing import bench_text
 from vcfbench.steps import AwaitTemperature, SetTemperature, StopFlow, TemperatureReading, set_air_by_hand
 from vcfbench.steps.step import Context
 from vcfbench.testing import serve_simulated
@@ -24,8 +24,8 @@ from vcfbench.testing import serve_simulated
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
+    from vcfbench.station.description import BenchDescription
 
 CHAMBER = '\n[chamber]\nmodel = "ATS-545"\nresource = "GPIB0::18::INSTR"\n'
 LIMITS = "[limits]\nmin_temperature_c = -40.0\nmax_temperature_c = 85.0\nmax_ramp_k_min = 600.0\n"

@@ -10,19 +10,19 @@ import pytest
 from msgspec import structs
 
 from vcfbench.bench.console import open_console, summary
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import Aborted, ConfigError, DeadlineExceeded, InterlockError, LimitError
+from vcfbench.procedures.bench_file import load_bench
 from vcfbench.records.raw import RawRecord
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.bench.console import Console
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
     from vcfbench.sim.world import World
+    from vcfbench.station.description import BenchDescription
 
 PAPER = load_bench(None)
 PROVED_V = 0.5

@@ -12,9 +12,9 @@ from msgspec import structs
 from simrack_tests.cells import few
 
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.writing import bench_text
 from vcfbench.errors import Aborted, NotSafe
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.station.writing import bench_text
 from vcfbench.testing.benches import open_simulated, serve_simulated
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ SCRIPT = """
 import os, signal, sys
 from pathlib import Path
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import load_bench
+from vcfbench.procedures.bench_file import load_bench
 from vcfbench.clock import sleep
 
 bench = open_bench(load_bench(Path(sys.argv[1])))

@@ -11,15 +11,15 @@ from msgspec import structs
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
-from vcfbench.bench.consistency import LIMITS_OF, invalid_values
 from vcfbench.bench.console import open_console
-from vcfbench.bench.description import BenchDescription, ChamberRole, Limits
-from vcfbench.bench.file import load_bench, parse_bench
-from vcfbench.bench.inventory import inventory
-from vcfbench.bench.limits import LimitChecks
-from vcfbench.bench.safing import safe_bench
-from vcfbench.bench.writing import bench_text
+from vcfbench.bench.make_safe import safe_bench
 from vcfbench.errors import BenchError, ConfigError, LimitError
+from vcfbench.procedures.bench_file import load_bench, parse_bench
+from vcfbench.sim.inventory import inventory
+from vcfbench.station.consistency import LIMITS_OF, invalid_values
+from vcfbench.station.description import BenchDescription, ChamberRole, Limits
+from vcfbench.station.limits import LimitChecks
+from vcfbench.station.writing import bench_text
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

@@ -11,18 +11,19 @@ import pytest
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
-from vcfbench.bench.file import embedded_text, load_bench, parse_bench
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock, sleep
 from vcfbench.errors import BenchError, InterlockError, NotSafe, WrongInstrument
+from vcfbench.procedures.bench_file import load_bench, parse_bench
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
     from vcfbench.sim.world import World
+    from vcfbench.station.description import BenchDescription
 
 PAPER = embedded_text("paper")
 

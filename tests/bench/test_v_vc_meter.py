@@ -10,20 +10,20 @@ from simrack.serve.adjust import adjustments_of
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
 from vcfbench.bench.console import open_console
-from vcfbench.bench.file import load_bench, parse_bench
-from vcfbench.bench.inventory import inventory
-from vcfbench.bench.simulated import SimulatedBench
-from vcfbench.bench.writing import bench_text
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.procedures.bench_file import load_bench, parse_bench
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.sim.inventory import inventory
+from vcfbench.station.writing import bench_text
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
+    from vcfbench.station.description import BenchDescription
 
 METER = '\n[v_vc_meter]\nmodel = "{model}"\nresource = "GPIB0::23::INSTR"\n'
 

@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING, Any
 from msgspec.structs import replace
 from typer.testing import CliRunner
 
-from vcfbench.bench.file import embedded_text
 from vcfbench.cli import main
 from vcfbench.drivers.e3631a import E3631A
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.errors import MeasurementError
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from vcfbench.interfaces import SafeReport

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from typer.testing import CliRunner
 
-from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,10 +11,11 @@ from typer.testing import CliRunner
 
 from tests.bench.fakes import FakeRack
 from vcfbench.bench import check as check_module
-from vcfbench.bench.file import EMBEDDED, load_bench, parse_bench, template
 from vcfbench.cli.main import app
+from vcfbench.procedures.bench_file import load_bench, parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.station.file import EMBEDDED, template
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -104,7 +105,7 @@ def test_check_says_that_the_watchdog_process_does_not_start(
     rack: Callable[..., FakeRack], bench_file: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rack()
-    monkeypatch.setattr("vcfbench.bench.watchdog._MAIN", "raise SystemExit")
+    monkeypatch.setattr("vcfbench.safety.watchdog._MAIN", "raise SystemExit")
     done = vcfbench("bench", "check", "--bench", bench_file)
     assert done.exit_code == 3
     assert done.stderr == "vcfbench: not ready: watchdog\n"

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import pytest
 from typer.testing import CliRunner
 
-from vcfbench.bench.file import load_bench
 from vcfbench.cli.main import app
 from vcfbench.clock import WallClock
+from vcfbench.procedures.bench_file import load_bench
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests import warm
-from vcfbench.bench.control import RunControl
 from vcfbench.errors import ConfigError
 from vcfbench.page.server import LivePage
+from vcfbench.safety.control import RunControl
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from vcfbench.bench.signals import StopSignals
 from vcfbench.cli.person import at_the_terminal
 from vcfbench.errors import Aborted
+from vcfbench.safety.signals import StopSignals
 from vcfbench.steps.step import Request
 
 if TYPE_CHECKING:

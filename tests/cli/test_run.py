@@ -16,12 +16,13 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 from tests.procedures.fakes import FakeBench, Gyro
-from vcfbench.bench.file import load_bench, template
 from vcfbench.cli import run as run_module
 from vcfbench.cli import runs as runs_module
 from vcfbench.errors import BenchError, ConfigError, ConnectFailed, NotSafe, PlanError
 from vcfbench.interfaces import SafeReport
+from vcfbench.procedures.bench_file import load_bench
 from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.station.file import template
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

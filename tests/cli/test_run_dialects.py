@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from vcfbench.bench.file import embedded_text
 from vcfbench.cli.main import app
 from vcfbench.drivers.rate_table import profile
 from vcfbench.drivers.rate_table.dialect import AxisSettings
 from vcfbench.drivers.rate_table.dialects import DIALECTS, spoken
+from vcfbench.station.file import embedded_text
 
 STEPS = 640000 / 360
 RATES = (20.0, 10.0, 5.0, 0.0, -5.0, -10.0, -20.0)

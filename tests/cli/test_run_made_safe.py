@@ -15,10 +15,11 @@ from simrack_tests.ports import free_port
 from typer.testing import CliRunner
 
 from tests import warm
-from vcfbench.bench.file import embedded_text, load_bench
-from vcfbench.bench.writing import bench_text
 from vcfbench.cli.main import app
 from vcfbench.clock import WallClock, sleep
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.station.file import embedded_text
+from vcfbench.station.writing import bench_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,7 +9,8 @@ import pytest
 from simrack_tests.cells import few
 
 from tests.cli.test_run_served import SHORT, answer, serving
-from vcfbench.bench.file import embedded_text, load_bench
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,9 +18,10 @@ from simrack_tests.ports import free_port
 from typer.testing import CliRunner
 
 from tests import warm
-from vcfbench.bench.file import embedded_text, load_bench
 from vcfbench.cli.main import app
 from vcfbench.drivers.rate_table.dialects import DIALECTS
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

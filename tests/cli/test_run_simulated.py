@@ -14,8 +14,8 @@ import pytest
 from simrack.observations import Window
 from typer.testing import CliRunner
 
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.cli.main import app
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:

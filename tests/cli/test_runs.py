@@ -9,9 +9,9 @@ import pytest
 
 from tests.cli.test_run import Station, call, station
 from tests.seals import sealed
-from vcfbench.bench.file import embedded_text
 from vcfbench.cli.runs import list_
 from vcfbench.errors import ConfigError
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,11 +16,11 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 from tests.bench.test_holding import SCRIPT, what_is_on
-from vcfbench.bench import safing
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.safing import safe_bench
-from vcfbench.bench.writing import bench_text
+from vcfbench.bench import make_safe as safing
+from vcfbench.bench.make_safe import safe_bench
 from vcfbench.cli.main import app
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.station.writing import bench_text
 from vcfbench.testing.benches import serve_simulated
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def test_the_process_that_has_the_bench_is_ended_on_request(
     lab: ServedLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, hangs: bool
 ) -> None:
     path = bench_file(lab, tmp_path)
-    monkeypatch.setattr("vcfbench.bench.safing._STOPPING_S", 0.3 if hangs else 10.0)
+    monkeypatch.setattr("vcfbench.bench.make_safe._STOPPING_S", 0.3 if hangs else 10.0)
     end = UNWATCHED + "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n" if hangs else ""
     with left_live(path, end + "sys.stdin.read()") as process:
         code, out, err = call(path, "--end-owner", "--json")
@@ -141,7 +141,7 @@ def test_what_is_free_is_made_safe_and_what_another_has_is_left_to_it(lab: Serve
     power = load_bench(path).power
     assert power is not None  # it is a bench with a supply
     hold = (
-        "import sys\nfrom vcfbench.bench.lock import instrument_locks\n"
+        "import sys\nfrom vcfbench.safety.lock import instrument_locks\n"
         f"with instrument_locks('other', {{'power': '{power.resource}'}}):\n    print(flush=True)\n    sys.stdin.read()"
     )
     with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:  # noqa: S603

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 from typer.testing import CliRunner
 
-from vcfbench.bench.file import embedded_text, template
 from vcfbench.cli.main import app
+from vcfbench.station.file import embedded_text, template
 
 if TYPE_CHECKING:
     from pathlib import Path

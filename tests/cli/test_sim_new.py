@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 from typer.testing import CliRunner
 
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.builder import physical_parameters
 
 if TYPE_CHECKING:
     from pathlib import Path

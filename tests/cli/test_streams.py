@@ -16,12 +16,12 @@ import pytest
 from simrack_tests.cells import few
 
 from tests.cli.streams import ENDINGS, QUICK
-from vcfbench.bench.file import embedded_text
 from vcfbench.cli import ending
 from vcfbench.cli.answer import given
 from vcfbench.errors import Aborted, BenchError, NotSafe
 from vcfbench.reports.progress import NoProgress
 from vcfbench.reports.shielded import Shielded
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -88,7 +88,7 @@ def test_a_closed_terminal_is_code_four_and_the_record_is_whole(tmp_path: Path) 
 
 LATE = """
 import os, signal, sys
-from vcfbench.bench.signals import StopSignals
+from vcfbench.safety.signals import StopSignals
 from vcfbench.cli import conduct, main
 left = StopSignals.__exit__
 def leave(self, *what):

@@ -14,8 +14,8 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.drivers.servers import answering, serving
-from vcfbench.bench.file import template
 from vcfbench.cli.main import app
+from vcfbench.station.file import template
 
 if TYPE_CHECKING:
     import socket

@@ -26,8 +26,8 @@ from simrack.serve.adjust import adjustments_of
 from simrack_tests.cells import few
 from simrack_tests.ports import BUSY_S
 
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.testing.benches import serve_simulated, simulated
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
     from vcfbench.testing.benches import ServedLab
 
 ROLES = ("power", "rate_source", "multimeter", "oscilloscope")

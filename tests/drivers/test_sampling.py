@@ -7,11 +7,11 @@ from msgspec import structs
 
 import vcfbench
 from tests.drivers.openings import NO_ERROR, opening
-from vcfbench.bench.served import on_wires
 from vcfbench.clock import sleep
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, MeasurementError
 from vcfbench.interfaces import SamplesVoltage, lacking
+from vcfbench.sim.served import on_wires
 from vcfbench.testing import Exchange, expected_exchange, over_visa, serve_simulated
 
 OPENING = opening("HEWLETT-PACKARD,34401A,0,10-5-2")

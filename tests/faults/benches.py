@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from simrack.serve import Control
 from simrack_tests.ports import free_port
 
-from vcfbench.bench.file import embedded_text
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any, Literal
 from msgspec.structs import replace
 
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import embedded_text, parse_bench
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import BenchError
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TurntableResult
 from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
 from vcfbench.records.schema import Status
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.station.file import embedded_text
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured
 
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from vcfbench.analysis.column import CalibrationColumn
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
     from vcfbench.sim.world import World
+    from vcfbench.station.description import BenchDescription
 
 __all__ = ["Behind", "Came", "Change", "Spoiler", "bench_of", "changes_of", "perform"]
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["ForkHost", "Forked", "fork_host"]
 
 _PRELOADED = (
-    "numpy, scipy.linalg, pyvisa, pyvisa_py, serial, vcfbench.bench.bench, vcfbench.bench.file, vcfbench.bench.served, "
+    "numpy, scipy.linalg, pyvisa, pyvisa_py, serial, vcfbench.bench.bench, vcfbench.station.file, vcfbench.sim.served, "
     "vcfbench.cli.conduct, "
     "vcfbench.procedures.virtual_coriolis.plan, vcfbench.drivers.registry, vcfbench.records.export"
 )

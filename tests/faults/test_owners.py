@@ -20,7 +20,7 @@ OTHER_USER = 65534
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.exhaustive,  # it waits; tests/bench/test_lock.py refuses within a millisecond
+    pytest.mark.exhaustive,  # it waits; tests/safety/test_lock.py refuses within a millisecond
     pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals"),
 ]
 

@@ -23,7 +23,7 @@ PYTHONS = [sys.executable, *filter(None, os.environ.get("VCFBENCH_PYTHONS", "").
 SCRIPT = """
 import sys
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import load_bench
+from vcfbench.procedures.bench_file import load_bench
 from vcfbench.clock import sleep
 
 bench = open_bench(load_bench(sys.argv[1]))

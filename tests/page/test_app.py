@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import vcfbench
-from vcfbench.bench.control import RunControl
 from vcfbench.page.view import View
+from vcfbench.safety.control import RunControl
 
 pytest.importorskip("starlette", reason="pip install 'vcfbench[page]'")
 httpx = pytest.importorskip("httpx", reason="pip install 'vcfbench[dev]'")

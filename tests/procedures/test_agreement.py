@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import pytest
 from msgspec.structs import replace
 
-from vcfbench.bench.settings import Expected
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.sweep.agreement import (
     require_expected_column,
@@ -16,6 +15,7 @@ from vcfbench.procedures.sweep.agreement import (
     require_steady_slope,
 )
 from vcfbench.records.schema import Point
+from vcfbench.station.settings import Expected
 
 if TYPE_CHECKING:
     from collections.abc import Callable

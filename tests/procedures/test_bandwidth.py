@@ -11,9 +11,9 @@ import pytest
 from msgspec import structs
 
 import vcfbench
-from vcfbench.bench.description import BenchDescription, Limits
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import LimitError
+from vcfbench.sim.builder import physical_parameters
+from vcfbench.station.description import BenchDescription, Limits
 from vcfbench.steps import CaptureSines, SetSine
 from vcfbench.testing import simulated
 

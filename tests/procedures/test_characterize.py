@@ -11,9 +11,8 @@ import pytest
 from msgspec import structs
 
 import vcfbench
-from vcfbench.bench.file import embedded_text, parse_bench
-from vcfbench.bench.settings import Sources, Station
 from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import sheet_rows
 from vcfbench.procedures.characterize.plan import PARTS, BeginPart, CharacterizeSettings, _kept_on, _Session
@@ -21,6 +20,8 @@ from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.measurand import UncertaintyPart as Source
 from vcfbench.procedures.measurand import measurand
 from vcfbench.procedures.zero.results import NoiseCoefficient
+from vcfbench.station.file import embedded_text
+from vcfbench.station.settings import Sources, Station
 from vcfbench.steps import (
     Acquire,
     AskOperator,
@@ -35,7 +36,7 @@ from vcfbench.steps import (
 )
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
     from vcfbench.steps.step import Plan
 
 FIELD = Path(__file__).parents[2] / "examples" / "field-bench.toml"

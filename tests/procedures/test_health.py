@@ -13,8 +13,6 @@ from msgspec import structs
 import vcfbench
 from tests.procedures.test_k_vc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
-from vcfbench.bench.settings import PlacedInstrument
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.by_meter import carrier_over_drive
 from vcfbench.procedures.health.check import checked, health_parts
@@ -25,7 +23,9 @@ from vcfbench.procedures.measurand import UncertaintyPart, measurand
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
+from vcfbench.sim.builder import physical_parameters
 from vcfbench.sim.gyro.warm_output import warm_output
+from vcfbench.station.settings import PlacedInstrument
 from vcfbench.steps import AcMeasured, MeasureAc
 
 if TYPE_CHECKING:

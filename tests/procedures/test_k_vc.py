@@ -14,18 +14,18 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests.sim.gyro.plain import output_v, steady_output_v
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.kvc.plan import K_VC
 from vcfbench.procedures.kvc.results import UNSEEN
 from vcfbench.records.devices import Certificate, Characterisation, Characteristics, Conditions, DeviceStore, Measured
+from vcfbench.sim.builder import physical_parameters
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.station.description import BenchDescription
 
 LAB = vcfbench.load_bench("lab")
 QUICK: dict[str, Any] = {"health": False, "cycles": 1, "samples": 5, "match_rates_deg_s": [20.0, 100.0, 200.0]}

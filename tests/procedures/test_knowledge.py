@@ -16,11 +16,12 @@ from typer.testing import CliRunner
 
 import vcfbench
 from vcfbench.archive.results import evaluate
-from vcfbench.bench.file import checked_bench, embedded_text
 from vcfbench.cli.main import app
+from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
 from vcfbench.records.plain import plain
+from vcfbench.station.file import embedded_text
 from vcfbench.steps.measured import Measured
 
 if TYPE_CHECKING:

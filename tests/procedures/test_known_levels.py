@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vcfbench.bench.settings import Sources
 from vcfbench.procedures.budget.known_levels import KnownLevels, known_levels
+from vcfbench.station.settings import Sources
 
 
 def spread(known: KnownLevels, volts: np.ndarray, weights: np.ndarray) -> float:

@@ -9,21 +9,22 @@ import pytest
 from msgspec import Meta, structs
 
 import vcfbench
-from vcfbench.bench.file import embedded_text, parse_bench
-from vcfbench.bench.layering import setting_keys
-from vcfbench.bench.settings import Match
 from vcfbench.cli.set_option import asked_by_command
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.keys import settable_keys
 from vcfbench.procedures.layers import asked_in_python, recorded_settings, settings_of, with_settings
 from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
+from vcfbench.station.file import embedded_text
+from vcfbench.station.layering import setting_keys
+from vcfbench.station.settings import Match
 from vcfbench.steps import Note, Outcome, Plan
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 
 class LoopSettings(vcfbench.ProcedureSettings, frozen=True, kw_only=True):

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.bench.settings import Match
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.records.schema import Point
+from vcfbench.station.settings import Match
 
 K, K_VC = -0.0125, 40.0
 

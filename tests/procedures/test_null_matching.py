@@ -14,15 +14,15 @@ import vcfbench
 from tests.procedures.fakes import make_settings
 from tests.procedures.test_k_vc import read_v, still, warm
 from vcfbench.analysis.chopped import CHOPPED
-from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.settings import PAPER_RATES_DEG_S, Match, Sources, Station
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.sweep.schedule import KvcBy
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, null_results
 from vcfbench.records.schema import Point
 from vcfbench.reports.text import text_of
+from vcfbench.sim.builder import physical_parameters
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import PAPER_RATES_DEG_S, Match, Sources, Station
 from vcfbench.steps import Acquire
 from vcfbench.steps.dry_run import walk
 

@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 import vcfbench
 from tests.procedures.test_k_vc import LAB, read_v, still, truth, warm
 from tests.procedures.test_self_calibration import looked_after
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.layers import asked_in_python, settings_of
@@ -23,6 +22,7 @@ from vcfbench.procedures.online.plan import ONLINE
 from vcfbench.procedures.online.results import online_results
 from vcfbench.records.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
 from vcfbench.reports.document import Figure, Table
+from vcfbench.sim.builder import physical_parameters
 from vcfbench.steps import (
     AskOperator,
     CheckRails,
@@ -36,8 +36,8 @@ from vcfbench.steps import (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.online.settings import OnlineSettings
+    from vcfbench.station.description import BenchDescription
 
 FIELD = vcfbench.load_bench("examples/field-bench.toml")
 QUIET = still(LAB)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.procedures.fakes import CALIBRATIONS, make_settings
-from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.settings import PAPER_RATES_DEG_S
 from vcfbench.errors import PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, procedure
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import PAPER_RATES_DEG_S
 from vcfbench.steps import (
     Acquire,
     AwaitRate,

@@ -13,15 +13,15 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests.procedures.fakes import MemoryJournal
-from vcfbench.bench.description import Limits
-from vcfbench.bench.parts import OscilloscopeWiring
-from vcfbench.bench.settings import DriveWindow, Expected, PlacedInstrument, Station
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.polarity import CAUSES, DRIVEN, POLARITY, TURNED, PolaritySettings, results
 from vcfbench.records.schema import Point
+from vcfbench.sim.builder import physical_parameters
 from vcfbench.sim.gyro.warm_output import warm_output
+from vcfbench.station.description import Limits
+from vcfbench.station.parts import OscilloscopeWiring
+from vcfbench.station.settings import DriveWindow, Expected, PlacedInstrument, Station
 from vcfbench.steps import AwaitRate, ConfigureScope, DriveReading, SetRate, SetVvc
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured
@@ -227,7 +227,7 @@ def test_the_command_says_pass_and_its_exit_code_is_the_verdict(tmp_path: Path) 
 
 
 def _paper_with_expected() -> str:
-    from vcfbench.bench.file import embedded_text  # noqa: PLC0415  # one test needs it
+    from vcfbench.station.file import embedded_text  # noqa: PLC0415  # one test needs it
 
     return embedded_text("paper") + "\n[expected]\nscale_factor_v_per_deg_s = [0.01, 0.015]\n"
 

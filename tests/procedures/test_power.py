@@ -8,14 +8,14 @@ import pytest
 from msgspec import structs
 
 import vcfbench
-from vcfbench.bench.description import Limits
-from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
 from vcfbench.procedures.power.results import valid_output
 from vcfbench.procedures.power.settings import PowerSettings
 from vcfbench.records.devices import Characteristics
+from vcfbench.station.description import Limits
+from vcfbench.station.settings import Station
 from vcfbench.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
 from vcfbench.steps.dry_run import walk
 from vcfbench.testing import simulated

@@ -12,7 +12,6 @@ from simrack_tests.cells import few
 
 from vcfbench.analysis.column import Nonlinearity
 from vcfbench.analysis.nonlinearity import DEFINITIONS
-from vcfbench.bench.settings import Match
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.column.results import repeat_std_v, u_output_v
 from vcfbench.procedures.turntable import turntable_results
@@ -20,6 +19,7 @@ from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_result
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.specifications import AGILENT_33220A
+from vcfbench.station.settings import Match
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
 K, K_VC, READINGS = -0.0125, 150.0, 10

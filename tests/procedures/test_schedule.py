@@ -12,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.procedures.fakes import make_settings
-from vcfbench.bench.settings import PAPER_RATES_DEG_S, Station
 from vcfbench.procedures.sweep.schedule import (
     Earth,
     Order,
@@ -27,6 +26,7 @@ from vcfbench.procedures.sweep.schedule import (
 )
 from vcfbench.procedures.sweep.windows import drift_weights, sweep_of, window_times
 from vcfbench.records.schema import Point
+from vcfbench.station.settings import PAPER_RATES_DEG_S, Station
 
 MAGNITUDES = st.lists(st.sampled_from([0.5, 1.0, 2.0, 5.0, 10.0, 33.0, 200.0]), min_size=1, max_size=6)
 RATES = st.lists(st.floats(-400.0, 400.0, allow_subnormal=False), min_size=1, max_size=12)

@@ -17,17 +17,17 @@ from typer.testing import CliRunner
 import vcfbench
 from tests.procedures import test_k_vc
 from tests.procedures.test_k_vc import read_v, still, truth, warm
-from vcfbench.bench.parts import AcceptanceLimits
-from vcfbench.bench.settings import PlacedInstrument
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
 from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.known.device import level_for
 from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, Measured, SelfCalibration
+from vcfbench.sim.builder import physical_parameters
+from vcfbench.station.parts import AcceptanceLimits
+from vcfbench.station.settings import PlacedInstrument
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 
 def looked_after(bench: BenchDescription) -> BenchDescription:

@@ -11,12 +11,12 @@ from msgspec.structs import replace
 
 from benchmarks.beliefs import Case, Windows, faults_of, run, spoilt, with_fault
 from tests.procedures.fakes import make_settings
-from vcfbench.bench.settings import PAPER_RATES_DEG_S, Expected, Sources, Station
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.steady.jumps import require_no_jump
 from vcfbench.procedures.steady.walk import Limits, Walk
 from vcfbench.procedures.sweep.schedule import Order, Zeros
 from vcfbench.records.schema import Point
+from vcfbench.station.settings import PAPER_RATES_DEG_S, Expected, Sources, Station
 from vcfbench.steps import Acquire, Window
 
 if TYPE_CHECKING:

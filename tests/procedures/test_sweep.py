@@ -12,13 +12,13 @@ from msgspec import structs
 import vcfbench
 from tests.procedures.fakes import make_settings
 from vcfbench.analysis.phase_noise import PhaseNoise
-from vcfbench.bench.settings import Sources, Station
 from vcfbench.procedures.sweep.schedule import EARTH_DEG_S, Order, SweepSettings, Zeros
 from vcfbench.procedures.sweep.window_noise import Flicker, WindowNoise
 from vcfbench.procedures.sweep.windows import sweep_of, window_times
 from vcfbench.procedures.turntable import SweptTurntableResult, TurntableResult, turntable_results
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
+from vcfbench.station.settings import Sources, Station
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:

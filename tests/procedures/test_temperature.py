@@ -10,8 +10,6 @@ import pytest
 from msgspec import to_builtins
 
 import vcfbench
-from vcfbench.bench.description import Limits
-from vcfbench.bench.settings import PlacedInstrument, Station
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.procedures.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
@@ -20,6 +18,8 @@ from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.station.description import Limits
+from vcfbench.station.settings import PlacedInstrument, Station
 from vcfbench.steps import (
     Acquire,
     AskOperator,
@@ -37,8 +37,8 @@ from vcfbench.typed import typed
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.sim.parameters import SenseMode
+    from vcfbench.station.description import BenchDescription
     from vcfbench.steps.step import Step
 
 PAPER = paper_bench()

@@ -11,8 +11,6 @@ from msgspec import structs
 
 import vcfbench
 from tests.procedures.fakes import make_settings
-from vcfbench.bench.settings import Match, ProcedureSettings, Sources, Station
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.budget.turntable import turntable_statement
 from vcfbench.procedures.sweep.windows import window_times
@@ -20,7 +18,9 @@ from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
+from vcfbench.sim.builder import physical_parameters
 from vcfbench.sim.gyro.warm_output import warm_output
+from vcfbench.station.settings import Match, ProcedureSettings, Sources, Station
 
 if TYPE_CHECKING:
     from vcfbench.procedures.budget.statement import Statement

@@ -11,11 +11,12 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests.procedures.test_k_vc import still, warm
-from vcfbench.bench.file import embedded_text, parse_bench
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, LimitError
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.reports.document import Figure
+from vcfbench.sim.builder import physical_parameters
+from vcfbench.station.file import embedded_text
 from vcfbench.steps import DisableVibration, EnableVibration, EnableVvc, SampleModulated
 
 if TYPE_CHECKING:

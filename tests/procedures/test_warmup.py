@@ -12,23 +12,24 @@ from simrack_tests.cells import few
 import vcfbench
 from tests.procedures.test_k_vc import warm
 from tests.sim.gyro.plain import output_v, steady_output_v
-from vcfbench.bench.description import Limits
-from vcfbench.bench.file import embedded_text, parse_bench
-from vcfbench.bench.settings import Station
-from vcfbench.bench.simulated import physical_parameters
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.known.scale_factor import ScaleFactor
 from vcfbench.procedures.warmup.plan import WARMUP, SwitchedOn, SwitchOnAndLog, WarmupSettings
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_results
 from vcfbench.records.schema import Point
+from vcfbench.sim.builder import physical_parameters
+from vcfbench.station.description import Limits
+from vcfbench.station.file import embedded_text
+from vcfbench.station.settings import Station
 from vcfbench.steps import Acquire, DisableSupply, EnableTable
 from vcfbench.steps.dry_run import walk
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.measurand import Measurand
+    from vcfbench.station.description import BenchDescription
 
 SCALE = {"scale_factor_v_per_deg_s": -0.0125527}
 B_DEG_S = 5.57 / 3600.0

@@ -11,13 +11,13 @@ from msgspec import structs
 from tests.procedures.test_uncertainty import GENERATOR, K_VC, NOISE, RATES, READINGS, four_steps, settings
 from vcfbench.analysis.nonlinearity import nonlinearity_ppm
 from vcfbench.analysis.regression import fit_line
-from vcfbench.bench.settings import Match, Sources
 from vcfbench.procedures.budget.line import Line
 from vcfbench.procedures.budget.turntable import turntable_statement
 from vcfbench.procedures.budget.worst_residual import Residuals, ResidualSpread
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.records.schema import Point
+from vcfbench.station.settings import Match, Sources
 
 if TYPE_CHECKING:
     from vcfbench.procedures.budget.statement import StatedValue

@@ -16,8 +16,6 @@ from tests.procedures.fakes import FakeBench, MemoryJournal
 from vcfbench.analysis.allan import Noise
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term
 from vcfbench.analysis.sampling import Sampling, deviation_factor
-from vcfbench.bench.description import Limits
-from vcfbench.bench.settings import Station
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
 from vcfbench.procedures.known.scale_factor import ScaleFactor, scale_factor_of
@@ -25,6 +23,8 @@ from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
 from vcfbench.procedures.zero.results import ZeroResult, with_what_is_let_through, zero_report, zero_results
 from vcfbench.records import journal
 from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.station.description import Limits
+from vcfbench.station.settings import Station
 from vcfbench.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.steps.dry_run import walk
 from vcfbench.steps.executor import Executor

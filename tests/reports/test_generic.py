@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vcfbench.analysis.column import Quantity
-from vcfbench.bench.acceptance import Acceptance, Verdict
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Cell, Report
 from vcfbench.reports.generic import generic_report, points_table, results_table, verdict_table
 from vcfbench.reports.text import table_text, text_of
+from vcfbench.station.acceptance import Acceptance, Verdict
 
 POINTS = (Point(1, 10.0, 0.0, -0.125, 1e-4, 10),)
 

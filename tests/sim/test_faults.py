@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from simrack.faults import Fault, FaultInjector, FaultScript, FaultyDevice
 
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.fault_scripts import parse_script, read_faults, read_script
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from simrack.leads import Lead, Leads
 from simrack.serve.adjust import adjustments_of
 
 from tests.sim.gyro.bench import mean_v, powered
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.world import World
 

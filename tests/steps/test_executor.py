@@ -8,12 +8,12 @@ import pytest
 from msgspec.structs import replace
 
 from tests.procedures.fakes import CALIBRATIONS, FakeBench, Gyro, MemoryJournal, make_settings
-from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.settings import PAPER_RATES_DEG_S, Match
 from vcfbench.errors import Aborted, BenchError, InterlockError, LinkLost, MeasurementError
 from vcfbench.interfaces import Regulation
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.schema import Status
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import PAPER_RATES_DEG_S, Match
 from vcfbench.steps.dry_run import walk
 from vcfbench.steps.executor import Execution, Executor, ReadingTaken, StepFailed, StepFinished, StepStarted
 from vcfbench.steps.measured import Measured

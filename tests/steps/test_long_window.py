@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
-from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.errors import BenchError, MeasurementError
 from vcfbench.procedures.routines import rails_of
 from vcfbench.records.damage import first_damage
 from vcfbench.records.journal import Journal, read_journal
 from vcfbench.records.schema import Status
+from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps import Acquire, Outcome, VerifyZero, Window, ZeroWindow
 from vcfbench.steps.executor import Execution, Executor, ReadingTaken
 from vcfbench.steps.tally import Tally
@@ -246,7 +246,7 @@ import sys
 from pathlib import Path
 from tests.steps.test_long_window import acquire, plan
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import load_bench
+from vcfbench.procedures.bench_file import load_bench
 from vcfbench.steps.executor import Executor, ReadingTaken
 from vcfbench.steps import ConfigureMeter
 from vcfbench.records.journal import Journal

@@ -13,12 +13,12 @@ from msgspec.structs import replace
 
 import vcfbench
 from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
-from vcfbench.bench.settings import Sources
 from vcfbench.procedures.power.plan import SuppliedAndLogged
 from vcfbench.procedures.power.results import RailsLogged
 from vcfbench.procedures.routines import rails_of
 from vcfbench.procedures.warmup.plan import SwitchedOn, SwitchOnAndLog
 from vcfbench.records.schema import Point
+from vcfbench.station.settings import Sources
 from vcfbench.steps import Acquire, Note, Outcome, RailsReading, Step, StepResult, VerifyZero, Window
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context, Plan
 
 QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 70, "settle_s": 0.5}

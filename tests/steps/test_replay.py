@@ -14,14 +14,14 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from tests.procedures.fakes import CALIBRATIONS, FakeBench, Gyro, MemoryJournal, make_settings
-from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.settings import PlacedInstrument
 from vcfbench.errors import LinkLost, MeasurementError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.routines import energised, power_up, take, window_of
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.journal import JournalRecord
 from vcfbench.records.schema import Status
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import PlacedInstrument
 from vcfbench.steps import (
     Acquire,
     CheckRails,
@@ -40,7 +40,7 @@ from vcfbench.steps.step import Effect, Outcome, abandon
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Plan, Routine, Step
 
 BEFORE = "20260821T142530Z-before-0a1b2c"

@@ -9,16 +9,16 @@ import pytest
 
 from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench import steps
-from vcfbench.bench.description import Limits, RailWiring
-from vcfbench.bench.limits import LimitChecks
 from vcfbench.errors import LimitError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.station.description import Limits, RailWiring
+from vcfbench.station.limits import LimitChecks
 from vcfbench.steps import Done, SetRate, Settle
 from vcfbench.steps.dry_run import dry_run
 from vcfbench.steps.step import _OF_PROCEDURES, Effect, Outcome, Step, StepResult
 
 if TYPE_CHECKING:
-    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context, Plan
 
 LIMITS = Limits(

@@ -11,14 +11,14 @@ import pytest
 from tests.procedures.fakes import FakeBench, FakeMeter, FakeVvcMeter, MemoryJournal
 from vcfbench.analysis.csv_table import parse_table
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import load_bench, parse_bench
-from vcfbench.bench.linear_gyro import LinearGyro
-from vcfbench.bench.simulated import SimulatedBench
-from vcfbench.bench.writing import bench_text
 from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.procedures.bench_file import load_bench, parse_bench
 from vcfbench.records.damage import first_damage
 from vcfbench.records.export import points_csv
 from vcfbench.records.schema import Point
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.writing import bench_text
 from vcfbench.steps import (
     Acquire,
     AcquireWithVvc,
@@ -33,8 +33,8 @@ from vcfbench.steps.executor import Executor
 from vcfbench.steps.step import Context, Outcome
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
+    from vcfbench.station.description import BenchDescription
     from vcfbench.steps.step import Plan, Step
 
 GYRO = LinearGyro(36.0, -0.0125)

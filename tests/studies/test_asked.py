@@ -135,7 +135,7 @@ def test_the_last_words_of_a_drawn_mistake_are_seed_and_case() -> None:
 
 
 def test_real_benches_and_served_ones_are_not_studied(tmp_path: Path) -> None:
-    from vcfbench.bench.file import template  # noqa: PLC0415
+    from vcfbench.station.file import template  # noqa: PLC0415
 
     (tmp_path / "station.toml").write_text(template(), encoding="utf-8")
     (tmp_path / "study.toml").write_text('procedure = "turntable"\nbench = "station.toml"\nseeds.count = 1\n', "utf-8")

@@ -11,15 +11,15 @@ from simrack.instruments.trueform import TrueformErrors
 
 from tests.conformance import walk
 from tests.successors import BENCH
-from vcfbench.bench.discovery import recognise
-from vcfbench.bench.file import parse_bench
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
 from vcfbench.specifications import KEYSIGHT_33500B
+from vcfbench.station.discovery import recognise
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 
 @pytest.fixture(scope="module")

@@ -10,15 +10,15 @@ from simrack.instruments.keithley import Errors2000, Errors6500, KeithleyDMM6500
 
 import vcfbench
 from tests.successors import BENCH
-from vcfbench.bench.discovery import recognise
-from vcfbench.bench.file import parse_bench
 from vcfbench.errors import WrongInstrument
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.specifications import KEITHLEY_2000, KEITHLEY_DMM6500, VoltmeterSpecification
+from vcfbench.station.discovery import recognise
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 
 def bench(model: str) -> BenchDescription:

@@ -6,8 +6,8 @@ import pytest
 
 import vcfbench
 from tests.successors import BENCH
-from vcfbench.bench.discovery import recognise
-from vcfbench.bench.file import parse_bench
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.station.discovery import recognise
 
 
 @pytest.mark.parametrize(

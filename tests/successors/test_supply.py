@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from simrack.instruments.e36312a import Errors36312A
 
-from vcfbench.bench.discovery import recognise
 from vcfbench.specifications import KEYSIGHT_E36312A
+from vcfbench.station.discovery import recognise
 
 
 def test_specimens_read_back_within_the_sheet_that_the_uncertainties_use() -> None:

@@ -8,7 +8,6 @@ import pytest
 from simrack.serve import ControlError
 
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import load_bench, template
 from vcfbench.clock import sleep
 from vcfbench.errors import (
     BenchError,
@@ -22,6 +21,8 @@ from vcfbench.errors import (
     OutOfSync,
 )
 from vcfbench.interfaces import Regulation
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.station.file import template
 from vcfbench.testing import open_simulated, serve_simulated, simulated
 
 if TYPE_CHECKING:

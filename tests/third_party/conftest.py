@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from vcfbench.bench.file import embedded_text
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

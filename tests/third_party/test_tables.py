@@ -15,7 +15,7 @@ import pytest
 
 from tests.third_party.conftest import install
 from tests.third_party.test_driver_methods import check, methods
-from vcfbench.bench.file import embedded_text
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

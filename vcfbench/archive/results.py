@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
-from vcfbench.bench.acceptance import judged
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.plain import plain, read_only
 from vcfbench.reports.document import Report, Text
 from vcfbench.reports.generic import generic_report, points_table
+from vcfbench.station.acceptance import judged
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.bench.acceptance import Acceptance
-    from vcfbench.bench.settings import Limit
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.schema import Point
+    from vcfbench.station.acceptance import Acceptance
+    from vcfbench.station.settings import Limit
     from vcfbench.steps.measured import Measured
 
 

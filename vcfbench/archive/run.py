@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from vcfbench.bench.acceptance import Acceptance
     from vcfbench.errors import BenchError
     from vcfbench.records.amendments import Amendment
     from vcfbench.records.journal import JournalRecord
     from vcfbench.records.metadata import Equipment
     from vcfbench.records.schema import Point, Status
+    from vcfbench.station.acceptance import Acceptance
     from vcfbench.steps.measured import Measured
 
 

@@ -9,7 +9,6 @@ import msgspec
 from msgspec import Raw, Struct
 
 from vcfbench.archive.results import Evaluation
-from vcfbench.bench.acceptance import Acceptance, Verdict
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.records.outline import Mark  # noqa: TC001  # msgspec reads the annotation
@@ -17,6 +16,7 @@ from vcfbench.records.plain import read_only
 from vcfbench.reports.document import Report
 from vcfbench.reports.generic import points_table, results_table
 from vcfbench.reports.kept import report_from
+from vcfbench.station.acceptance import Acceptance, Verdict
 from vcfbench.typed import decoder_of
 
 if TYPE_CHECKING:

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct, field
 
-from vcfbench.bench.file import described
+from vcfbench.bench.ground import check_simulation, require_instruments_apart, station
 from vcfbench.bench.holding import Holding, SignalWatch
-from vcfbench.bench.limits import LimitChecks, LimitedChamber, LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.bench.opening import open_role
-from vcfbench.bench.roles import absent, needed_roles, require_still, safe_action
-from vcfbench.bench.signals import ControlClock, StopSignals
-from vcfbench.bench.station import require_instruments_apart, station
-from vcfbench.bench.trust import require_library
 from vcfbench.errors import Aborted, BenchError
+from vcfbench.safety.roles import absent, needed_roles, require_still, safe_action
+from vcfbench.safety.signals import ControlClock, StopSignals
+from vcfbench.safety.trust import require_library
+from vcfbench.station.file import described
+from vcfbench.station.limits import LimitChecks, LimitedChamber, LimitedGenerator, LimitedRateTable, LimitedSupply
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -28,12 +28,7 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.roles import Role
-    from vcfbench.bench.safety import SafetyStack
-    from vcfbench.bench.station import Builder, UnopenedBench
-    from vcfbench.bench.trust import Trust
-    from vcfbench.bench.watchdog import Watchdog
+    from vcfbench.bench.ground import Builder, UnopenedBench
     from vcfbench.clock import Clock
     from vcfbench.interfaces import (
         FunctionGenerator,
@@ -45,6 +40,11 @@ if TYPE_CHECKING:
         SafeReport,
         TemperatureChamber,
     )
+    from vcfbench.safety.roles import Role
+    from vcfbench.safety.stack import SafetyStack
+    from vcfbench.safety.trust import Trust
+    from vcfbench.safety.watchdog import Watchdog
+    from vcfbench.station.description import BenchDescription
 
 
 _RESERVE: Final = 64 << 20
@@ -201,7 +201,7 @@ def open_bench(
         InterlockError: the table was found turning.
         NotSafe: something was found on, or turning, and could not be made safe.
     """
-    description = described(bench)
+    description = described(bench, check_simulation)
     roles = needed_roles(description, needs)
     require_instruments_apart(description)
     require_library(description, trust)
@@ -221,8 +221,8 @@ def open_bench(
         if description.simulation is None:
             from mmap import mmap  # noqa: PLC0415
 
-            from vcfbench.bench.watchdog import Watchdog  # noqa: PLC0415  # a bench in this process dies with it
             from vcfbench.drivers.calls import Calls, attended  # noqa: PLC0415
+            from vcfbench.safety.watchdog import Watchdog  # noqa: PLC0415  # a bench in this process dies with it
 
             calls, holding.reserve = Calls(), mmap(-1, _RESERVE)
             holding.watchdog = Watchdog(description, partial(_without_watchdog, description, stops), calls)

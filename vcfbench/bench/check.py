@@ -5,26 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
-from vcfbench.bench.equipment import equipment_on
+from vcfbench.bench.ground import require_instruments_apart, station
 from vcfbench.bench.opening import open_role
-from vcfbench.bench.roles import filled_roles, require_still, safe_action
-from vcfbench.bench.safety import SafetyStack, Stage, not_safe
-from vcfbench.bench.signals import StopSignals
-from vcfbench.bench.station import require_instruments_apart, station
-from vcfbench.bench.trust import require_library
-from vcfbench.bench.watchdog import Watchdog
 from vcfbench.clock import WallClock, utc_now
 from vcfbench.drivers.calls import Calls
 from vcfbench.errors import BenchError, InterlockError
 from vcfbench.models import own_watchdog
+from vcfbench.safety.roles import filled_roles, require_still, safe_action
+from vcfbench.safety.signals import StopSignals
+from vcfbench.safety.stack import SafetyStack, Stage, not_safe
+from vcfbench.safety.trust import require_library
+from vcfbench.safety.watchdog import Watchdog
+from vcfbench.station.equipment import equipment_on
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.roles import Role
-    from vcfbench.bench.station import UnopenedBench
-    from vcfbench.bench.trust import Trust
+    from vcfbench.bench.ground import UnopenedBench
     from vcfbench.interfaces import Identity, Instrument, RateTable, SafeReport
     from vcfbench.records.metadata import Equipment
+    from vcfbench.safety.roles import Role
+    from vcfbench.safety.trust import Trust
+    from vcfbench.station.description import BenchDescription
 
 
 @dataclass(frozen=True, slots=True)

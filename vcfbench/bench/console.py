@@ -7,26 +7,26 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from vcfbench.bench.ground import station
 from vcfbench.bench.opening import open_role
-from vcfbench.bench.roles import ROLES, filled_roles, require_still, safe_action
-from vcfbench.bench.safety import LeaveNow, SafetyStack, Stage, not_safe
-from vcfbench.bench.signals import Interrupted, StopSignals
-from vcfbench.bench.station import station
-from vcfbench.bench.trust import require_library
 from vcfbench.errors import BenchError, ConfigError, InstrumentError, LimitError, NotSafe, TransportError
+from vcfbench.safety.roles import ROLES, filled_roles, require_still, safe_action
+from vcfbench.safety.signals import Interrupted, StopSignals
+from vcfbench.safety.stack import LeaveNow, SafetyStack, Stage, not_safe
+from vcfbench.safety.trust import require_library
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
     from typing import Any
 
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.roles import Role
-    from vcfbench.bench.station import UnopenedBench
-    from vcfbench.bench.trust import Trust
+    from vcfbench.bench.ground import UnopenedBench
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Identity, Instrument
     from vcfbench.records.raw import RawRecord
+    from vcfbench.safety.roles import Role
+    from vcfbench.safety.trust import Trust
+    from vcfbench.station.description import BenchDescription
 
 __all__ = ["Console", "ConsoleReply", "Interrupted", "data_of", "open_console", "summary"]
 

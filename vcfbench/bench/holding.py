@@ -14,17 +14,17 @@ import threading
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any, Final
 
-from vcfbench.bench.safety import LeaveNow, SafetyStack, not_safe
 from vcfbench.errors import Aborted, BenchError, NotSafe
+from vcfbench.safety.stack import LeaveNow, SafetyStack, not_safe
 
 if TYPE_CHECKING:
     from mmap import mmap
     from types import FrameType
 
-    from vcfbench.bench.signals import StopSignals
-    from vcfbench.bench.station import UnopenedBench
-    from vcfbench.bench.watchdog import Watchdog
+    from vcfbench.bench.ground import UnopenedBench
     from vcfbench.interfaces import SafeReport
+    from vcfbench.safety.signals import StopSignals
+    from vcfbench.safety.watchdog import Watchdog
 
 _LEFT_TO_PYTHON: Final = ("SIGTERM", "SIGHUP", "SIGBREAK")
 """Signals that end a Python program at once, without a word to anybody."""

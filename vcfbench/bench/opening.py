@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import structs
 
-from vcfbench.bench.description import CALIBRATION_KEYS
 from vcfbench.errors import BenchError
+from vcfbench.station.description import CALIBRATION_KEYS
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.station import UnopenedBench
+    from vcfbench.bench.ground import UnopenedBench
     from vcfbench.interfaces import Identity, Instrument
+    from vcfbench.station.description import BenchDescription
 
 
 def open_role(

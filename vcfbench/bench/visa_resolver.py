@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl
 
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import SimulatedBench, chosen_seed
-from vcfbench.bench.station import FASTEST, SLOWEST
+from vcfbench.bench.ground import FASTEST, SLOWEST, check_simulation
 from vcfbench.clock import ScaledClock, VirtualClock
 from vcfbench.errors import ConfigError
+from vcfbench.sim.builder import SimulatedBench, chosen_seed
+from vcfbench.station.file import read_bench
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -35,7 +35,7 @@ def resolve(path: str) -> tuple[Mapping[str, Device], Clock]:
     file, _, asked = path.partition("?")
     try:
         options = _options(asked)
-        description = load_bench(file or None)
+        description = read_bench(file or None, check_simulation)
         seed = chosen_seed(description, _seed(options.get("seed")))
         built = SimulatedBench.build(description, seed, _clock(options.get("speed")))
     except ConfigError as error:

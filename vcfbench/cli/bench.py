@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.bench.check import BenchCheck, CheckedInstrument, CheckedWatchdog
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 _CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificate", "overdue")
 
@@ -42,14 +42,15 @@ def show(
     json: Json_ = False,
 ) -> None:
     """Show the bench as resolved: every key, defaults included."""
-    from vcfbench.bench import file  # noqa: PLC0415
+    from vcfbench.station import file  # noqa: PLC0415
 
     if template:
         typer.echo(file.template(), nl=False)
         return
+    from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415
     from vcfbench.procedures.resolved import as_resolved, resolved_text  # noqa: PLC0415
 
-    description = file.load_bench(bench)
+    description = load_bench(bench)
     if json:
         print_json(as_resolved(description))
     else:
@@ -63,8 +64,8 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
     Also shows calibrations, limits and acceptance from the bench file, and which procedures can run here.
     """
     from vcfbench.bench.check import check_bench  # noqa: PLC0415
-    from vcfbench.bench.file import load_bench  # noqa: PLC0415
     from vcfbench.cli.person import agreed  # noqa: PLC0415
+    from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415
     from vcfbench.runs.needs import what_can_run  # noqa: PLC0415
 
     description = load_bench(bench)
@@ -134,8 +135,8 @@ def _shown(value: object) -> str:
 
 
 def _print_check(title: str, done: BenchCheck) -> None:
-    from vcfbench.bench.equipment import calibration_words  # noqa: PLC0415
     from vcfbench.reports.text import left_table  # noqa: PLC0415
+    from vcfbench.station.equipment import calibration_words  # noqa: PLC0415
 
     rows = (
         (

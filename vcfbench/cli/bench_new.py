@@ -11,7 +11,7 @@ from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from vcfbench.bench.new_station import Draft
+    from vcfbench.station.new_station import Draft
 
 File_ = Annotated[
     Path, typer.Argument(metavar="FILE", help="Where the bench file goes. A file there is not overwritten.")
@@ -53,9 +53,9 @@ def new(
 
     Enter accepts what is proposed. Each answer is checked at once. Nothing is written before the last one.
     """
-    from vcfbench.bench.new_station import Draft  # noqa: PLC0415
     from vcfbench.cli.interview import Interview  # noqa: PLC0415
     from vcfbench.cli.station_questions import DiscoveryOptions, interviewed  # noqa: PLC0415
+    from vcfbench.station.new_station import Draft  # noqa: PLC0415
 
     interview = Interview(_given(answers or []), silent=yes)
     path = interview.free_file(file)
@@ -79,9 +79,9 @@ def _given(answers: list[str]) -> dict[str, str]:
 
 def _write(path: Path, draft: Draft) -> None:
     """Check the file as a whole and write it."""
-    from vcfbench.bench.file import parse_bench  # noqa: PLC0415
     from vcfbench.cli.interview import written_anew  # noqa: PLC0415
     from vcfbench.clock import utc_now  # noqa: PLC0415
+    from vcfbench.procedures.bench_file import parse_bench  # noqa: PLC0415
 
     text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
     parse_bench(text, str(path))

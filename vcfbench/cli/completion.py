@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 def role_names(ctx: Any, incomplete: str) -> list[tuple[str, str]]:
     """Return the roles of the bench that the command line names so far, with their instruments."""
-    from vcfbench.bench.file import load_bench  # noqa: PLC0415
-    from vcfbench.bench.roles import filled_roles  # noqa: PLC0415
+    from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415
+    from vcfbench.safety.roles import filled_roles  # noqa: PLC0415
 
     with suppress(Exception):
         description = load_bench(ctx.params.get("bench"))

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from vcfbench.archive.run import Run
-    from vcfbench.bench.control import RunControl
-    from vcfbench.bench.layering import Layer
-    from vcfbench.bench.signals import StopSignals
     from vcfbench.cli.ending import SignalsWithoutBench
     from vcfbench.cli.keys import Keys
     from vcfbench.page.server import LivePage
@@ -30,6 +27,9 @@ if TYPE_CHECKING:
     from vcfbench.runs.asked import Asked, Beginning, DryRun
     from vcfbench.runs.conduct import Preparing
     from vcfbench.runs.expected import Expectation
+    from vcfbench.safety.control import RunControl
+    from vcfbench.safety.signals import StopSignals
+    from vcfbench.station.layering import Layer
 
 _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
 """Terminals on which nothing can be drawn in place, by the name that they give themselves."""
@@ -87,7 +87,7 @@ def resume(name: str, procedure: Path | None, options: RunOptions, ending: Signa
 
 
 def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
-    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
 
     control = _control(options)
     with (
@@ -113,7 +113,7 @@ def _control(options: RunOptions) -> RunControl | None:
     """Return the control that stops and pauses the run, None where nobody is there who could want that."""
     if not options.page and not _has_keys(options):
         return None
-    from vcfbench.bench.control import RunControl  # noqa: PLC0415
+    from vcfbench.safety.control import RunControl  # noqa: PLC0415
 
     return RunControl()
 

@@ -10,7 +10,7 @@ from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError
 
 if TYPE_CHECKING:
-    from vcfbench.bench.discovery import DiscoveredInstrument, Discovery
+    from vcfbench.station.discovery import DiscoveredInstrument, Discovery
 
 
 def discover(
@@ -41,7 +41,7 @@ def discover(
 
     Exit code 3 when a resource given with --try does not answer.
     """
-    from vcfbench.bench import discovery  # noqa: PLC0415
+    from vcfbench.station import discovery  # noqa: PLC0415
 
     with tracing(trace):
         found = discovery.discover(library, tries or (), timeout_s=timeout, serial_probe=probe_serial)

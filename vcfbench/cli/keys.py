@@ -9,13 +9,13 @@ from contextlib import contextmanager, suppress
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from vcfbench.bench.control import RunState
+from vcfbench.safety.control import RunState
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import TracebackType
 
-    from vcfbench.bench.control import RunControl
+    from vcfbench.safety.control import RunControl
 
 _LOOKS_S: Final = 0.05
 _BY: Final = "the terminal"

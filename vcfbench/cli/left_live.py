@@ -9,14 +9,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from vcfbench.bench.processes import KILL, end, mark_of
 from vcfbench.clock import WallClock, sleep
+from vcfbench.safety.processes import KILL, end, mark_of
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.lock import InUse
-    from vcfbench.bench.safing import MadeSafe
+    from vcfbench.bench.make_safe import MadeSafe
     from vcfbench.records.signing import SigningKey
+    from vcfbench.safety.lock import InUse
+    from vcfbench.station.description import BenchDescription
 
 _LOOK_S: Final = 0.1
 _FREED_S: Final = 5.0
@@ -79,8 +79,8 @@ def _notify(charge: dict[str, Any], said: Said, error: str, code: int | None) ->
     """Tell the program that the bench file names of a run that can tell nothing itself any more."""
     if charge["bench"].get("notify") is None:
         return
-    from vcfbench.bench.description import Notify  # noqa: PLC0415  # few stations have one
     from vcfbench.runs.notified import notify  # noqa: PLC0415
+    from vcfbench.station.description import Notify  # noqa: PLC0415  # few stations have one
     from vcfbench.typed import typed  # noqa: PLC0415
 
     directory = Path(json.loads(said[b"journal"])).parent if b"journal" in said else None
@@ -98,10 +98,10 @@ def _notify(charge: dict[str, Any], said: Said, error: str, code: int | None) ->
 
 def _safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
     """Make the bench safe as soon as the locks of the program that had it are free; `left`: it lives on without it."""
-    from vcfbench.bench.description import BenchDescription  # noqa: PLC0415  # one that is missing is told of
-    from vcfbench.bench.lock import InUse  # noqa: PLC0415
-    from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
+    from vcfbench.bench.make_safe import safe_bench  # noqa: PLC0415
     from vcfbench.errors import ConnectFailed  # noqa: PLC0415
+    from vcfbench.safety.lock import InUse  # noqa: PLC0415
+    from vcfbench.station.description import BenchDescription  # noqa: PLC0415  # one that is missing is told of
     from vcfbench.typed import typed  # noqa: PLC0415
 
     description = typed(charge["bench"], BenchDescription)
@@ -127,7 +127,7 @@ def _safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
 
 def _without_locks(description: BenchDescription, error: InUse, *, left: bool, dead: bool) -> MadeSafe:
     """Leave the bench to a run that has taken it over; the locks left by a dead one drive nothing."""
-    from vcfbench.bench.safing import MadeSafe, safe_bench  # noqa: PLC0415  # as above
+    from vcfbench.bench.make_safe import MadeSafe, safe_bench  # noqa: PLC0415  # as above
 
     if left:
         return MadeSafe((), (), left_to={"all": error})

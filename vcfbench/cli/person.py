@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from vcfbench.errors import Aborted
 
 if TYPE_CHECKING:
-    from vcfbench.bench.signals import StopSignals
     from vcfbench.cli.keys import Keys
+    from vcfbench.safety.signals import StopSignals
     from vcfbench.steps.step import Operator, Request
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from vcfbench.cli.interview import number, pair, say
 
 if TYPE_CHECKING:
-    from vcfbench.bench.new_station import Draft
     from vcfbench.cli.interview import Interview
+    from vcfbench.station.new_station import Draft
 
 _NONE = "none"
 

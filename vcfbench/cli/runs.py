@@ -361,7 +361,7 @@ def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[st
 
 def _metadata_lines(run: Run) -> Iterator[str]:
     """Yield in lines the metadata of the record."""
-    from vcfbench.bench.equipment import overdue_words  # noqa: PLC0415
+    from vcfbench.station.equipment import overdue_words  # noqa: PLC0415
 
     metadata = run.metadata
     conditions = ((metadata.ambient_temperature_c, "degC"), (metadata.humidity_percent, "% relative humidity"))

@@ -13,7 +13,7 @@ from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from vcfbench.bench.safing import MadeSafe
+    from vcfbench.bench.make_safe import MadeSafe
 
 
 def safe(
@@ -32,15 +32,15 @@ def safe(
     ] = False,
 ) -> None:
     """Stop the table, switch the outputs off, check both, and list those that were on. Exit code 0 or 5."""
-    from vcfbench.bench.file import load_bench  # noqa: PLC0415
-    from vcfbench.bench.safing import safe_bench  # noqa: PLC0415
+    from vcfbench.bench.make_safe import safe_bench  # noqa: PLC0415
+    from vcfbench.station.file import read_bench  # noqa: PLC0415
 
     if bench is None:  # a simulated bench that is safe would be said to be yours
         raise ConfigError(
             "which bench is to be made safe was not said, and nothing was done",
             hint="vcfbench safe --bench FILE, the bench file of the station; or name it in VCFBENCH_BENCH",
         )
-    description = load_bench(bench)
+    description = read_bench(bench)
     with tracing(trace):
         done = safe_bench(description, force=force, end_owner=end_owner)
 

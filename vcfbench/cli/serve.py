@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from simrack.serve import BenchServer, Offer, Rs232, ServerSettings
 
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 _CONTROL_PORT = 20220
 _CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
@@ -99,8 +99,8 @@ def serve(
     from msgspec import structs  # noqa: PLC0415
     from simrack.serve import BenchServer, ServedClock  # noqa: PLC0415
 
-    from vcfbench.bench.file import load_bench  # noqa: PLC0415
-    from vcfbench.bench.served import build_served  # noqa: PLC0415
+    from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415
+    from vcfbench.sim.served import build_served  # noqa: PLC0415
 
     description = load_bench(bench)
     settings = structs.replace(
@@ -242,8 +242,8 @@ def _offers(texts: list[str]) -> dict[str, frozenset[Offer]]:
 
 
 def _write_bench(path: Path, description: BenchDescription, server: BenchServer, kind: str) -> None:
-    from vcfbench.bench.served import on_wires  # noqa: PLC0415
-    from vcfbench.bench.writing import bench_text  # noqa: PLC0415
+    from vcfbench.sim.served import on_wires  # noqa: PLC0415
+    from vcfbench.station.writing import bench_text  # noqa: PLC0415
 
     where = {role: wires.as_json() for role, wires in server.wires.items()}
     if not any(kind in wires and kind != "model" for wires in where.values()):

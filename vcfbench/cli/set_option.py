@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.bench.layering import Layer
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, is_utf8, parse_toml
+from vcfbench.station.layering import Layer
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping

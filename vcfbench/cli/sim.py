@@ -35,8 +35,8 @@ def show(
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")] = False,
 ) -> None:
     """Show every physical parameter and every instrument error: value, unit, meaning, source."""
-    from vcfbench.bench.file import load_bench  # noqa: PLC0415
-    from vcfbench.bench.inventory import inventory  # noqa: PLC0415
+    from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415
+    from vcfbench.sim.inventory import inventory  # noqa: PLC0415
 
     description = load_bench(bench)
     rows = inventory(description, seed)

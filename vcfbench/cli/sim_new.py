@@ -88,8 +88,8 @@ def new(
         "bandwidth": bandwidth,
         "k_vc": k_vc,
     }
-    from vcfbench.bench.own_gyro import data_sheet, own_gyro_bench  # noqa: PLC0415
     from vcfbench.cli.interview import Interview, written_anew  # noqa: PLC0415
+    from vcfbench.sim.own_gyro import data_sheet, own_gyro_bench  # noqa: PLC0415
 
     answers = {option: f"{value:.15g}" for option, value in given.items() if value is not None}
     interview = Interview(answers, silent=yes or not sys.stdin.isatty())
@@ -103,8 +103,8 @@ def new(
 
 def _figures(interview: Any, instead: Mapping[str, str]) -> dict[str, float]:
     """Ask for each figure; each is held against those before it."""
-    from vcfbench.bench.own_gyro import data_sheet  # noqa: PLC0415
     from vcfbench.cli.interview import number  # noqa: PLC0415
+    from vcfbench.sim.own_gyro import data_sheet  # noqa: PLC0415
 
     figures: dict[str, float] = {}
     for key, (option, words, usual) in _FIGURES.items():

@@ -7,22 +7,22 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.bench import discovery
-from vcfbench.bench.bounds import NAME_PATTERN
-from vcfbench.bench.served import served_places
-from vcfbench.bench.settings import PAPER_RATES_DEG_S
 from vcfbench.cli.interview import day, number, pair, say, yes_or_no
 from vcfbench.cli.result_questions import put_number, put_text, results
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_language, find_model, languages, models_for
+from vcfbench.sim.served import served_places
+from vcfbench.station import discovery
+from vcfbench.station.bounds import NAME_PATTERN
+from vcfbench.station.settings import PAPER_RATES_DEG_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from datetime import date
 
-    from vcfbench.bench.discovery import DiscoveredInstrument
-    from vcfbench.bench.new_station import Draft
     from vcfbench.cli.interview import Interview
+    from vcfbench.station.discovery import DiscoveredInstrument
+    from vcfbench.station.new_station import Draft
 
 _NONE = "none"
 _USUAL = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")

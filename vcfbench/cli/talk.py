@@ -77,13 +77,13 @@ def talk(
             talk_to_bench(bench, seed, command, raw=runs if raw else None, timeout_s=timeout)
         return
     from vcfbench.bench.console import open_console  # noqa: PLC0415
-    from vcfbench.bench.file import load_bench  # noqa: PLC0415
     from vcfbench.cli.person import agreed  # noqa: PLC0415
     from vcfbench.records.raw import RawRecord  # noqa: PLC0415
+    from vcfbench.station.file import read_bench  # noqa: PLC0415
 
     lines = iter(command) if command else None
     interactive = lines is None and sys.stdin.isatty()
-    described = load_bench(bench)
+    described = read_bench(bench)
     record = RawRecord(runs, described.name) if raw else None
     opened = open_console(role, described, seed=seed, timeout_s=timeout, raw=record, trust=agreed)
     with tracing(trace), opened as console:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from vcfbench.bench.signals import StopSignals
     from vcfbench.runs.by_hand import ByHand
+    from vcfbench.safety.signals import StopSignals
 
 _OWN = ("help", "quit")
 
@@ -33,10 +33,10 @@ def talk_to_bench(
     Raw commands are recorded in the directory `raw`; None refuses them.
     """
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
-    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
     from vcfbench.cli.person import agreed  # noqa: PLC0415
     from vcfbench.records.raw import RawRecord  # noqa: PLC0415
     from vcfbench.runs.by_hand import ByHand  # noqa: PLC0415
+    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
 
     with StopSignals() as signals, open_bench(bench, seed=seed, signals=signals, trust=agreed) as opened:
         record = None if raw is None else RawRecord(raw, opened.description.name)

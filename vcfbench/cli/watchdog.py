@@ -1,6 +1,6 @@
 """The watchdog process: it watches a program that has a bench, and makes that safe when the program died or hangs.
 
-Its standard input is a pipe from that program, `vcfbench.bench.watchdog`: first the bench, then steps and signs of
+Its standard input is a pipe from that program, `vcfbench.safety.watchdog`: first the bench, then steps and signs of
 life, a line each. While all is well it exchanges nothing with any instrument and loads nothing that could. A run waits
 for it to be ready: queues, signals, JSON and paths of Python's library would take as long as all the rest of it.
 """
@@ -60,7 +60,7 @@ class Watch:
             silent = self._turn - self._heard_turn
             if silent == SILENT_TURNS // 2:
                 _load()  # it may be needed in a second
-                import vcfbench.bench.safing  # noqa: F401, PLC0415
+                import vcfbench.bench.make_safe  # noqa: F401, PLC0415
             if silent >= SILENT_TURNS:
                 return self._ended(f"the program gave no sign of life for {SILENT_TURNS * TURN_S:g} s")
             if self._turn > self._last_turn:

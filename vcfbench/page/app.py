@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-    from vcfbench.bench.control import RunControl
     from vcfbench.page.station import StationDirectories
     from vcfbench.page.view import View
+    from vcfbench.safety.control import RunControl
 
 LIVE: Final = "live"
 """The name of the run of this process."""

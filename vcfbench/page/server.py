@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from typing import Any
 
     from vcfbench.archive.run import Run
-    from vcfbench.bench.control import RunControl
     from vcfbench.page.app import PageContent
     from vcfbench.runs.asked import Beginning
+    from vcfbench.safety.control import RunControl
     from vcfbench.steps.executor import Event
 
 LOOPBACK: Final = "127.0.0.1"

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.analysis.running_fit import line_so_far
-from vcfbench.bench.control import RunState
 from vcfbench.reports.bench_state import BenchState
+from vcfbench.safety.control import RunState
 from vcfbench.steps import NotChecked, Note
 from vcfbench.steps.step import Effect
 

@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from vcfbench.analysis.rate_band import Known, RateBand, Tone
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.records.devices import Characteristics
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Routine
 

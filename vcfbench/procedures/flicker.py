@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from msgspec import Meta, structs
 
-from vcfbench.bench.settings import DeviceSettings
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
+from vcfbench.station.settings import DeviceSettings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from datetime import datetime
     from typing import Self
 
-    from vcfbench.bench.settings import Sources
     from vcfbench.records.devices import DeviceStore
+    from vcfbench.station.settings import Sources
 
 
 class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):

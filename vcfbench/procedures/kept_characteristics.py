@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec import Struct
 
-from vcfbench.bench.settings import DeviceSettings
+from vcfbench.station.settings import DeviceSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import NODEFAULT, Struct, inspect, structs, to_builtins
 
-from vcfbench.bench.strict import expectation
-from vcfbench.bench.writing import value_text
 from vcfbench.files import dotted
+from vcfbench.station.strict import expectation
+from vcfbench.station.writing import value_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.station.settings import ProcedureSettings
 
 
 class SettableKey(Struct, frozen=True):

@@ -19,22 +19,22 @@ from zlib import crc32
 
 from msgspec import ValidationError, structs, to_builtins
 
-from vcfbench.bench.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
-from vcfbench.bench.settings import V_VC_RANGE_V, MeterKnown, PlacedInstrument, ProcedureSettings, Sources, Station
-from vcfbench.bench.strict import refusal, unknown_key, words
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
 from vcfbench.models import ROLES, find_model, resolve
 from vcfbench.specifications import AGILENT_33220A, ROOM_C, WORST_OF_CLASS, accuracy_at
+from vcfbench.station.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
+from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, PlacedInstrument, ProcedureSettings, Sources, Station
+from vcfbench.station.strict import refusal, unknown_key, words
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure, Procedure
     from vcfbench.specifications import Assumed, LevelSpecification, VoltmeterSpecification
+    from vcfbench.station.description import BenchDescription
 
 S = TypeVar("S", bound=ProcedureSettings)
 

@@ -10,8 +10,8 @@ from vcfbench.specifications import Accuracy, VoltmeterSpecification, accuracy_a
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from vcfbench.bench.parts import CalibrationPoint
-    from vcfbench.bench.settings import MeterKnown
+    from vcfbench.station.parts import CalibrationPoint
+    from vcfbench.station.settings import MeterKnown
 
 
 def certified(

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from collections.abc import Set as AbstractSet
 
-    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Routine, Step
 
 _AT_REST: Final = frozenset(

@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, structs
 
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -33,6 +31,8 @@ from vcfbench.procedures.routines import (
 )
 from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
 from vcfbench.reports.document import Column, Report, Table, Text
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words
 from vcfbench.steps import (
     AcquireWithVvc,
     ConfigureVvcMeter,

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from msgspec import Struct, field
 
-from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.models import ROLES
 from vcfbench.reports.generic import generic_report
+from vcfbench.station.settings import ProcedureSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import to_builtins
 
-from vcfbench.bench.layering import chosen_settings, merged, setting_keys
-from vcfbench.bench.settings import ProcedureSettings
-from vcfbench.bench.writing import table_text
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import layers_of, plain_settings
+from vcfbench.station.layering import chosen_settings, merged, setting_keys
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.writing import table_text
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 
 def resolved_text(description: BenchDescription) -> str:

@@ -50,8 +50,8 @@ from vcfbench.steps.step import Effect, Step, StepResult, answer
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.records.devices import Characteristics
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context, Routine
 

@@ -26,7 +26,7 @@ from vcfbench.steps import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Routine
 

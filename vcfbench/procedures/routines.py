@@ -33,8 +33,8 @@ from vcfbench.steps.drive_check import check_drive
 from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
 
 if TYPE_CHECKING:
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Routine
 
 T = TypeVar("T")

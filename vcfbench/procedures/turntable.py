@@ -34,10 +34,10 @@ from vcfbench.steps import Note, Outcome, Plan, Settle
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.sweep.found import SweepFound
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Routine
 
 STEP = 1

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta
 
 from vcfbench.analysis.tails import t_of_largest
-from vcfbench.bench.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.known.levels import generator_sheet
@@ -37,6 +36,7 @@ from vcfbench.procedures.steady.watched import watched
 from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
 from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps import (
     AcquireWithVvc,
     CheckRails,

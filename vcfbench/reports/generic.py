@@ -11,9 +11,9 @@ from vcfbench.reports.document import Cell, Column, Report, Table
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from vcfbench.bench.acceptance import Acceptance
     from vcfbench.records.schema import Point
     from vcfbench.reports.document import Value
+    from vcfbench.station.acceptance import Acceptance
 
 _QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
 _SHOWN = 4

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
-from vcfbench.bench.control import RunState
 from vcfbench.clock import WallClock, utc_now
 from vcfbench.reports.bench_state import BenchState
 from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.points_table import PointRow, PointsSoFar, head, row_text, span
 from vcfbench.reports.shielded import NoProgress
+from vcfbench.safety.control import RunState
 from vcfbench.steps import Acquire, Note, Window
 from vcfbench.steps.executor import Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
 from vcfbench.steps.step import Effect

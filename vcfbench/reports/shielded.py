@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from types import TracebackType
 
-    from vcfbench.bench.control import RunState
+    from vcfbench.safety.control import RunState
     from vcfbench.steps.executor import Event, Observer
 
 

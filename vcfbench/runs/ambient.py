@@ -10,8 +10,8 @@ from vcfbench.errors import ConfigError, MeasurementError
 
 if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.records.metadata import RunMetadata
+    from vcfbench.station.description import BenchDescription
 
 
 def require_ambient(metadata: RunMetadata, description: BenchDescription) -> None:

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.control import RunControl
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.layering import Layer
-    from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.bench.station import Builder
-    from vcfbench.bench.trust import Trust
+    from vcfbench.bench.ground import Builder
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.schema import Point
     from vcfbench.runs.expected import Expectation
+    from vcfbench.safety.control import RunControl
+    from vcfbench.safety.trust import Trust
+    from vcfbench.station.description import BenchDescription
+    from vcfbench.station.layering import Layer
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.dry_run import PlannedStep
     from vcfbench.steps.executor import Event, Execution, Executor, Observer
     from vcfbench.steps.step import Operator, Plan
@@ -127,7 +127,7 @@ class Prepared(Struct, frozen=True):
 
     def planned(self) -> DryRun:
         """Walk the plan; raises LimitError when a step of it would leave a limit of the bench."""
-        from vcfbench.bench.limits import LimitChecks  # noqa: PLC0415
+        from vcfbench.station.limits import LimitChecks  # noqa: PLC0415
         from vcfbench.steps.dry_run import dry_run as walked  # noqa: PLC0415
 
         with blamed_on(self.procedure):
@@ -219,8 +219,8 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
 
     Findings are put into `checked` as they become known.
     """
-    from vcfbench.bench.file import described  # noqa: PLC0415
-    from vcfbench.bench.station import checked_pace  # noqa: PLC0415
+    from vcfbench.bench.ground import checked_pace  # noqa: PLC0415
+    from vcfbench.procedures.bench_file import described  # noqa: PLC0415
     from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
     from vcfbench.procedures.layers import settings_of, with_settings  # noqa: PLC0415
     from vcfbench.runs.ambient import require_ambient  # noqa: PLC0415
@@ -265,7 +265,7 @@ def blamed_on(procedure: AnyProcedure) -> Iterator[None]:
 
 def _with_device(asked: Asked, procedure: AnyProcedure) -> Layer | None:
     """Return the requested settings, with the device for a procedure that uses the device's history."""
-    from vcfbench.bench.layering import Layer, merged  # noqa: PLC0415
+    from vcfbench.station.layering import Layer, merged  # noqa: PLC0415
 
     of_device = {} if asked.metadata.dut is None else procedure.settings.keys_of_device(asked.metadata.dut)
     if not of_device or asked.settings is None:
@@ -285,6 +285,6 @@ def _seed(description: BenchDescription, seed: int | None) -> int | None:
         raise ConfigError(f"--seed {seed}: {description.name} is served, its server was given the seed")
     if description.simulation is None:
         raise ConfigError(f"--seed {seed}: {description.name} is a real bench, only simulated ones have a seed")
-    from vcfbench.bench.description import whole_seed  # noqa: PLC0415  # a bench is described by now
+    from vcfbench.station.description import whole_seed  # noqa: PLC0415  # a bench is described by now
 
     return whole_seed(seed)

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from msgspec import Struct, structs
 
 from vcfbench.bench.console import Console
-from vcfbench.bench.limits import LimitChecks, driver_of
-from vcfbench.bench.settings import Station
 from vcfbench.clock import sleep
 from vcfbench.errors import BenchError, ConfigError, InterlockError, LimitError
 from vcfbench.procedures.routines import look_at_drive, rails_of
+from vcfbench.station.limits import LimitChecks, driver_of
+from vcfbench.station.settings import Station
 from vcfbench.steps import (
     AwaitRate,
     CheckRails,
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
     from vcfbench.bench.bench import Bench
     from vcfbench.bench.console import ConsoleReply
-    from vcfbench.bench.signals import StopSignals
     from vcfbench.records.raw import RawRecord
+    from vcfbench.safety.signals import StopSignals
     from vcfbench.steps.step import Routine, Step
 
 _T = TypeVar("_T")

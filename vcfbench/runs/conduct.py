@@ -34,11 +34,6 @@ if TYPE_CHECKING:
 
     from vcfbench.archive.results import Evaluation
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.control import RunControl
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.signals import StopSignals
-    from vcfbench.bench.trust import Trust
-    from vcfbench.bench.watchdog import Watchdog
     from vcfbench.interfaces import Identity, SafeReport
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
     from vcfbench.records.directory import RunDirectory
@@ -47,6 +42,11 @@ if TYPE_CHECKING:
     from vcfbench.reports.shielded import Shielded
     from vcfbench.runs.asked import DryRun, Prepared
     from vcfbench.runs.pausing import Pausing
+    from vcfbench.safety.control import RunControl
+    from vcfbench.safety.signals import StopSignals
+    from vcfbench.safety.trust import Trust
+    from vcfbench.safety.watchdog import Watchdog
+    from vcfbench.station.description import BenchDescription
     from vcfbench.steps.executor import Event, Execution, Observer
     from vcfbench.steps.step import Operator
 
@@ -100,7 +100,7 @@ def run(
         BenchError: the run did not come to its end. The error's `run` holds what was measured, which is recorded too.
         NotSafe: something could not be made safe; whatever else went wrong is in its words.
     """
-    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
+    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
 
     if runs is not None and not str(runs).strip():
         raise ConfigError("runs: expected a directory, came an empty name")
@@ -237,9 +237,9 @@ class _Course(Struct):
 def _perform(course: _Course, signals: StopSignals) -> None:
     """Open the bench, perform the plan, make all safe, and only then close the record."""
     from vcfbench.bench.bench import open_bench  # noqa: PLC0415
-    from vcfbench.bench.trust import require_library  # noqa: PLC0415
     from vcfbench.reports.shielded import Shielded  # noqa: PLC0415
     from vcfbench.runs.needs import roles_of  # noqa: PLC0415
+    from vcfbench.safety.trust import require_library  # noqa: PLC0415
 
     asked = course.asked
     with _PREPARING:
@@ -288,9 +288,9 @@ def _perform(course: _Course, signals: StopSignals) -> None:
 
 def _warn_of_calibrations(asked: Asked, prepared: Prepared) -> None:
     """Say which of the instruments that the run opens are overdue, before anything else is said."""
-    from vcfbench.bench.equipment import equipment_on, overdue_words  # noqa: PLC0415
-    from vcfbench.bench.roles import needed_roles  # noqa: PLC0415
     from vcfbench.runs.needs import roles_of  # noqa: PLC0415
+    from vcfbench.safety.roles import needed_roles  # noqa: PLC0415
+    from vcfbench.station.equipment import equipment_on, overdue_words  # noqa: PLC0415
 
     description = prepared.description
     roles = [each.name for each in needed_roles(description, roles_of(prepared.procedure, description))]
@@ -443,7 +443,7 @@ class _Record(Struct):
     def _header(self, name: str, identities: Mapping[str, Identity], times: Mapping[str, float]) -> dict[str, Any]:
         import msgspec  # noqa: PLC0415
 
-        from vcfbench.bench.equipment import equipment_on  # noqa: PLC0415
+        from vcfbench.station.equipment import equipment_on  # noqa: PLC0415
 
         course, description = self.course, self.prepared.description
         equipment = equipment_on(utc_now().date(), description, identities, identities)

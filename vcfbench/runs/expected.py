@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from msgspec import Struct, field, structs, to_builtins
 
-from vcfbench.bench.linear_gyro import LinearGyro
 from vcfbench.errors import BenchError
+from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps import ConfigureMeter, ModulatedRecord, Window
 from vcfbench.steps.step import Reading
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Step, StepResult
 
 PAPER_WALK_DEG_SQRT_H: Final = 0.21

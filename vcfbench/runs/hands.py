@@ -8,8 +8,8 @@ from vcfbench.errors import PlanError
 
 if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.runs.asked import Asked, DryRun
+    from vcfbench.station.description import BenchDescription
     from vcfbench.steps.step import Operator
 
 

@@ -8,8 +8,8 @@ from vcfbench.errors import ConfigError
 from vcfbench.interfaces import lacking
 
 if TYPE_CHECKING:
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.station.description import BenchDescription
 
 
 def require_needs(procedure: AnyProcedure, description: BenchDescription) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from vcfbench.archive.run import Run
-    from vcfbench.bench.description import Notify
+    from vcfbench.station.description import Notify
 
 _FAILED = 1
 

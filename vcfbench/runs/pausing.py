@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
 
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.control import RunControl
     from vcfbench.runs.asked import Prepared
+    from vcfbench.safety.control import RunControl
     from vcfbench.steps import Window
     from vcfbench.steps.executor import Moved
     from vcfbench.steps.step import Routine, Step
@@ -36,7 +36,7 @@ class Pausing(Struct, frozen=True):
     @classmethod
     def of(cls, control: RunControl, bench: Bench, prepared: Prepared, speed: str | float | None) -> Pausing:
         """Return it for a run that was `prepared`, on the open `bench`."""
-        from vcfbench.bench.station import checked_pace  # noqa: PLC0415
+        from vcfbench.bench.ground import checked_pace  # noqa: PLC0415
 
         pace = checked_pace(prepared.description, speed) or 0.0
         return cls(control, bench, AroundPause(prepared.settings, bool(prepared.procedure.in_one_piece)), pace)

@@ -7,7 +7,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.bench.description import CALIBRATION_KEYS
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
@@ -15,6 +14,7 @@ from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.metadata import metadata_from
 from vcfbench.records.schema import Status
 from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
+from vcfbench.station.description import CALIBRATION_KEYS
 from vcfbench.steps.step import Effect, Outcome
 from vcfbench.typed import typed
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 
     from vcfbench.archive.run import Run
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.control import RunControl
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.settings import ProcedureSettings
-    from vcfbench.bench.trust import Trust
     from vcfbench.interfaces import Identity
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.directory import RunDirectory
     from vcfbench.records.journal import JournalRecord
     from vcfbench.records.schema import Point
+    from vcfbench.safety.control import RunControl
+    from vcfbench.safety.trust import Trust
+    from vcfbench.station.description import BenchDescription
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.executor import Execution, Executor, Observer
     from vcfbench.steps.replay import TakenOver
     from vcfbench.steps.step import Operator, Plan, Routine
@@ -76,8 +76,8 @@ def resume(
         PlanError: the procedure or its settings were changed since.
         BenchError: as of :func:`vcfbench.run`.
     """
-    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct  # noqa: PLC0415
+    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
 
     broken = broken_off(run, runs)
     if procedure is None:
@@ -164,14 +164,14 @@ class BrokenOff:
     def require_trust(self, trust: Trust) -> None:
         """Raise ConfigError where the record names a procedure's file and nobody says that it may run."""
         if isinstance(self.procedure, Path):
-            from vcfbench.bench.trust import require_trust  # noqa: PLC0415  # few procedures are one's own
+            from vcfbench.safety.trust import require_trust  # noqa: PLC0415  # few procedures are one's own
 
             what = f"{self.directory.run} is of a procedure of its own, the program"
             require_trust(what, self.procedure, trust, f"--procedure {shown(self.procedure)}, ")
 
     def prepare(self, asked: Asked, checked: Checked) -> Prepared:
         """Check the request against the record; nothing is opened."""
-        from vcfbench.bench.station import checked_pace  # noqa: PLC0415
+        from vcfbench.bench.ground import checked_pace  # noqa: PLC0415
         from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
         from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
         from vcfbench.runs.needs import require_needs  # noqa: PLC0415
@@ -207,10 +207,10 @@ class BrokenOff:
         from msgspec.json import decode, encode  # noqa: PLC0415
         from msgspec.structs import replace  # noqa: PLC0415
 
-        from vcfbench.bench.description import BenchDescription  # noqa: PLC0415
-        from vcfbench.bench.file import described  # noqa: PLC0415
+        from vcfbench.procedures.bench_file import described  # noqa: PLC0415
         from vcfbench.procedures.layers import with_settings  # noqa: PLC0415
         from vcfbench.runs.conduct import profile_of  # noqa: PLC0415
+        from vcfbench.station.description import BenchDescription  # noqa: PLC0415
 
         header = self.record.header
         try:
@@ -247,7 +247,7 @@ def _file_of_station(header: Mapping[str, Any]) -> Path | None:
     Raises:
         ConfigError: it is not there any more.
     """
-    from vcfbench.bench.file import EMBEDDED  # noqa: PLC0415
+    from vcfbench.station.file import EMBEDDED  # noqa: PLC0415
 
     options = header.get("options")
     given = options.get("bench") if isinstance(options, dict) else None
@@ -285,7 +285,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             PlanError: the plan asks for other steps than the record has.
             ConfigError: the plan ends by itself where the record ends: what was measured is refused.
         """
-        from vcfbench.bench.limits import LimitChecks  # noqa: PLC0415
+        from vcfbench.station.limits import LimitChecks  # noqa: PLC0415
         from vcfbench.steps.dry_run import PlannedStep, dry_run  # noqa: PLC0415
 
         whole = Prepared.planned(self)

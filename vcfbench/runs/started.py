@@ -5,18 +5,18 @@ from __future__ import annotations
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.bench.control import RunControl
 from vcfbench.runs.conduct import run
+from vcfbench.safety.control import RunControl
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from vcfbench.archive.run import Run
-    from vcfbench.bench.description import BenchDescription
-    from vcfbench.bench.trust import Trust
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.metadata import RunMetadata
+    from vcfbench.safety.trust import Trust
+    from vcfbench.station.description import BenchDescription
     from vcfbench.steps.executor import Observer
     from vcfbench.steps.step import Operator
 

@@ -18,7 +18,7 @@ from vcfbench.steps import (
 from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
-    from vcfbench.bench.settings import DriveWindow, ProcedureSettings
+    from vcfbench.station.settings import DriveWindow, ProcedureSettings
     from vcfbench.steps.step import Routine
 
 _DRIVE_STEADY = 0.03

@@ -14,8 +14,8 @@ from vcfbench.steps.step import Step, abandon
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-    from vcfbench.bench.limits import LimitChecks
-    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.station.limits import LimitChecks
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Plan, Routine
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from vcfbench.bench.settings import Sources
+    from vcfbench.station.settings import Sources
 
 _Found = TypeVar("_Found", bound=StepResult)
 _Mark = TypeVar("_Mark", bound=Step)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Self
 
-    from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.bench.settings import Sources
+    from vcfbench.station.linear_gyro import LinearGyro
+    from vcfbench.station.settings import Sources
     from vcfbench.steps.step import Context
 
 

@@ -9,7 +9,7 @@ from msgspec import Struct
 from vcfbench.steps.step import Effect, Request, Step, StepResult
 
 if TYPE_CHECKING:
-    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context
 
 _NAMES = {"v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative": "negative rail"}

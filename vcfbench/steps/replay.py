@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from collections.abc import Set as AbstractSet
 
-    from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.records.journal import JournalRecord
+    from vcfbench.station.linear_gyro import LinearGyro
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Outcome, Plan, Routine
 
 _LOOKS_AT_DRIVE = (ConfigureScope, FindDrive, MeasureDrive)

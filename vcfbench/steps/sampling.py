@@ -16,9 +16,9 @@ from vcfbench.steps.table import read_rate
 if TYPE_CHECKING:
     from typing import Self
 
-    from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.bench.settings import Sources
     from vcfbench.interfaces import Multimeter
+    from vcfbench.station.linear_gyro import LinearGyro
+    from vcfbench.station.settings import Sources
     from vcfbench.steps.step import Context
 
 

@@ -12,9 +12,9 @@ from vcfbench.interfaces import AveragesWaveforms
 from vcfbench.steps.step import Effect, Step, StepResult
 
 if TYPE_CHECKING:
-    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Oscilloscope
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context
 
 _DIVISIONS = 3.0

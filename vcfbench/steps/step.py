@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Self
 
-    from vcfbench.bench.limits import LimitChecks
-    from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.bench.settings import Sources
     from vcfbench.clock import Clock
     from vcfbench.interfaces import (
         FunctionGenerator,
@@ -37,6 +34,9 @@ if TYPE_CHECKING:
         TemperatureChamber,
     )
     from vcfbench.records.schema import Point
+    from vcfbench.station.limits import LimitChecks
+    from vcfbench.station.linear_gyro import LinearGyro
+    from vcfbench.station.settings import Sources
     from vcfbench.steps.scatter import NoiseSeen
 
 _T = TypeVar("_T")

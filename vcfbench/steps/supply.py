@@ -13,9 +13,9 @@ from vcfbench.steps.step import Effect, Step, StepResult, problem
 from vcfbench.steps.wait import Done
 
 if TYPE_CHECKING:
-    from vcfbench.bench.limits import LimitChecks
-    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.interfaces import PowerSupply
+    from vcfbench.station.limits import LimitChecks
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context
 
 

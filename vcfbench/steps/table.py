@@ -12,9 +12,9 @@ from vcfbench.steps.step import Effect, Step, StepResult, problem
 from vcfbench.steps.wait import Done, Settle
 
 if TYPE_CHECKING:
-    from vcfbench.bench.limits import LimitChecks
-    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.interfaces import RateTable
+    from vcfbench.station.limits import LimitChecks
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context
 
 _POLL_S = 0.05

@@ -10,7 +10,7 @@ from vcfbench.clock import sleep
 from vcfbench.steps.step import Effect, Step, StepResult
 
 if TYPE_CHECKING:
-    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context
 
 

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct, field, structs
 
-from vcfbench.bench.layering import Layer, merged
-from vcfbench.bench.strict import converted, refusal
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, require_numbers, shown
+from vcfbench.station.layering import Layer, merged
+from vcfbench.station.strict import converted, refusal
 from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, count, placed, varied
 from vcfbench.version import installed_version
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.runs.asked import Asked, Prepared
+    from vcfbench.station.description import BenchDescription
 
 _MOST_CASES = 10_000
 _MOST_RUNS = 1_000_000
@@ -114,7 +114,7 @@ class Study(Struct, frozen=True, kw_only=True):
         return self._bench_of(table), asked[SETTINGS]
 
     def _bench_of(self, table: Mapping[str, Any]) -> BenchDescription:
-        from vcfbench.bench.file import checked_bench  # noqa: PLC0415
+        from vcfbench.procedures.bench_file import checked_bench  # noqa: PLC0415
 
         marked = "\0"  # no file is called so: what follows it in an error is the key
         try:
@@ -274,7 +274,7 @@ def _require_few(said: _File, cases: int, source: str) -> None:
 
 def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
     """Return a bench's name for errors, and its file as a table; profiles are found from anywhere."""
-    from vcfbench.bench.file import EMBEDDED, embedded_text  # noqa: PLC0415
+    from vcfbench.station.file import EMBEDDED, embedded_text  # noqa: PLC0415
 
     file = folder / bench
     if bench in EMBEDDED and not file.is_file():

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec import Struct, structs
 
-from vcfbench.bench.strict import refusal
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import shown
+from vcfbench.station.strict import refusal
 from vcfbench.studies.asked import Study, read_study, study_of
 from vcfbench.studies.journal import Begun, kept, rows_of
 from vcfbench.studies.metrics import PARTS

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from vcfbench.archive.run import Run
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 PARTS = (".u", ".u95", ".truth", ".z", ".covered")
 """Endings of names beside a value: its uncertainties, the true value, (value - truth)/u, and whether U95 holds it."""

@@ -45,8 +45,8 @@ def perform(work: PlannedRun) -> RunRow:
     Raises:
         Aborted: a signal came.
     """
-    from vcfbench.bench.signals import StopSignals  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct  # noqa: PLC0415
+    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
     from vcfbench.studies.metrics import metrics_of  # noqa: PLC0415
 
     case, study = work.study.cases[0], work.study

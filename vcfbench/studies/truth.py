@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from vcfbench.archive.run import Run
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
     Output = Callable[[float, float | None], float]
 
@@ -34,8 +34,8 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
 
     The bench is that of `description`, which is simulated.
     """
-    from vcfbench.bench.simulated import true_output  # noqa: PLC0415  # loads the simulation
     from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult  # noqa: PLC0415
+    from vcfbench.sim.builder import true_output  # noqa: PLC0415  # loads the simulation
 
     if run.procedure == "turntable":
         rates = [point.rate_deg_s for point in run.points if point.step == 1]

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
-from vcfbench.bench.layering import keys_of
-from vcfbench.bench.strict import converted, refusal, words
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, shown
+from vcfbench.station.layering import keys_of
+from vcfbench.station.strict import converted, refusal, words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -20,13 +20,13 @@ from msgspec.structs import replace
 from simrack.faults import Fault, FaultInjector, FaultScript
 
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.consistency import invalid_values
-from vcfbench.bench.description import BenchDescription, Simulation, SimulationErrors
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import SimulatedBench, chosen_seed
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.builder import SimulatedBench, chosen_seed
 from vcfbench.sim.fault_scripts import parse_script, read_script
+from vcfbench.station.consistency import invalid_values
+from vcfbench.station.description import BenchDescription, Simulation, SimulationErrors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -180,7 +180,7 @@ class ServedLab:
 
     def on_wires(self) -> BenchDescription:
         """Return the bench as a run of this program opens it from outside: over TCP, led by its clock."""
-        from vcfbench.bench.served import on_wires  # noqa: PLC0415  # loaded when it is needed
+        from vcfbench.sim.served import on_wires  # noqa: PLC0415  # loaded when it is needed
 
         resources = {role: str(wires.tcp) for role, wires in self.wires.items()}
         return on_wires(self.description, resources, f"127.0.0.1:{self.control_port}")
@@ -202,7 +202,7 @@ def serve_simulated(
 
     from simrack.serve import MAX_SPEED, BenchServer, ServedClock, ServerSettings  # noqa: PLC0415
 
-    from vcfbench.bench.served import build_served  # noqa: PLC0415
+    from vcfbench.sim.served import build_served  # noqa: PLC0415
 
     settings = ServerSettings(faults=FaultScript(()) if faults is None else _script(faults))
     description = bench if isinstance(bench, BenchDescription) else load_bench(bench)

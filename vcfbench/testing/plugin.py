@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.bench import Bench
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.sim.world import World
+    from vcfbench.station.description import BenchDescription
     from vcfbench.testing.benches import ServedLab, SimulatedLab
 
 _MARK = (

@@ -12,9 +12,9 @@ from simrack.sources import Drive
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.test_bridge import FILTERED, STILL, deviation_v, stationary, white_only
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.gyro.means import output_integral
 from vcfbench.sim.gyro.noise import FlickerNoise, NoisyChain

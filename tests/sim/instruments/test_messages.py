@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from simrack_tests.instruments.conversation import Conversation
 from simrack_tests.instruments.messages import UNITS, Unit, answers, errors, messages, text, wrong_messages
 
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import VirtualClock
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.testing import simulated
 
 NUMBER = r"[-+]\d\.\d{8}E[-+]\d\d"

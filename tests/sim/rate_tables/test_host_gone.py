@@ -17,7 +17,7 @@ from simrack_tests.cells import few
 from simrack_tests.rate_tables.turning import RATE, START
 
 from tests import warm
-from vcfbench.bench.file import embedded_text
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,8 +14,9 @@ from simrack.rate_tables.stream import StreamErrors
 from simrack_tests.rate_tables.ideal import IdealWorld
 
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import embedded_text, parse_bench
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,16 +17,17 @@ from simrack_tests.serve.lamp import serving
 
 from vcfbench import models
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.file import embedded_text, parse_bench
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.clock import Deadline, sleep
 from vcfbench.models import TableLanguage
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.station.file import embedded_text
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 DOCS = Path(__file__).parents[3] / "docs"
 WIRES = ["tcp", pytest.param("pty", marks=pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals"))]

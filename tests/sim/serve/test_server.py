@@ -28,10 +28,10 @@ from simrack_tests.serve.lamp import ALL, IDENTITY, Lamp, served_lamp, serving
 from simrack_tests.serve.test_raw import Wire
 from typer.testing import CliRunner
 
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.cli.serve import register
 from vcfbench.clock import VirtualClock, sleep
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.builder import SimulatedBench
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

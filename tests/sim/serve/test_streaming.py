@@ -13,8 +13,8 @@ from simrack.serve.raw import ByteStream
 from simrack_tests.ports import eventually
 from simrack_tests.serve.lamp import ALL, Served, serving
 
-from vcfbench.bench.file import load_bench
-from vcfbench.bench.served import build_served
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.served import build_served
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,10 +15,11 @@ from simrack_tests.ports import eventually
 from simrack_tests.rate_tables.ideal import IdealMotion
 from simrack_tests.serve.lamp import Served, serving
 
-from vcfbench.bench.file import embedded_text, load_bench
 from vcfbench.clock import Deadline, ScaledClock, sleep
 from vcfbench.drivers.rate_table.dialects import DIALECTS
 from vcfbench.drivers.registry import open_instrument
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.station.file import embedded_text
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

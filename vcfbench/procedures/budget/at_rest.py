@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from vcfbench.bench.settings import ProcedureSettings, Sources
+    from vcfbench.station.settings import ProcedureSettings, Sources
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
-from vcfbench.bench.settings import V_VC_RANGE_V
 from vcfbench.procedures.budget.line import limited
+from vcfbench.station.settings import V_VC_RANGE_V
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.budget import Source
-    from vcfbench.bench.settings import Sources
     from vcfbench.procedures.budget.line import Floats
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import Sources
 
 _ONE_LEVEL = 0.02
 """Levels that differ by no more of themselves are taken to be on one range, wherever the ranges are."""

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.bench.settings import ProcedureSettings, Sources
     from vcfbench.procedures.sweep.windows import Sweep
+    from vcfbench.station.settings import ProcedureSettings, Sources
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

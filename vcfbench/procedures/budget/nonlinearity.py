@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.analysis.budget import Model
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.budget.known_levels import KnownLevels
     from vcfbench.procedures.budget.line import Floats, Line
     from vcfbench.procedures.budget.statement import StatedValue, Statement
     from vcfbench.procedures.budget.worst_residual import LargestResidual
+    from vcfbench.station.settings import ProcedureSettings
 
 _RANGES_UNKNOWN = "nobody knows where the generator's ranges end, whose steps stand out of a line too"
 

@@ -16,7 +16,7 @@ from vcfbench.analysis.budget import Source
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from vcfbench.bench.settings import Sources
+    from vcfbench.station.settings import Sources
 
 CARRIER_PHASE, DEMODULATOR_PHASE = "carrier phase", "demodulator phase"
 

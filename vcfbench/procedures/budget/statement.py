@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from vcfbench.analysis.budget import Budget, Model, Result
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.sweep.window_noise import Flicker
+    from vcfbench.station.settings import ProcedureSettings
 
 _NEARLY_NORMAL = 0.05
 """Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""

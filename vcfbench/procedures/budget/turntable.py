@@ -21,9 +21,9 @@ from vcfbench.procedures.sweep.windows import sweep_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
 
 _MEANINGS = MappingProxyType(
     {

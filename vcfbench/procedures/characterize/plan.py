@@ -14,9 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from msgspec import Meta, Struct, field, structs, to_builtins
 
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.layering import Layer, chosen_settings, keys_of, setting_keys
-from vcfbench.bench.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station
 from vcfbench.errors import BenchError
 from vcfbench.files import dotted
 from vcfbench.interfaces import (
@@ -34,6 +31,9 @@ from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_rep
 from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.layering import Layer, chosen_settings, keys_of, setting_keys
+from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station
 from vcfbench.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
 from vcfbench.steps.step import Step
 from vcfbench.typed import typed
@@ -42,12 +42,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
     from typing import Self
 
-    from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.bench.settings import PlacedInstrument
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
     from vcfbench.records.devices import NewEntry
     from vcfbench.reports.document import Report
     from vcfbench.specifications import VoltmeterSpecification
+    from vcfbench.station.linear_gyro import LinearGyro
+    from vcfbench.station.settings import PlacedInstrument
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context, StepResult
 

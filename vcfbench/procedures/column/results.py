@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
     from vcfbench.analysis.column import CalibrationColumn, Quantity
     from vcfbench.analysis.scale_factor import ScaleFactorResult
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
 
 
 def acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:

@@ -41,11 +41,11 @@ from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
-    from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.bench.parts import Node
     from vcfbench.interfaces import Oscilloscope
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
     from vcfbench.records.devices import Characteristics
+    from vcfbench.station.linear_gyro import LinearGyro
+    from vcfbench.station.parts import Node
     from vcfbench.steps.step import Routine
 
 _LEVEL_V = 0.7

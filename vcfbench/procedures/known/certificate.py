@@ -14,19 +14,19 @@ import numpy as np
 
 from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.control_chart import cusum, recursive_residuals
-from vcfbench.bench.acceptance import Acceptance, Verdict
 from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Text
+from vcfbench.station.acceptance import Acceptance, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from vcfbench.bench.settings import Limit
     from vcfbench.procedures.known.device import KnownDevice, Reference
     from vcfbench.records.devices import KvcCurve, Measured, Share
+    from vcfbench.station.settings import Limit
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from msgspec import Meta, Struct, field, structs
 
-from vcfbench.bench.settings import Station
-from vcfbench.bench.strict import refusal, words
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
@@ -26,14 +24,16 @@ from vcfbench.records.devices import (
     read_entry,
     since_certificate,
 )
+from vcfbench.station.settings import Station
+from vcfbench.station.strict import refusal, words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from datetime import datetime
     from typing import Self
 
-    from vcfbench.bench.settings import Gap, Limit
     from vcfbench.records.devices import DeviceRecord, Entry
+    from vcfbench.station.settings import Gap, Limit
 
 UNSEEN = (
     "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.bench.settings import Limit
+from vcfbench.station.settings import Limit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

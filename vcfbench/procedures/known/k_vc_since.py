@@ -17,9 +17,9 @@ from vcfbench.records.devices import Characteristics
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from vcfbench.bench.settings import Sources
     from vcfbench.procedures.known.device import KnownDevice, KnownDeviceSettings
     from vcfbench.procedures.known.k_vc_change import KvcChange
+    from vcfbench.station.settings import Sources
 
 K_VC_HEALTH = "what was measured of K_Vc's causes"
 K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperature since the certificate, in K_Vc"

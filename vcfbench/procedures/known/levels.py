@@ -19,8 +19,8 @@ from vcfbench.steps.step import answer
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Routine
 
 K_VC_UNIT = "(deg/s)/V"

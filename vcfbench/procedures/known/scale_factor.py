@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from msgspec import Meta, Struct
 
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import DeviceSettings
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import DeviceSettings
 from vcfbench.steps.step import Step, StepResult
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.linear_gyro import LinearGyro
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context, Routine
 

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, structs
 
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import DeviceSettings
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.flicker import flicker_sources, with_flicker
 from vcfbench.procedures.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.procedures.routines import take
 from vcfbench.records.devices import Conditions, DeviceStore
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import DeviceSettings
 from vcfbench.steps import MeasureVvc, VvcMeasured, move_leads
 from vcfbench.steps.measured import Measured
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from typing import Self
 
-    from vcfbench.bench.settings import PlacedInstrument, ProcedureSettings
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import PlacedInstrument, ProcedureSettings
     from vcfbench.steps.step import Routine
 
 READINGS = "readings"

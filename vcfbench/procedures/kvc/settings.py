@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta, structs, to_builtins
 
-from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
 from vcfbench.procedures.health.way import AC_WANTED, HEALTH
 from vcfbench.procedures.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.null_comparison.plan import invalid_match_rates
+from vcfbench.station.bounds import Rate  # noqa: TC001 - msgspec reads it
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Self
 
-    from vcfbench.bench.invalid_value import InvalidValue
+    from vcfbench.station.invalid_value import InvalidValue
 
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):

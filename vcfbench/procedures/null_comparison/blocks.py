@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.v_vc import KnownVvcSettings
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

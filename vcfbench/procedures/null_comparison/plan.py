@@ -12,19 +12,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from vcfbench.analysis.chopped import CHOPPED, Block
-from vcfbench.bench.bounds import LEAST_V_VC_V
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import rate_words
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.routines import go_to_rate, set_v_vc, take, v_vc_on
 from vcfbench.procedures.sweep.agreement import require_expected_k_vc
+from vcfbench.station.bounds import LEAST_V_VC_V
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import rate_words
 from vcfbench.steps import DisableVvc, Note, Settle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Routine
 
 _CLOSE = 1e-3

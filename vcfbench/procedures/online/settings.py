@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from msgspec import Meta
 
-from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import rate_words
 from vcfbench.procedures.known.device import KnownDeviceSettings, level_for
+from vcfbench.station.bounds import Rate  # noqa: TC001 - msgspec reads it
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import rate_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -37,8 +37,8 @@ from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
-    from vcfbench.bench.parts import Node
     from vcfbench.records.devices import Characteristics
+    from vcfbench.station.parts import Node
     from vcfbench.steps.step import Routine
 
 _Amplitudes: TypeAlias = tuple[float, float, float]

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from msgspec import Meta
 
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import rate_words
 from vcfbench.procedures.kept_characteristics import KeptSettings
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import rate_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -49,9 +49,9 @@ from vcfbench.steps import (
 from vcfbench.steps.step import Effect, Reading, Step
 
 if TYPE_CHECKING:
-    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.power.results import PowerResult
     from vcfbench.records.devices import Characteristics
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context, Routine
 
 _QUICK_NPLC = 1.0

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.analysis.chopped import BlockNoise
-    from vcfbench.bench.settings import Sources
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.power.settings import PowerSettings
+    from vcfbench.station.settings import Sources
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Step
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
-from vcfbench.bench.bounds import Rate  # noqa: TC001 - msgspec reads it
-from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.procedures.health.way import AC_WANTED, HEALTH
 from vcfbench.procedures.known.device import KnownDeviceSettings
+from vcfbench.station.bounds import Rate  # noqa: TC001 - msgspec reads it
+from vcfbench.station.invalid_value import InvalidValue
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

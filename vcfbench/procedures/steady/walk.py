@@ -18,8 +18,8 @@ from vcfbench.steps.step import LOOK_AT_SIGNALS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Step, StepResult
 
 _SIGMAS = 6.0

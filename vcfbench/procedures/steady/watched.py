@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 from vcfbench.procedures.steady.walk import Limits, Walk
 
 if TYPE_CHECKING:
-    from vcfbench.bench.settings import ProcedureSettings
+    from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Routine
 
 T = TypeVar("T")

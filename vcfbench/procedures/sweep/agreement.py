@@ -18,8 +18,8 @@ from vcfbench.errors import MeasurementError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.bench.settings import Expected
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import Expected
 
 _NOISES = 8.0
 """Allowance for noise, in standard uncertainties: readings are not independent (flicker)."""

@@ -12,9 +12,9 @@ from typing import Annotated, NamedTuple
 
 from msgspec import Meta
 
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.flicker import KnownFlickerSettings
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import ProcedureSettings
 
 ABBA_SIGNS = (1.0, -1.0, -1.0, 1.0)
 """A level and its opposite so that a linear drift cancels between them."""

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
 
 Floats: TypeAlias = "NDArray[np.float64]"
 

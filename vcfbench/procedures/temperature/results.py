@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.chopped import BlockNoise
-    from vcfbench.bench.linear_gyro import LinearGyro
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.temperature.settings import TemperatureSettings
     from vcfbench.records.schema import Point
+    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta, structs
 
-from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.procedures.bandwidth import BandwidthSettings
 from vcfbench.procedures.kept_characteristics import require_room
 from vcfbench.procedures.known.scale_factor import AtRestSettings, ScaleFactorBy, contradictions_of_level
+from vcfbench.station.invalid_value import InvalidValue
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

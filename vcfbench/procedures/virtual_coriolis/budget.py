@@ -29,12 +29,12 @@ from vcfbench.procedures.sweep.windows import sweep_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.budget.known_levels import KnownLevels
     from vcfbench.procedures.budget.line import Floats
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.virtual_coriolis.matching import Matching
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
 
 MEANINGS = MappingProxyType(
     {

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
-from vcfbench.bench.settings import Match
 from vcfbench.errors import MeasurementError
+from vcfbench.station.settings import Match
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

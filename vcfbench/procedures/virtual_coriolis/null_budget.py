@@ -29,12 +29,12 @@ from vcfbench.procedures.virtual_coriolis.budget import MEANINGS, four_step_valu
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.bench.settings import ProcedureSettings, Sources
     from vcfbench.procedures.budget.known_levels import KnownLevels
     from vcfbench.procedures.budget.line import Floats
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings, Sources
 
 _OF_PAIR = {"k_vc": "rates over V_Vc at the match rate and its opposite, half the difference: no even order in it"}
 

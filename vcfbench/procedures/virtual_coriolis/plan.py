@@ -11,7 +11,6 @@ from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from vcfbench.bench.settings import V_VC_RANGE_V
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -39,6 +38,7 @@ from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.report import virtual_coriolis_report
 from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult, null_results, virtual_coriolis_results
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
+from vcfbench.station.settings import V_VC_RANGE_V
 from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:

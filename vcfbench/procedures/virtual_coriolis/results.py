@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
-from vcfbench.bench.settings import ProcedureSettings
 from vcfbench.procedures.column.results import (
     acceptance_u95,
     acceptance_values,
@@ -22,12 +21,12 @@ from vcfbench.procedures.column.results import (
 )
 from vcfbench.procedures.known.levels import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
 from vcfbench.procedures.virtual_coriolis.matching import Matching
+from vcfbench.station.settings import ProcedureSettings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
-    from vcfbench.bench.settings import Match
     from vcfbench.procedures.budget.statement import Statement
     from vcfbench.procedures.sweep.found import SweepFound
     from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
     from vcfbench.records.schema import Point
     from vcfbench.specifications import LevelSpecification
+    from vcfbench.station.settings import Match
 
 
 class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):

@@ -6,10 +6,10 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from vcfbench.bench.bounds import LEAST_V_VC_V, Rate
-from vcfbench.bench.invalid_value import InvalidValue
-from vcfbench.bench.settings import Match, rate_words
 from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
+from vcfbench.station.bounds import LEAST_V_VC_V, Rate
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import Match, rate_words
 
 
 class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -27,6 +26,7 @@ from vcfbench.procedures.routines import (
     source_off,
 )
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_report, warmup_results
+from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps import (
     Acquire,
     CheckRails,
@@ -44,10 +44,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Self
 
-    from vcfbench.bench.linear_gyro import LinearGyro
-    from vcfbench.bench.settings import Sources
     from vcfbench.records.schema import Point
     from vcfbench.reports.document import Report
+    from vcfbench.station.linear_gyro import LinearGyro
+    from vcfbench.station.settings import Sources
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context, Routine, Step
 

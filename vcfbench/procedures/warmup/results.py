@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.model_fit import ModelFit
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
 
     Floats = NDArray[np.float64]
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from msgspec import Meta
 
-from vcfbench.bench.invalid_value import InvalidValue
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.kept_characteristics import require_room
@@ -31,6 +30,7 @@ from vcfbench.procedures.routines import (
     source_off,
 )
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
+from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps import (
     Acquire,
     AcquireGapless,

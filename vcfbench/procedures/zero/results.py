@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.allan import AllanPoint
-    from vcfbench.bench.settings import ProcedureSettings
     from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.sweep.window_noise import Flicker
+    from vcfbench.station.settings import ProcedureSettings
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""

@@ -9,12 +9,12 @@ from msgspec import Struct
 from msgspec.structs import replace
 from simrack.faults import Fault, Kind
 
-from vcfbench.bench.file import load_bench
+from vcfbench.procedures.bench_file import load_bench
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from vcfbench.bench.description import BenchDescription
+    from vcfbench.station.description import BenchDescription
 
 What = Literal["fault", "kill", "power cut", "signal", "starter", "clock", "disk full", "sync fails"]
 _ENDS = frozenset({"kill", "power cut"})

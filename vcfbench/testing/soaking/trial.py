@@ -18,13 +18,13 @@ from simrack.faults import FaultInjector
 
 import vcfbench.clock
 import vcfbench.records.journal
-from vcfbench.bench.signals import StopSignals
-from vcfbench.bench.simulated import SimulatedBench
 from vcfbench.errors import Aborted, BenchError, ConfigError
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.runs.asked import Asked, prepare
 from vcfbench.runs.conduct import conduct
 from vcfbench.runs.resumed import broken_off
+from vcfbench.safety.signals import StopSignals
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.steps.executor import StepFinished
 from vcfbench.testing.disk import Disk, DiskState
 
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.archive.run import Run
-    from vcfbench.bench.description import BenchDescription
     from vcfbench.clock import Clock
+    from vcfbench.station.description import BenchDescription
     from vcfbench.steps.executor import Event
     from vcfbench.testing.soaking.draw import Draw, Happening
 

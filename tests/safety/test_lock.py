@@ -1,0 +1,238 @@
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import socket
+import stat
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from msgspec import structs
+
+from vcfbench.bench.ground import station
+from vcfbench.errors import BenchError
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.safety.lock import InUse, LockUnusable, instrument_locks, lock_directory, lock_path
+from vcfbench.station.file import template
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+METER = "GPIB0::22::INSTR"
+SUPPLY = "GPIB0::5::INSTR"
+HOLD = """
+import sys
+from vcfbench.safety.lock import instrument_locks
+with instrument_locks("lab-1", {"multimeter": "GPIB::22", "power": "GPIB0::5::INSTR"}):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+posix = pytest.mark.skipif(sys.platform == "win32", reason="links and modes are different there")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
+    return tmp_path / "locks"
+
+
+@pytest.fixture
+def holder() -> Iterator[subprocess.Popen[str]]:
+    """Another process that has meter and supply."""
+    command = [sys.executable, "-c", HOLD]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
+        assert process.stdout is not None
+        assert process.stdout.readline() == "held\n"
+        yield process
+        process.kill()
+
+
+def test_a_second_process_is_told_who_has_the_instrument_under_whatever_name(holder: subprocess.Popen[str]) -> None:
+    words = rf"multimeter at gpib::22: in use by process {holder.pid} of \S+ on \S+ for station lab-1 since 20\d\d-"
+    with pytest.raises(InUse, match=words) as caught, instrument_locks("other", {"multimeter": "gpib::22"}):
+        pytest.fail("two have it")
+    assert caught.value.exit_code == 3
+    assert str(lock_path(METER)) in str(caught.value)
+
+
+def test_all_are_taken_or_none(holder: subprocess.Popen[str]) -> None:
+    assert holder.poll() is None
+    with pytest.raises(InUse), instrument_locks("other", {"rate_source": "GPIB0::10::INSTR", "power": SUPPLY}):
+        pytest.fail("two have it")
+    with instrument_locks("other", {"rate_source": "GPIB0::10::INSTR"}):
+        owner = json.loads(lock_path("GPIB0::10::INSTR").read_text("utf-8"))
+    assert (owner["pid"], owner["station"], owner["resource"]) == (os.getpid(), "other", "GPIB0::10::INSTR")
+
+
+def test_a_lock_that_cannot_be_used_hides_nobody_who_has_another(folder: Path) -> None:
+    (lock_path("GPIB0::10::INSTR")).mkdir(parents=True)
+    both = {"rate_source": "GPIB0::10::INSTR", "power": SUPPLY}
+    with pytest.raises(LockUnusable, match="Is a directory"), instrument_locks("other", both):
+        pytest.fail("it has no lock")
+    with instrument_locks("one", {"power": SUPPLY}), pytest.raises(InUse), instrument_locks("other", both):
+        pytest.fail("two have it")
+    assert folder.is_dir()
+
+
+def test_a_killed_process_leaves_its_instruments_free(holder: subprocess.Popen[str]) -> None:
+    holder.kill()
+    holder.wait()
+    assert lock_path(METER).exists()
+    with instrument_locks("lab-1", {"multimeter": METER}) as left_by:
+        assert f'"pid": {os.getpid()}' in lock_path(METER).read_text("utf-8")
+        assert left_by["multimeter"].startswith(f"process {holder.pid} of ")
+    with instrument_locks("lab-1", {"multimeter": METER}) as left_by:
+        assert left_by == {}
+
+
+@posix
+def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(folder: Path) -> None:
+    """A socket at which somebody listens is another matter: its next owner is told who died with it."""
+    with socket.create_server(("127.0.0.1", 0)) as served, socket.create_server(("127.0.0.1", 0)) as gone:
+        served_at, gone_at = (f"socket://localhost:{each.getsockname()[1]}" for each in (served, gone))
+        for resource in (served_at, gone_at, METER):
+            with instrument_locks("lab-1", {"multimeter": resource}):
+                signed = lock_path(resource).read_text("utf-8")
+            lock_path(resource).write_text(signed.replace(f'"pid": {os.getpid()}', '"pid": 0'), encoding="utf-8")
+        gone.close()
+        with instrument_locks("lab-1", {"multimeter": "GPIB0::1::INSTR"}):
+            left = sorted(each.name for each in folder.iterdir())
+        assert left == sorted(lock_path(each).name for each in (served_at, METER, "GPIB0::1::INSTR"))
+
+
+def test_a_lock_is_given_back_and_can_be_taken_again(folder: Path) -> None:
+    for _ in range(2):
+        with (
+            instrument_locks("lab-1", {"power": SUPPLY}),
+            pytest.raises(InUse),
+            instrument_locks("lab-2", {"power": SUPPLY}),
+        ):
+            pytest.fail("two have it")
+    assert sys.platform == "win32" or list(folder.iterdir()) == []
+
+
+def test_a_lock_file_full_of_nonsense_locks_nobody_out(folder: Path) -> None:
+    folder.mkdir()
+    lock_path(METER).write_bytes(b"\xff\x00{")
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        pass
+
+
+def test_two_roles_at_one_resource_are_one_lock() -> None:
+    with instrument_locks("lab-1", {"multimeter": METER, "power": "GPIB::22"}):
+        pass
+
+
+@posix
+def test_every_user_can_lock_what_one_has_made(folder: Path) -> None:
+    before = os.umask(0o077)
+    try:
+        with instrument_locks("lab-1", {"multimeter": METER}):
+            assert stat.S_IMODE(lock_path(METER).stat().st_mode) == 0o666
+    finally:
+        os.umask(before)
+    lock_path(METER).write_text("")
+    lock_path(METER).chmod(0o444)
+    with instrument_locks("lab-1", {"multimeter": METER}), pytest.raises(InUse), instrument_locks("2", {"m": METER}):
+        pytest.fail("two have it")
+    assert folder.exists()
+
+
+@posix
+@pytest.mark.parametrize("kind", ["symbolic", "hard", "fifo"])
+def test_what_somebody_has_laid_there_is_not_touched(folder: Path, kind: str) -> None:
+    folder.mkdir()
+    (victim := folder.parent / "victim").write_text("of value")
+    if kind == "symbolic":
+        lock_path(METER).symlink_to(victim)
+    elif kind == "hard":
+        lock_path(METER).hardlink_to(victim)
+    else:
+        os.mkfifo(lock_path(METER))
+    with pytest.raises(BenchError, match=r"lock file .* (cannot be opened|is no plain file)"):
+        instrument_locks("lab-1", {"multimeter": METER}).__enter__()
+    assert victim.read_text() == "of value"
+
+
+def test_a_directory_that_cannot_be_made_is_one_sentence(folder: Path) -> None:
+    folder.write_text("")
+    with pytest.raises(BenchError, match=r"lock file .* cannot be opened"):
+        instrument_locks("lab-1", {"multimeter": METER}).__enter__()
+
+
+@posix
+def test_without_being_told_all_users_look_in_one_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("VCFBENCH_LOCKS")
+    found = lock_directory()
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert lock_directory() == found
+    assert found.stat().st_mode & stat.S_ISVTX
+    assert re.fullmatch(r"vcfbench-gpib-0-22-[0-9a-f]{8}\.lock", lock_path(METER).name)
+
+
+def test_a_station_locks_its_instruments_whatever_it_is_called_and_a_console_its_own() -> None:
+    real = parse_bench(template(), "template")
+    other = structs.replace(real, name="another-name")
+    with station(real, None, None), pytest.raises(InUse), station(other, None, None):
+        pytest.fail("two have it")
+    with station(real, None, None, roles=["power"]), station(other, None, None, roles=["multimeter"]):
+        pass
+    with station(real, None, None, roles=["power"]), pytest.raises(InUse, match="power at"), station(other, None, None):
+        pytest.fail("two have it")
+
+
+def test_what_stood_in_a_lock_file_is_gone_when_it_is_signed(folder: Path) -> None:
+    folder.mkdir()
+    lock_path(METER).write_bytes(b"rubbish " * 200)
+    with (
+        instrument_locks("lab-1", {"multimeter": METER}),
+        pytest.raises(InUse, match=rf"process {os.getpid()} of .* for station lab-1"),
+        instrument_locks("lab-2", {"multimeter": METER}),
+    ):
+        pytest.fail("two have it")
+
+
+def test_the_directory_of_the_locks_is_made_however_deep(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VCFBENCH_LOCKS", str(folder / "a" / "b"))
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        assert lock_path(METER).parent == folder / "a" / "b"
+
+
+@posix
+def test_a_forked_process_keeps_no_lock_and_gives_none_back() -> None:
+    with instrument_locks("one", {"power": SUPPLY}):
+        if (child := os.fork()) == 0:
+            try:
+                sys.exit(0)  # every `with` and every generator ends
+            finally:
+                os._exit(0)
+        os.waitpid(child, 0)
+        assert lock_path(SUPPLY).exists()
+        with pytest.raises(InUse), instrument_locks("other", {"power": SUPPLY}):
+            pytest.fail("two have it")
+
+
+@posix
+def test_a_process_that_a_dead_one_has_forked_keeps_nobody_out(folder: Path) -> None:
+    fork = """    import os, time
+    if os.fork() == 0:
+        print("forked", flush=True)
+        time.sleep(60)
+    os._exit(0)
+"""
+    command = [sys.executable, "-c", HOLD.replace("    sys.stdin.read()\n", fork)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:  # noqa: S603
+        assert process.stdout is not None
+        assert [process.stdout.readline() for _ in range(2)] == ["held\n", "forked\n"]
+        process.wait()
+    assert list(folder.iterdir())
+    with instrument_locks("other", {"power": SUPPLY}) as left:
+        assert left["power"].startswith(f"process {process.pid} of ")
+    os.killpg(process.pid, signal.SIGKILL)

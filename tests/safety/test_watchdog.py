@@ -1,0 +1,119 @@
+"""A bench whose program died or hangs is made safe by the watchdog, without a person."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from msgspec import structs
+
+import vcfbench
+from tests.bench.test_holding import what_is_on
+from tests.cli.test_safe import UNWATCHED, bench_file, left_live
+from vcfbench.cli.watchdog import SILENT_TURNS, TURN_S
+from vcfbench.clock import WallClock, sleep
+from vcfbench.errors import ConnectFailed
+from vcfbench.records.journal import append_line, read_journal
+from vcfbench.safety.watchdog import Watchdog
+from vcfbench.station.description import Safety
+from vcfbench.station.writing import bench_text
+from vcfbench.testing.benches import serve_simulated
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.testing.benches import ServedLab
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the system has no SIGKILL")
+GENEROUS_S = 30.0
+
+
+def safe_after_s(lab: ServedLab) -> float:
+    clock = WallClock()
+    while what_is_on(lab) and clock.now() < GENEROUS_S:
+        sleep(clock, 0.1)
+    return clock.now()
+
+
+@pytest.mark.parametrize("signal", ["SIGKILL", "SIGSTOP"])
+def test_a_bench_whose_program_died_or_hangs_is_made_safe(signal: str, tmp_path: Path) -> None:
+    with serve_simulated() as lab:
+        path = bench_file(lab, tmp_path)
+        with left_live(path, f"os.kill(os.getpid(), signal.{signal})") as process:
+            assert safe_after_s(lab) < GENEROUS_S
+            assert process.wait(GENEROUS_S) == -9  # one that hangs is ended: it might switch things on again
+
+
+def test_a_bench_whose_instruments_take_long_to_open_is_opened(tmp_path: Path) -> None:
+    """A program that waits for an instrument lives."""
+    with serve_simulated() as lab:
+        bench = lab.on_wires()
+        assert bench.multimeter is not None
+        lab.fault("multimeter", "silent")
+        path = tmp_path / "slow.toml"
+        slow = structs.replace(bench, multimeter=structs.replace(bench.multimeter, timeout_s=SILENT_TURNS * TURN_S + 1))
+        path.write_text(bench_text(slow), encoding="utf-8")
+        command = [sys.executable, "-m", "vcfbench", "run", "turntable", "--bench", str(path), "--quiet"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)  # noqa: S603
+    assert "multimeter" in done.stderr
+    assert done.returncode == ConnectFailed.exit_code
+
+
+def test_a_call_that_never_returns_is_ended(tmp_path: Path) -> None:
+    end = """
+import ctypes
+from vcfbench.drivers.visa_wire import SocketWire
+def never(wire, deadline):
+    while True:
+        ctypes.CDLL(None).pause()
+SocketWire.receive = never
+bench.power.outputs_enabled()
+"""
+    with serve_simulated() as lab, left_live(bench_file(lab, tmp_path, "power"), end) as process:
+        assert process.wait(GENEROUS_S) == -9
+        assert safe_after_s(lab) < GENEROUS_S
+
+
+def test_the_death_of_the_watchdog_stops_a_run(tmp_path: Path) -> None:
+    with serve_simulated() as lab:
+        wait = "    sleep(vcfbench.clock.WallClock(), 2.0)\n    sleep(bench.clock, 1.0)\n"
+        end = f"import vcfbench.clock\nwith bench:\n    {UNWATCHED.splitlines()[0]}\n{wait}"
+        with left_live(bench_file(lab, tmp_path), end) as process:
+            assert process.wait(GENEROUS_S) != 0
+        assert what_is_on(lab) == []
+
+
+@pytest.mark.filterwarnings("ignore:process .* died with this bench")  # ports are given again
+def test_a_run_without_its_watchdog_goes_on_where_the_bench_file_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def die_soon(watchdog: Watchdog) -> None:
+        ready(watchdog)
+        watchdog._process.kill()
+        clock = WallClock()
+        while not watchdog.lost and clock.now() < GENEROUS_S:  # a short run may end before the next beat
+            sleep(clock, 0.05)
+
+    ready = Watchdog.require_ready
+    monkeypatch.setattr(Watchdog, "require_ready", die_soon)
+    settings = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 2}
+    with serve_simulated() as lab:
+        bench = structs.replace(lab.on_wires(), safety=Safety(watchdog_lost="go on"))
+        run = vcfbench.run("turntable", bench, settings=settings, runs=tmp_path)
+    assert run.status == "complete"
+    assert "the watchdog of bench paper has died; its bench file says go on" in capsys.readouterr().err
+    assert run.directory is not None
+    footer = read_journal(run.directory / "journal.jsonl").footer
+    assert footer is not None
+    assert footer["watchdog_lost"] is True
+
+
+def test_a_torn_line_makes_room_for_the_watchdog_s(tmp_path: Path) -> None:
+    journal = tmp_path / "journal.jsonl"
+    journal.write_bytes(b'{"type":"header"}\n{"type":"st')
+    append_line(journal, {"type": "watchdog", "safe": True})
+    first, second = journal.read_bytes().splitlines()
+    assert first == b'{"type":"header"}'
+    assert second.startswith(b'{"type":"watchdog","safe":true,"utc":"')

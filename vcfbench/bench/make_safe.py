@@ -1,0 +1,277 @@
+"""Makes a bench safe from whatever state it is found in: after a crash, or because somebody must go to it now.
+
+Everything that drives something is told to stop or to switch off upon connecting, before it is asked who it is; only
+then it is opened properly, made safe and proved. What does not answer keeps nothing else from being told and proved.
+"""
+
+from __future__ import annotations
+
+import signal
+import socket
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.bench.ground import UnopenedBench, station, table_port
+from vcfbench.bench.opening import open_role
+from vcfbench.clock import WallClock, sleep
+from vcfbench.drivers.registry import find_driver
+from vcfbench.errors import BenchError, ConnectFailed, NotSafe
+from vcfbench.interfaces import SafeReport
+from vcfbench.safety.lock import InUse, LockUnusable, owners_of
+from vcfbench.safety.processes import KILL, end
+from vcfbench.safety.roles import STILL_DEG_S, filled_roles, safe_action
+from vcfbench.safety.signals import StopSignals
+from vcfbench.safety.stack import LeaveNow, SafetyStack, Stage, not_safe
+from vcfbench.station.file import described
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from vcfbench.drivers.rate_table.dialect import TableDialect
+    from vcfbench.drivers.rate_table.line import TableLine
+    from vcfbench.drivers.session import Session
+    from vcfbench.safety.lock import Owner
+    from vcfbench.safety.roles import Role
+    from vcfbench.station.description import BenchDescription
+
+_LOOK_S: Final = 0.25
+"""Longest time for which looking at the outputs may keep back the words that switch them off, s."""
+_HURRY_S: Final = 0.5
+"""Longest time for which an instrument that does not answer may keep the next from being told, s."""
+_STOPPING_S: Final = 10.0
+"""Longest time in which a process that is told to stop may let its bench go, s."""
+_FREEING_S: Final = 20.0
+"""Longest time in which one that was killed may be gone, s."""
+_SUPPLY: Final = {output: f"MEAS:VOLT? {output}" for output in ("P6V", "P25V", "N25V")}
+_FLOW: Final = 1 << 5
+"""Bit of AUXC? of a stream of air."""
+_GENERATOR: Final = {"level": "VOLT:OFFS?"}
+
+
+@dataclass(frozen=True, slots=True)
+class Safed:
+    """One instrument: its state before (None: it did not say), whether it is proved safe, and the proof."""
+
+    role: str
+    resource: str
+    found: str | None
+    safe: bool
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class MadeSafe:
+    """Result of making a bench safe, in the order in which it was done.
+
+    `unlocked` says why the instruments could not be locked meanwhile; None where nothing kept them from it. `left_to`
+    are by role the other processes that have an instrument, `ended` the processes that were ended.
+    """
+
+    instruments: tuple[Safed, ...]
+    reports: tuple[SafeReport, ...]
+    unlocked: str | None = None
+    left_to: Mapping[str, InUse] = field(default_factory=dict)
+    ended: tuple[str, ...] = ()
+
+    def failure(self) -> BenchError | None:
+        """Return the error that names the instruments not proved safe, or else left to others; None when all are."""
+        error = not_safe(self.reports)
+        if error is not None:
+            error.reports = self.reports
+            return error
+        return next(iter(self.left_to.values()), None)
+
+
+def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False, end_owner: bool = False) -> MadeSafe:
+    """Make everything on the bench that drives something safe, in whatever state, and return the states found.
+
+    An instrument that another process has is left to it. With `end_owner` that process is ended before: told by SIGTERM
+    to stop, by SIGKILL where it has not let go within 10 s. With `force` nobody is asked; who has the bench may switch
+    things on again. Locks that cannot be used keep nothing from being made safe.
+
+    Raises:
+        InUse: other processes have all of it.
+        ConnectFailed: a served bench is not served, or another connection controls its time.
+        BenchError: the process that has it cannot be ended from here.
+        NotSafe: it was broken off by a third signal.
+    """
+    description = described(bench)
+    with StopSignals() as signals, ExitStack() as stack:
+        ended = _end_owners(description) if end_owner else ()
+        held = _held(description, stack, force=force)
+        signals.unwind()  # nothing here can be stopped half-way and be called safe
+        try:
+            done = _made_safe(description, held)
+            return replace(done, unlocked=held.unlocked, left_to=held.left_to, ended=ended)
+        except LeaveNow:
+            raise NotSafe(
+                "NOT SAFE: making safe was ended by a third signal", hint="look at every instrument"
+            ) from None
+        finally:
+            signals.close()
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """The bench to be opened, its free instruments that drive something, and by role the owners of the rest."""
+
+    stand: UnopenedBench
+    roles: tuple[Role, ...]
+    left_to: Mapping[str, InUse] = field(default_factory=dict)
+    unlocked: str | None = None
+
+
+def _driving(description: BenchDescription) -> tuple[Role, ...]:
+    """Return the roles that drive something, in the order of making safe; the owner of a meter is in nobody's way."""
+    return tuple(sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=_stage))
+
+
+def _held(description: BenchDescription, stack: ExitStack, *, force: bool) -> _Held:
+    """Take the free instruments that drive something: the wires of nobody else, and all of nobody's."""
+    driving = _driving(description)
+    left_to: dict[str, InUse] = {}
+    waited_for: set[int] = set()
+    while True:
+        roles = tuple(role for role in driving if role.name not in left_to)
+        try:
+            stand = stack.enter_context(station(description, None, None, roles=[role.name for role in roles]))
+            return _Held(stand, roles, left_to)
+        except InUse as error:
+            if force:
+                return _Held(_unlocked(description), driving)
+            if error.owner is not None and error.owner.pid not in waited_for:
+                waited_for.add(error.owner.pid)
+                if error.owner.ended_within(_HURRY_S):  # it was dying, and gives its locks back one by one
+                    left_to.clear()
+                    continue
+            error.hint = f"end it with --end-owner, it makes its bench safe; or --force speaks beside it; {error.hint}"
+            left_to[str(error.instrument)] = error
+            if len(left_to) == len(driving):
+                raise next(iter(left_to.values())) from None
+        except LockUnusable as error:  # a disk that is read-only by now, or what somebody has laid there
+            return _Held(_unlocked(description), driving, unlocked=str(error))
+        except ConnectFailed:
+            if not force:
+                raise
+            return _Held(_unlocked(description), driving)
+
+
+def _unlocked(description: BenchDescription) -> UnopenedBench:
+    return UnopenedBench(WallClock(), description.visa_library, table_port(description))
+
+
+def _end_owners(description: BenchDescription) -> tuple[str, ...]:
+    """End the processes that have an instrument of the bench that drives; return their names.
+
+    Each is told to stop, which makes its bench safe, and is killed where it does not; then its watchdog does that, or
+    who comes next.
+
+    Raises:
+        BenchError: one belongs to another user, or runs on another computer.
+    """
+    resources = [getattr(description, role.name).resource for role in _driving(description)]
+    found = owners_of(resources)
+    for number, patience_s in ((signal.SIGTERM, _STOPPING_S), (KILL, _FREEING_S)):
+        clock = WallClock()
+        left = [found[pid] for pid in owners_of(resources) if pid in found]
+        for owner in left:
+            _signal(owner, number)
+        while clock.now() < patience_s and not found.keys().isdisjoint(owners_of(resources)):
+            sleep(clock, 0.1)
+    return tuple(map(str, found.values()))
+
+
+def _signal(owner: Owner, number: int) -> None:
+    if owner.host != socket.gethostname():
+        raise BenchError(f"{owner} cannot be ended from here", hint="end it there, it makes its bench safe")
+    try:
+        end(owner.pid, owner.mark, number)
+    except OSError as error:
+        raise BenchError(f"{owner} cannot be ended: {error.strerror}", hint="who may end it must do it") from None
+
+
+def _made_safe(description: BenchDescription, held: _Held) -> MadeSafe:
+    roles, stand = held.roles, held.stand
+    first = {role.name: _command_first(role, description, stand) for role in roles}
+    safety = SafetyStack(stand.clock, patience=stand.patience)
+    reports: dict[str, SafeReport] = {}
+    for role in roles:
+        try:
+            instrument, _ = open_role(role.name, description, stand)
+        except BenchError as error:
+            resource = getattr(description, role.name).resource
+            what = f"told upon connecting, if it hears at all, but not proved: {error}"
+            reports[role.name] = SafeReport(role.name, resource, safe=False, detail=what)
+        else:
+            safety.register(safe_action(role, instrument, description))
+    try:
+        reports |= {report.instrument: report for report in safety.make_safe()}
+    finally:
+        safety.close()
+    ordered = [reports[role.name] for role in roles]
+    return MadeSafe(tuple(map(_safed, ordered, first.values())), tuple(ordered))
+
+
+def _stage(role: Role) -> Stage:
+    return role.stage
+
+
+def _safed(report: SafeReport, found: str | None) -> Safed:
+    detail = report.detail if report.unproved is None else f"{report.unproved}; {report.detail}"
+    return Safed(report.instrument, report.resource, found, report.safe, detail)
+
+
+class _Commanded(Exception):
+    """The instrument was told; that is all that its connection was for."""
+
+
+def _command_first(role: Role, description: BenchDescription, stand: UnopenedBench) -> str | None:
+    """Connect, tell the instrument to stop or to switch off, and return the state before, if it says so."""
+    hurry_s = min(_HURRY_S, getattr(description, role.name).timeout_s)
+    found: list[str] = []
+
+    def table_connected(line: TableLine, dialect: TableDialect) -> None:
+        line.say_blind(dialect.stop_words(None), dialect.gap_s)
+        raise _Commanded
+
+    def session_connected(session: Session, words: Sequence[str]) -> None:
+        session.declare_safe(
+            *(("SYST:REM",) if session.interface == "asrl" else ()), *words
+        )  # in local it hears nothing
+        with suppress(BenchError):  # it does not say what is on; it may hear all the same
+            part = getattr(description, role.name)
+            found.append(_look(role, find_driver(part.model, part.like).driver_class, session))
+        session.command_safe()
+        raise _Commanded
+
+    moves = role.stage is Stage.MOTION
+    connected = table_connected if moves else session_connected
+    with suppress(_Commanded, BenchError):  # who cannot be connected to is named when it is to be proved
+        open_role(role.name, description, stand, timeout_s=hurry_s, upon_connecting=connected)
+    with suppress(BenchError):
+        return _rate(role, description, stand, hurry_s) if moves else found[0] if found else None
+    return None
+
+
+def _rate(role: Role, description: BenchDescription, stand: UnopenedBench, hurry_s: float) -> str:
+    """Return the table's rate just after it was told to stop: it takes its time to come to rest."""
+    table: Any
+    table, _ = open_role(role.name, description, stand, timeout_s=hurry_s)
+    try:
+        rate_deg_s = table.rate_deg_s()
+    finally:
+        table.close()
+    return "at rest" if abs(rate_deg_s) <= STILL_DEG_S else f"turning at {rate_deg_s:.3g} deg/s, already told to stop"
+
+
+def _look(role: Role, driver: type, session: Session) -> str:
+    """Ask for the outputs that are on, before they are switched off; volts only if any answers."""
+    if role.name == "chamber":
+        return "air flows" if session.query_int("AUXC?", session.deadline(_LOOK_S)) & _FLOW else "off"
+    if not any(session.query_numbers(getattr(driver, "switch_question", "OUTP?"), session.deadline(_LOOK_S))):
+        return "off"
+    asked = getattr(driver, "look", _SUPPLY if role.stage is Stage.POWER else _GENERATOR)
+    volts = {what: session.query_number(question, session.deadline(_LOOK_S)) for what, question in asked.items()}
+    return f"on, {', '.join(f'{what} {volt:.3g} V' for what, volt in volts.items())}"

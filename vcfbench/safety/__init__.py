@@ -1,0 +1,1 @@
+"""Safety: stack of safe actions, lock, signals, control of a run, watchdog."""

@@ -1,0 +1,237 @@
+"""Effect of signals on an open bench.
+
+The first stops the run at its next safe point, the second at once; both leave the bench through the safety stack.
+While that runs signals only count; the third of all ends even the making safe: everything is told once more to stop
+or to switch off, without waiting for any answer, and what is not proved to be safe is said.
+"""
+
+from __future__ import annotations
+
+import _thread
+import math
+import signal
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Self, TypeVar
+
+from vcfbench.errors import Aborted
+from vcfbench.safety.stack import LeaveNow
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import FrameType, TracebackType
+
+    from vcfbench.clock import Clock
+
+_T = TypeVar("_T")
+
+_WATCHED = (
+    "SIGINT",
+    "SIGTERM",
+    "SIGHUP",
+    "SIGBREAK",
+)  # a closed terminal stops the bench as well; the last is Windows'
+
+_HEARD_S = 0.1
+"""Wall time after which a wait looks whether another thread has stopped the bench."""
+
+_AT_ONCE = 2
+"""The signal that waits for no safe point."""
+
+
+class Interrupted(BaseException):
+    """Raised by the keyboard into a wait that a person no longer wants; nothing else ends.
+
+    No error, so that nothing on the way takes it for one of the wire.
+    """
+
+
+class StopSignals:
+    """Turns SIGINT and its kin into Aborted while the bench is open; gives the handlers back when left.
+
+    Handlers belong to the main thread; entered elsewhere it changes nothing.
+    """
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._name = ""
+        self._by = ""
+        self._at_safe_point = False
+        self._delivered = False
+        self._unwinding = False
+        self._closing = False
+        self._leaving = False
+        self._breakable = False
+        self._held = False
+        self._previous: dict[signal.Signals, object] = {}
+        self.asleep = _Asleep(self)
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for name in _WATCHED:
+                number = getattr(signal.Signals, name, None)
+                if number is not None and signal.getsignal(number) not in {None, signal.SIG_IGN}:  # nohup stays nohup
+                    self._previous[number] = signal.signal(number, self._handle)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)  # type: ignore[arg-type]  # what signal.signal returned
+        self._previous.clear()
+
+    def stop(self, by: str) -> None:
+        """Stop the bench from another thread as the first watched signal does; `by` names the person or program.
+
+        The main thread is woken by that signal. Where none is watched, as in a thread of Python's, every wait looks
+        whether it is to end.
+        """
+        number = next(iter(self._previous), None)
+        if number is None:
+            self._count, self._name = self._count + 1, by
+            return
+        self._by = by
+        main = threading.main_thread().ident
+        if hasattr(signal, "pthread_kill") and main is not None:
+            signal.pthread_kill(main, number)
+        else:  # Windows
+            _thread.interrupt_main(number)
+
+    def safe_point(self) -> None:
+        """Raise Aborted if a signal has come; called where nothing is half done."""
+        if self._count and not self._unwinding:
+            raise self._aborted()
+
+    def wait(self, clock: Clock, instant_s: float) -> None:
+        """Wait on `clock`; the wait as a whole is a safe point, and is heard of from other threads too."""
+        heard_s = _HEARD_S * getattr(clock, "pace", math.inf)
+        while instant_s - (now_s := clock.now()) > heard_s:
+            self._wait(clock, now_s + heard_s)
+        self._wait(clock, instant_s)
+
+    def _wait(self, clock: Clock, instant_s: float) -> None:
+        if getattr(clock, "asleep", None) is self.asleep:
+            self._wait_asleep(clock, instant_s)
+            return
+        before, self._at_safe_point = self._at_safe_point, True  # it may be part of a longer one
+        try:
+            self.safe_point()
+            clock.sleep_until(instant_s)
+        finally:
+            self._at_safe_point = before
+
+    def _wait_asleep(self, clock: Clock, instant_s: float) -> None:
+        before, self.asleep.waiting = self.asleep.waiting, True
+        try:
+            self.safe_point()
+            clock.sleep_until(instant_s)
+            self.safe_point()
+        finally:
+            self.asleep.waiting = before
+
+    def attend(self, act: Callable[[], _T]) -> _T:
+        """Wait for a person's action; the wait as a whole is a safe point."""
+        before, self._at_safe_point = self._at_safe_point, True
+        try:
+            self.safe_point()
+            return act()
+        finally:
+            self._at_safe_point = before
+
+    @contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """Let Ctrl-C break off this context (Interrupted), instead of stopping the bench."""
+        self._breakable = True
+        try:
+            yield
+        finally:
+            self._breakable = False
+
+    @contextmanager
+    def undivided(self) -> Iterator[None]:
+        """Do all of this context, or nothing: a signal that comes in it stops the bench after it."""
+        before, self._held = self._held, True
+        try:
+            yield
+        finally:
+            self._held = before
+        if self._count >= _AT_ONCE and not (self._held or self._delivered or self._unwinding):
+            self._delivered = True
+            raise self._aborted()
+
+    def unwind(self) -> None:
+        """Say that the bench is being made safe: from now on signals only count."""
+        self._unwinding = True
+
+    def close(self) -> None:
+        """Say that the making safe is over, or was never needed: signals change nothing any more."""
+        self._unwinding = self._closing = True
+
+    def break_off_from_now(self, *, possible: bool) -> bool:
+        """Let signals break off all from now on, or not; return whether they could before."""
+        before, self._at_safe_point = self._at_safe_point, possible
+        if possible:
+            self.safe_point()
+        return before
+
+    def _handle(self, number: int, _frame: FrameType | None) -> None:
+        if self._breakable and number == signal.SIGINT and not self._unwinding:
+            self._breakable = False  # once: a second one is meant for the bench
+            raise Interrupted
+        self._count += 1
+        self._name, self._by = self._by or signal.Signals(number).name, ""
+        if self._unwinding:
+            if self._count >= 3 and not self._closing and not self._leaving:
+                self._leaving = True  # once: a fourth one shall not keep anything from being told to stop
+                raise LeaveNow
+        elif not (self._delivered or self._held) and (self._at_safe_point or self._count >= _AT_ONCE):
+            self._delivered = True  # once is enough: a second one could hit the very start of the unwinding
+            raise self._aborted()
+
+    def _aborted(self) -> Aborted:
+        return Aborted(f"stopped by {self._name}")
+
+
+class _Asleep:
+    """The parts of a wait in which time passes and no simulated device acts: there the wait can be broken off.
+
+    A signal in the middle of what a device works out would leave a world that is half worked out.
+    """
+
+    __slots__ = ("_before", "_signals", "waiting")
+
+    def __init__(self, signals: StopSignals) -> None:
+        self._signals = signals
+        self._before = self.waiting = False
+
+    def __enter__(self) -> None:
+        if self.waiting:
+            self._before = self._signals.break_off_from_now(possible=True)
+
+    def __exit__(self, *_: object) -> None:
+        if self.waiting:
+            self._signals.break_off_from_now(possible=self._before)
+
+
+class ControlClock:
+    """The clock handed to procedures: the bench's, with a safe point at every wait.
+
+    Instruments are given the bench's own clock, so that no exchange is broken off in the middle. It is `ahead_s` ahead
+    of that: the bench time of what went before, where something goes on.
+    """
+
+    __slots__ = ("_ahead_s", "_clock", "_signals")
+
+    def __init__(self, clock: Clock, signals: StopSignals, ahead_s: float = 0.0) -> None:
+        self._clock = clock
+        self._signals = signals
+        self._ahead_s = ahead_s
+
+    def now(self) -> float:
+        """Return the bench time, s."""
+        return self._clock.now() + self._ahead_s
+
+    def sleep_until(self, instant_s: float) -> None:
+        """Wait until bench time `instant_s`; raises Aborted when a signal comes before or meanwhile."""
+        self._signals.wait(self._clock, instant_s - self._ahead_s)

@@ -1,0 +1,364 @@
+"""Builds a simulated bench behind its resources: one World, and the instruments that look at it.
+
+Every random stream comes from the seed and the name of what draws from it, so that an instrument more or less
+changes nothing for the others.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from contextlib import contextmanager
+from itertools import chain, count
+from typing import TYPE_CHECKING, Any, cast
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from vcfbench.errors import ConfigError
+from vcfbench.models import ROLES, find_language, find_model, languages, resolve, twin_of
+from vcfbench.station.description import whole_seed
+from vcfbench.station.overrides import overridden, part_way
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from numpy.random import Generator, SeedSequence
+    from simrack.attendance import AttendedClock
+    from simrack.device import Device
+    from simrack.scpi import ScpiTwin
+
+    from vcfbench.clock import Clock
+    from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.sim.world import World
+    from vcfbench.station.description import BenchDescription, Simulation
+
+_STREAMS = {
+    "world": 0,
+    "power": 1,
+    "rate_source": 2,
+    "multimeter": 3,
+    "oscilloscope": 4,
+    "rate_table": 5,
+    "vibration_source": 6,
+    "v_vc_meter": 7,
+    "chamber": 8,
+}
+"""Number of each random stream; numbers are never given again, so that a seed keeps its meaning."""
+
+_DRIVES = {"rate_source": "v_vc", "vibration_source": "vibration"}
+"""What the output of each generator is wired to."""
+
+
+def chosen_seed(description: BenchDescription, seed: int | None) -> int:
+    """Return `seed`, or the bench file's when there is none; raises ConfigError for a value that is no seed."""
+    return _simulation(description).seed if seed is None else whole_seed(seed)
+
+
+def twins(description: BenchDescription) -> dict[str, Any]:
+    """Return the class of the simulated instrument of every role that the bench fills.
+
+    Raises:
+        ConfigError: a model has none, or its package cannot be loaded.
+    """
+    found: dict[str, Any] = {}
+    for role in (*ROLES, "rate_table"):
+        part = getattr(description, role)
+        if part is not None:
+            found[role] = _table_twin(part.dialect) if role == "rate_table" else _twin(part.like or part.model)
+    return found
+
+
+def _twin(model: str) -> Any:
+    row = find_model(model)
+    if row is None or row.twin is None:
+        raise ConfigError(
+            f"there is no simulated {model}",
+            hint="its package names one in its row of vcfbench.models; a real bench needs none",
+        )
+    return _loaded(model, row.twin, lambda: twin_of(row))
+
+
+def _loaded(name: str, reference: Any, load: Callable[[], Any]) -> Any:
+    try:
+        return load()
+    except Exception as error:  # another package is anyone's code
+        raise ConfigError(f"the simulated {name} ({reference}) cannot be loaded: {error}") from error
+
+
+def _table_twin(dialect: str) -> Any:
+    """Return the class of the simulated table, by the language or the profile's twin; ConfigError if none."""
+    name = table_language(dialect)
+    row = find_language(name)
+    if row is None or row.twin is None:
+        raise ConfigError(f"there is no simulated table that speaks {name!r}")
+    return _loaded(name, row.twin, lambda: resolve(row.twin))
+
+
+def table_language(dialect: str) -> str:
+    """Return the language that the simulated table speaks: the bench file's, or the one its profile names."""
+    return profile_twin(dialect) if dialect.endswith(".toml") else dialect
+
+
+def profile_twin(dialect: str) -> str:
+    """Return the name of the simulated table that a profile names; ConfigError if it names none."""
+    from vcfbench.drivers.rate_table.profile import load_profile  # noqa: PLC0415
+
+    twin = load_profile(dialect).twin
+    if twin is None or find_language(twin) is None:
+        came = "nothing" if twin is None else repr(twin)
+        raise ConfigError(
+            f"{dialect}: twin: expected one of {', '.join(languages())} on a simulated bench, came {came}"
+        )
+    return twin
+
+
+def named_parameters(simulation: Simulation) -> BenchParameters:
+    """Return the shipped parameter set that the bench file names."""
+    from vcfbench.sim.gyro.design import ideal_bench, paper_bench  # noqa: PLC0415
+
+    return ideal_bench() if simulation.parameters == "ideal" else paper_bench()
+
+
+def physical_parameters(description: BenchDescription) -> BenchParameters:
+    """Return the parameters of gyroscope, PCB and table: the named set at the bench's site, then the overrides."""
+    simulation = _simulation(description)
+    named = named_parameters(simulation)
+    here = replace(
+        named,
+        site=replace(named.site, latitude_deg=description.site.latitude_deg),
+        pick_up=replace(named.pick_up, mains_hz=float(description.site.mains_hz)),
+    )
+    return overridden(here, simulation.override)
+
+
+def true_output(
+    description: BenchDescription, *, at_input: bool = False, rails_v: tuple[float, float] | None = None
+) -> Callable[[float, float | None], float]:
+    """Return the true output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off.
+
+    V_Vc is the level of the open generator, or that `at_input`, where a second meter sees it. `rails_v` are the rails,
+    positive and negative; None means the nominal ones of the gyroscope.
+    """
+    from simrack.instruments.agilent33220a.settings import SOURCE_OHM  # noqa: PLC0415
+
+    from vcfbench.sim.gyro.warm_output import warm_output  # noqa: PLC0415
+
+    return warm_output(physical_parameters(description), 0.0 if at_input else SOURCE_OHM, rails_v)
+
+
+def instrument_errors(description: BenchDescription, seed: int) -> dict[str, Any]:
+    """Return the imperfections of every simulated instrument, as the bench file asks for them."""
+    asked = _simulation(description).errors
+    known = description.uncertainty.generator_ranges_v
+    return {
+        role: _errors(
+            twin.errors_class, getattr(asked, role), _stream(seed, role), known if role == "rate_source" else None
+        )
+        for role, twin in twins(description).items()
+    }
+
+
+class SimulatedBench(Struct, frozen=True):
+    """World and instruments of a simulated bench; `devices` by role."""
+
+    description: BenchDescription
+    world: World
+    devices: Mapping[str, Device]
+
+    @classmethod
+    def build(cls, description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        """Build the bench on `clock`; the same seed gives the same bench."""
+        from simrack.attendance import AttendedClock  # noqa: PLC0415
+
+        from vcfbench.sim.world import World  # noqa: PLC0415
+
+        attended = AttendedClock(clock)
+        world = World(attended, physical_parameters(description), _integer(_sequence(seed, "world")))
+        errors = instrument_errors(description, seed)
+        seen = _as_seen(description, world, errors)
+        devices = {
+            role: twin(
+                seen.get(role, world), errors=errors[role], **_taken(twin, _surroundings(role, description, seed))
+            )
+            for role, twin in twins(description).items()
+        }
+        attended.attend(*devices.values())
+        return cls(description, world, devices)
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that everything on this bench waits on."""
+        return self.world.clock
+
+    def visa_devices(self) -> dict[str, Device]:
+        """Return the devices on VISA by the resource names of the bench file; a serial one at the end of its line."""
+        parts = {role: getattr(self.description, role) for role in self.devices if role != "rate_table"}
+        return {part.resource: self._connected(self.devices[role], part) for role, part in parts.items()}
+
+    def _connected(self, device: Device, part: Any) -> Device:
+        """Return `device`, behind an RS-232 line set on its front panel as the bench file has it."""
+        if not _is_serial(part):
+            return device
+        from simrack.wires.serial_line import CharacterFrame, HandshakeLine  # noqa: PLC0415
+
+        from vcfbench.station.description import SerialSettings  # noqa: PLC0415
+
+        line = SerialSettings() if part.serial is None else part.serial
+        frame = CharacterFrame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
+        return HandshakeLine(cast("ScpiTwin", device), self.clock, frame)
+
+    def table_port(self) -> Device:
+        """Return the device behind the port of the rate table: at the end of its line, if the bench file names one."""
+        table = self.devices["rate_table"]
+        if not _is_port(self.description.rate_table):
+            return table
+        from simrack.wires.serial_line import CharacterFrame, ThreeWireLine  # noqa: PLC0415
+
+        line = ThreeWireLine(table, self.clock, getattr(table, "frame", CharacterFrame(stop_bits=1.0)))
+        cast("AttendedClock", self.clock).attend(line)  # each character arrives at its own instant
+        return line
+
+    @contextmanager
+    def registered(self) -> Iterator[str]:
+        """Make the instruments reachable for PyVISA and pyserial; yield the handle.
+
+        The library is ``{handle}@vcfbench``, the rate table's port ``sim://{handle}``.
+        """
+        from simrack.wires import serial_backend  # noqa: PLC0415
+
+        with _own_handle(self.description.name) as handle:
+            try:
+                _visa_library().register(handle, self.visa_devices(), self.clock)
+            except ValueError as error:
+                raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
+            if "rate_table" in self.devices:
+                serial_backend.register(handle, self.table_port(), self.clock)
+            try:
+                yield handle
+            finally:
+                serial_backend.unregister(handle)
+                _visa_library().unregister(handle)
+
+
+def _simulation(description: BenchDescription) -> Simulation:
+    if description.simulation is None:
+        raise ConfigError(
+            f"{description.name}: a simulated bench is needed, this is a real one",
+            hint="its bench file has no table [simulation]",
+        )
+    return description.simulation
+
+
+def _is_serial(part: Any) -> bool:
+    """Tell whether an instrument that has RS-232 is on a serial port."""
+    row = find_model(part.like or part.model)
+    return row is not None and row.rs232 and part.resource.upper().startswith("ASRL")
+
+
+def _is_port(part: Any) -> bool:
+    """Tell whether a rate table is on a serial port: a URL of pyserial's is none."""
+    return part is not None and "://" not in part.resource
+
+
+def _taken(twin: Any, surroundings: dict[str, Any]) -> dict[str, Any]:
+    """Return the `surroundings` that the simulated instrument takes: those of one role do not all need the same."""
+    parameters = inspect.signature(twin).parameters
+    return {name: value for name, value in surroundings.items() if name in parameters and value is not None}
+
+
+def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[str, Any]:
+    """Return the settings that the instrument of `role` may take from the bench that it stands on."""
+    part, wiring = getattr(description, role), description.wiring
+    noise_seed = _integer(_sequence(seed, role))
+    if role == "rate_table":
+        # The header of a simulated table's replies: error code and length, as on every byte stream. Which of the two
+        # words' byte orders a real one has is unknown; a driver on `auto` takes either
+        header = "u32le2" if part.reply_header == "auto" else part.reply_header
+        return {
+            "axis": part.axis,
+            "header": header,
+            "microsteps_per_deg": part.steps_per_deg,
+            "noise_seed": noise_seed,
+        }
+    return {
+        "rails": {wiring.rails.positive: "positive", wiring.rails.negative: "negative"},
+        "node": _DRIVES.get(role, "input"),
+        "channels": {n: f"channel_{n}" for n in wiring.oscilloscope.channels()},
+        "mains_hz": float(description.site.mains_hz),
+        "interface": "rs232" if _is_serial(part) else None,
+        "noise_seed": noise_seed,
+        "model": part.model,
+    }
+
+
+def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the World as the instruments see it that have leads, or an input of their own."""
+    from simrack.leads import Leads, LoadingLeads  # noqa: PLC0415
+
+    wiring, caught = description.wiring, world.mains
+    channels = wiring.oscilloscope.channels()
+    seen: dict[str, Any] = {
+        "multimeter": Leads(world, "multimeter", {"input": wiring.multimeter}, caught.in_meter_leads),
+        "oscilloscope": Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in channels.items()}),
+    }
+    if description.v_vc_meter is not None:
+        seen["v_vc_meter"] = LoadingLeads(
+            world,
+            "v_vc_meter",
+            {"input": wiring.v_vc_meter},
+            caught.in_v_vc_meter_leads,
+            load_ohm=getattr(errors["v_vc_meter"], "input_ohm", math.inf),
+        )
+    return seen
+
+
+def _errors(
+    kind: Any, asked: str | dict[str, Any], random: Generator, ranges_v: tuple[float, ...] | None = None
+) -> Any:
+    """Return the imperfections that were asked for; those drawn have the ranges that the bench file knows, if any."""
+    single = {name: value for name, value in asked.items() if name != "drawn"} if isinstance(asked, dict) else {}
+    share = asked.get("drawn", 0.0) if isinstance(asked, dict) else float(asked == "drawn")
+    if not share:
+        return overridden(kind.none(), single)
+    specimens = kind.none(), kind.drawn(random)
+    if ranges_v is not None:
+        specimens = specimens[0].with_ranges(sorted(ranges_v)), specimens[1].with_ranges(sorted(ranges_v))
+    return overridden(specimens[1] if share == 1.0 else part_way(*specimens, share), single)
+
+
+def _sequence(seed: int, name: str) -> SeedSequence:
+    from numpy.random import SeedSequence  # noqa: PLC0415
+
+    return SeedSequence(seed, spawn_key=(_STREAMS[name],))
+
+
+def _stream(seed: int, name: str) -> Generator:
+    from numpy.random import default_rng  # noqa: PLC0415
+
+    return default_rng(_sequence(seed, name))
+
+
+def _integer(sequence: SeedSequence) -> int:
+    return int(sequence.generate_state(1)[0])
+
+
+def _visa_library() -> Any:
+    from simrack.wires.visa_backend import SimVisaLibrary  # noqa: PLC0415
+
+    return SimVisaLibrary
+
+
+_HANDLES: set[str] = set()  # PyVISA and pyserial find a bench by name alone, so names in use must be known here
+
+
+@contextmanager
+def _own_handle(name: str) -> Iterator[str]:
+    """Reserve `name`, or the first of ``name-2``, ``name-3``... that is free."""
+    numbered = chain([name], (f"{name}-{number}" for number in count(2)))
+    handle = next(free for free in numbered if free.lower() not in _HANDLES)
+    _HANDLES.add(handle.lower())
+    try:
+        yield handle
+    finally:
+        _HANDLES.discard(handle.lower())

@@ -1,0 +1,117 @@
+"""Every number that a simulated bench is made of, with unit, meaning and source."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from textwrap import dedent
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.records.plain import field_names
+from vcfbench.sim.builder import chosen_seed, instrument_errors, named_parameters, physical_parameters
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.station.description import BenchDescription
+
+
+@dataclass(frozen=True, slots=True)
+class InventoryRow:
+    """One number: `path` is its name as in the bench file's ``[simulation]``."""
+
+    path: str
+    value: Any
+    unit: str
+    meaning: str
+    source: str
+
+
+_CHOSEN = "chosen in the bench file"
+
+_UNITS = (
+    ("_deg_s2", "deg/s^2"),
+    ("_deg_s", "deg/s"),
+    ("_deg", "deg"),
+    ("_rad", "rad"),
+    ("_hz", "Hz"),
+    ("_ohm", "ohm"),
+    ("_f", "F"),
+    ("_v_per_a", "V/A"),
+    ("_v", "V"),
+    ("_a", "A"),
+    ("_s", "s"),
+    ("_ppm", "ppm"),
+)
+"""Units by the end of a field's name, the longest first."""
+
+
+def inventory(description: BenchDescription, seed: int | None = None) -> list[InventoryRow]:
+    """Return every physical parameter and every instrument error of the bench; errors as drawn by `seed`.
+
+    Raises:
+        ConfigError: the bench is a real one.
+    """
+    used = chosen_seed(description, seed)
+    errors = (
+        row
+        for role, group in instrument_errors(description, used).items()
+        for row in _rows(group, f"errors.{role}", _source(description, role, used))
+    )
+    return [*_physics(description), *errors]
+
+
+def _physics(description: BenchDescription) -> Iterator[InventoryRow]:
+    rows = physical_parameters(description).rows()
+    assert description.simulation is not None  # noqa: S101  # a real bench has no parameters
+    for row, shipped in zip(rows, named_parameters(description.simulation).rows(), strict=True):
+        source = shipped.source if row.value == shipped.value else _CHOSEN
+        yield InventoryRow(f"override.{row.path}", row.value, row.unit, row.meaning, source)
+
+
+def _source(description: BenchDescription, role: str, seed: int) -> str:
+    """Name the source of the errors of one instrument; their meanings tell the distributions."""
+    assert description.simulation is not None  # noqa: S101  # a real bench was refused before
+    asked = getattr(description.simulation.errors, role)
+    if isinstance(asked, dict):
+        return _CHOSEN
+    return "none: a perfect instrument" if asked == "none" else f"drawn from the published accuracy by seed {seed}"
+
+
+def _rows(group: Any, path: str, source: str) -> Iterator[InventoryRow]:
+    kind: type = type(group)
+    meanings = _field_docstrings(kind)
+    for name in field_names(group) or ():
+        here, value = f"{path}.{name}", getattr(group, name)
+        if field_names(value) is not None:
+            yield from _rows(value, here, source)
+        elif isinstance(value, tuple) and value and field_names(value[0]) is not None:
+            for index, entry in enumerate(value):
+                yield from _rows(entry, f"{here}[{index}]", source)
+        else:
+            yield InventoryRow(here, value, _unit(name, value), meanings.get(name, ""), source)
+
+
+@cache  # finding a class in its file takes a while
+def _field_docstrings(kind: type) -> dict[str, str]:
+    """Return the docstrings that follow the fields of a class; Python itself forgets them."""
+    (definition,) = ast.parse(dedent(inspect.getsource(kind))).body
+    assert isinstance(definition, ast.ClassDef)  # noqa: S101  # the source of a class is one
+    return {
+        field.target.id: " ".join(text.value.value.split())
+        for field, text in pairwise(definition.body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
+    }
+
+
+def _unit(name: str, value: object) -> str:
+    if isinstance(value, bool):
+        return ""
+    return next((unit for end, unit in _UNITS if name.endswith(end)), "1")

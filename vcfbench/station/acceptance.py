@@ -1,0 +1,115 @@
+"""Acceptance of results: each limit of ``[acceptance]`` against its result."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+
+from msgspec import Struct
+
+from vcfbench.analysis.conformity import conformity
+from vcfbench.records.plain import plain
+from vcfbench.records.schema import pooled_std_v
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.records.schema import Point
+    from vcfbench.station.settings import Limit
+
+
+class Verdict(Struct, frozen=True):
+    """One limit and its result; `value` is None where the result could not be computed, which does not pass.
+
+    `measured` is False where the procedure does not measure this at all, as K_Vc in a turntable run.
+    `u95` is the guard band, the value's expanded uncertainty; None where there is none, or none of that value.
+    """
+
+    key: str
+    value: float | None
+    low: float
+    high: float
+    measured: bool = True
+    u95: float | None = None
+
+    @property
+    def word(self) -> str:
+        """Return ``pass``, ``marginal``, ``fail``, or ``not measured``."""
+        if not self.measured:
+            return "not measured"
+        if self.value is None:
+            return "fail"
+        return conformity(self.value, self.u95 or 0.0, self.low, self.high).value
+
+    def as_json(self) -> dict[str, Any]:
+        """Return limit, value and verdict, and the guard band where there is one."""
+        members = {"key": self.key, "value": self.value, "low": self.low, "high": self.high, "verdict": self.word}
+        return members if self.u95 is None else {**members, "u95": self.u95}
+
+
+class Acceptance(Struct, frozen=True):
+    """The verdict on a run: it passes when nothing fails and something was judged."""
+
+    limits: tuple[Verdict, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Tell whether no limit failed, and none is marginal."""
+        return self.word == "pass"
+
+    @property
+    def word(self) -> Literal["pass", "marginal", "fail"]:
+        """Return ``fail`` when a limit failed, else ``marginal`` when one is, else ``pass``."""
+        words = {limit.word for limit in self.limits}
+        return "fail" if "fail" in words else "marginal" if "marginal" in words else "pass"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the verdict and each limit's."""
+        return {"verdict": self.word, "limits": [limit.as_json() for limit in self.limits]}
+
+
+@runtime_checkable
+class HasAcceptanceValues(Protocol):
+    """A result that gives itself the values that ``[acceptance]`` limits."""
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return its numbers by the keys of ``[acceptance]``; None where one could not be computed."""
+        ...
+
+
+@runtime_checkable
+class HasAcceptanceU95(Protocol):
+    """A result that knows the expanded uncertainties of the values that ``[acceptance]`` limits."""
+
+    def acceptance_u95(self) -> Mapping[str, float]:
+        """Return them by the keys of ``[acceptance]``; those without one are left out."""
+        ...
+
+
+def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) -> Acceptance | None:
+    """Judge `results` (as a procedure gives them) and the noise of `points`; None when no limit is for this procedure.
+
+    Results with `acceptance_values` are judged by those; of any others the numbers whose names are limits.
+    """
+    if not limits:
+        return None
+    values = dict(_values(results))
+    if any(point.n > 1 for point in points):
+        values["reading_noise_v"] = pooled_std_v(points)
+    guards = results.acceptance_u95() if isinstance(results, HasAcceptanceU95) else {}
+    verdicts = tuple(
+        Verdict(
+            *(limit.key, values.get(limit.key), limit.low, limit.high),
+            measured=limit.key in values,
+            u95=guards.get(limit.key) if limit.guarded else None,
+        )
+        for limit in limits
+    )
+    return Acceptance(verdicts) if any(verdict.measured for verdict in verdicts) else None
+
+
+def _values(results: object) -> Mapping[str, float | None]:
+    if isinstance(results, HasAcceptanceValues):
+        return results.acceptance_values()
+    flat = plain(results)
+    named = flat.items() if isinstance(flat, dict) else ()
+    return {name: value for name, value in named if value is None or isinstance(value, int | float)}

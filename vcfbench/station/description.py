@@ -1,0 +1,371 @@
+"""Description of a bench: roles, wiring, limits, site, and its simulation.
+
+A bench file decodes into these frozen structs and nothing else; every range is in the type (`bounds`). What a station
+must decide itself (resources, limits, latitude) has no default. Every role may be missing, and with it its limits.
+Settings of procedures are those of their own classes (:mod:`vcfbench.station.settings`).
+"""
+
+from datetime import date
+from operator import index
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, field
+
+from vcfbench.errors import ConfigError
+from vcfbench.station.bounds import (
+    ADDRESS_PATTERN,
+    LINE_PATTERN,
+    NAME_PATTERN,
+    BaudRate,
+    BiasCoefficient,
+    BiasInstability,
+    BiasPerDegree,
+    GeneratorRanges,
+    Horizon,
+    Kelvins,
+    Latitude,
+    LevelError,
+    LevelOffset,
+    MeterAge,
+    Misalignment,
+    Pause,
+    PhaseLimit,
+    PpmPerDegree,
+    PpmPerYear,
+    RoomWindow,
+    ScaleFactorCoefficient,
+    Seconds,
+    StepsPerDegree,
+    TableRateError,
+    WarmUpTime,
+)
+from vcfbench.station.layering import shared_settings
+from vcfbench.station.parts import (
+    AcceptanceLimits,
+    BenchFileTable,
+    CalibrationPoint,
+    Expected,
+    Limits,
+    Node,
+    OscilloscopeWiring,
+    RailWiring,
+)
+from vcfbench.station.settings import ProcedureSettings
+
+__all__ = [
+    "CALIBRATION_KEYS",
+    "AcceptanceLimits",
+    "BenchDescription",
+    "CalibrationPoint",
+    "ChamberRole",
+    "Expected",
+    "FunctionGeneratorRole",
+    "Knowledge",
+    "Laboratory",
+    "Limits",
+    "MultimeterRole",
+    "Node",
+    "Notify",
+    "OscilloscopeRole",
+    "OscilloscopeWiring",
+    "PowerRole",
+    "RailWiring",
+    "RateTableRole",
+    "Safety",
+    "SerialSettings",
+    "Served",
+    "Simulation",
+    "SimulationErrors",
+    "Site",
+    "Wiring",
+]
+
+Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
+Dialect = Annotated[str, Meta(min_length=1, max_length=4096, pattern=LINE_PATTERN)]
+"""Which languages there are is checked beside the description: other packages may bring theirs."""
+
+Text = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
+Model = Annotated[str, Meta(pattern=NAME_PATTERN)]
+"""Which models a role takes is checked beside the description: other packages may bring theirs."""
+
+Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
+Errors = Literal["none", "drawn"] | dict[str, Any]
+
+
+class SerialSettings(BenchFileTable, frozen=True, kw_only=True):
+    """The line of an instrument on a serial port (``ASRL``); instruments on other interfaces ignore it."""
+
+    baud_rate: BaudRate = 9600
+    data_bits: Annotated[int, Meta(ge=7, le=8)] = 8
+    parity: Literal["none", "even", "odd"] = "none"
+    stop_bits: Annotated[int, Meta(ge=1, le=2)] = 2
+    flow_control: Literal["none", "dtr_dsr", "rts_cts", "xon_xoff"] = "dtr_dsr"
+
+
+class _Calibrated(BenchFileTable, frozen=True, kw_only=True):
+    """Calibration of an instrument: its date, the date it is due, and the number of its certificate; for the record.
+
+    `inventory_number` is what is written on it: some instruments tell no serial number.
+    """
+
+    calibrated: date | None = None
+    calibration_due: date | None = None
+    certificate: Text | None = None
+    inventory_number: Text | None = None
+
+
+CALIBRATION_KEYS = (*_Calibrated.__struct_fields__, "calibration", "calibration_dcc")
+"""Keys of a role that no driver is told."""
+
+
+class _VisaRole(_Calibrated, frozen=True, kw_only=True):
+    """An instrument reached through VISA."""
+
+    resource: Resource
+    timeout_s: Seconds = 5.0
+    serial_number: Text | None = None
+    serial: SerialSettings | None = None
+    serial_pause_s: Pause | None = None
+    like: Model | None = None
+    """The model whose words it speaks, where its own is not known; its identity must still be that of `model`."""
+
+
+class PowerRole(_VisaRole, frozen=True, kw_only=True):
+    """The supply of the PCB's rails."""
+
+    model: Model
+
+
+class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
+    """A generator: of the virtual rate's voltage V_Vc, or of the virtual vibration."""
+
+    model: Model
+
+
+class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
+    """A voltmeter: of the output V_open, or of V_Vc; `calibration` are the values of its certificate.
+
+    It may stand in a file, the certificate's XML (`calibration_dcc`), which is read with the bench file.
+    """
+
+    model: Model
+    calibration: tuple[CalibrationPoint, ...] = ()
+    calibration_dcc: Dialect | None = None
+
+
+class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):
+    """The oscilloscope that watches drive, carrier and sense."""
+
+    model: Model
+
+
+class ChamberRole(_VisaRole, frozen=True, kw_only=True):
+    """A temperature chamber for the gyroscope."""
+
+    model: Model
+
+
+class RateTableRole(_Calibrated, frozen=True, kw_only=True):
+    """The single-axis rate table: a dialect on a serial port, or on anything pyserial opens by URL."""
+
+    dialect: Dialect
+    resource: Resource
+    timeout_s: Seconds = 2.0
+    axis: Annotated[int, Meta(ge=1, le=6)] = 1
+    axis_sign: Literal[1, -1] = 1
+    baud_rate: BaudRate | None = None
+    reply_header: Literal["auto", "none", "u32le2", "u32be2"] = "auto"
+    steps_per_deg: StepsPerDegree | None = None
+
+
+class Wiring(BenchFileTable, frozen=True, kw_only=True):
+    """Connections between the instruments and the PCB."""
+
+    rails: RailWiring = field(default_factory=RailWiring)
+    oscilloscope: OscilloscopeWiring = field(default_factory=OscilloscopeWiring)
+    multimeter: Node = "output"
+    v_vc_meter: Node = "v_vc"
+
+
+class Site(BenchFileTable, frozen=True, kw_only=True):
+    """Site of the bench: for the Earth's rate, the voltmeter's integration time, and the room's temperature."""
+
+    latitude_deg: Latitude
+    mains_hz: Literal[50, 60] = 50
+    ambient_c: RoomWindow | None = None
+
+
+class Laboratory(BenchFileTable, frozen=True, kw_only=True):
+    """Laboratory that owns the bench, for records and reports; `operator` runs it where nobody else is named.
+
+    `country` is two capital letters (ISO 3166-1), for certificates. `signing_key` is the file of the private key that
+    signs records, from where the bench file is.
+    """
+
+    name: Text | None = None
+    address: Text | None = None
+    country: Annotated[str, Meta(pattern="^[A-Z]{2}$")] | None = None
+    email: Text | None = None
+    operator: Text | None = None
+    signing_key: Text | None = None
+
+
+class Notify(BenchFileTable, frozen=True, kw_only=True):
+    """A program, with its arguments, that is told the outcome of each run; it has `timeout_s` for that."""
+
+    command: Annotated[tuple[Annotated[str, Meta(min_length=1, max_length=4096)], ...], Meta(min_length=1)]
+    timeout_s: Annotated[float, Meta(ge=0.1, le=60.0)] = 10.0
+
+
+class Knowledge(BenchFileTable, frozen=True, kw_only=True):
+    """Properties of instruments and gyroscope for the uncertainties.
+
+    What is not given is taken at the worst of its class (:data:`vcfbench.specifications.WORST_OF_CLASS`), or the values
+    are incomplete without it; results say which.
+
+    `meter_age_days` is the time since the multimeter was calibrated, `v_vc_meter_age_days` since the meter on V_Vc
+    was; where they are not given it is that from the day in the meter's table (`calibrated`) to the run, else a year.
+    `table_rate_error` is the largest relative error of the table's rate, `bias_instability_deg_h` the gyroscope's
+    coefficient B of a zero record, and `horizon_h` the time over which a bias is a statement.
+
+    `generator_error` and `generator_offset_v` are the largest errors of a level of V_Vc, relative and in volts of the
+    open generator, where it is known better than by its data sheet. `generator_ranges_v` are the largest levels of its
+    ranges, V, where they are known: on each gain and offset are the same at all levels. A data sheet does not
+    tell them; without them each value is taken to have the ranges that make it least certain.
+
+    `temperature_k` is how far the gyroscope's temperature may be from that for which values are stated, `warm_up_k` how
+    far it is from it at power-on, `warm_up_time_s` the time constant; `scale_factor_ppm_k` and `bias_deg_h_k` what a
+    kelvin does. `misalignment_deg` is the largest angle between the gyroscope's axis and the table's.
+
+    `carrier_phase_deg` and `demodulator_phase_deg` are how far the phases of carrier and demodulator may be from those
+    for which values are stated. `k_vc_ppm_carrier_deg`, `k_vc_ppm_demodulator_deg`, `scale_factor_ppm_demodulator_deg`
+    and `bias_deg_s_demodulator_deg` are what a degree of either does, as `phase` measures it; 1000 ppm are those of the
+    paper's gyroscope, whose demodulated signal is 3.28 degrees from ideal.
+
+    `k_vc_drift_ppm_per_year` is the most by which K_Vc may drift in a year through what nobody sees without a table:
+    combs, their gap and charges, masses. Without it the class of the device counts (assumed).
+
+    `k_vc_not_measured_ppm` is the most by which K_Vc may have changed through what a self-calibration could have
+    measured and did not (Q, modes, phases, feed-through). Without it each counts as far as ageing goes (assumed).
+    """
+
+    meter_age_days: MeterAge | None = None
+    v_vc_meter_age_days: MeterAge | None = None
+    table_rate_error: TableRateError | None = None
+    generator_error: LevelError | None = None
+    generator_offset_v: LevelOffset | None = None
+    generator_ranges_v: GeneratorRanges | None = None
+    bias_instability_deg_h: BiasInstability | None = None
+    horizon_h: Horizon = 24.0
+    temperature_k: Kelvins | None = None
+    scale_factor_ppm_k: ScaleFactorCoefficient | None = None
+    bias_deg_h_k: BiasCoefficient | None = None
+    warm_up_k: Kelvins | None = None
+    warm_up_time_s: WarmUpTime | None = None
+    misalignment_deg: Misalignment | None = None
+    carrier_phase_deg: PhaseLimit | None = None
+    demodulator_phase_deg: PhaseLimit | None = None
+    k_vc_ppm_carrier_deg: PpmPerDegree = 1000.0
+    k_vc_ppm_demodulator_deg: PpmPerDegree = 0.0
+    scale_factor_ppm_demodulator_deg: PpmPerDegree = 1000.0
+    bias_deg_s_demodulator_deg: BiasPerDegree | None = None
+    k_vc_drift_ppm_per_year: PpmPerYear | None = None
+    k_vc_not_measured_ppm: PpmPerYear | None = None
+
+
+class SimulationErrors(BenchFileTable, frozen=True, kw_only=True):
+    """The imperfections of each simulated instrument.
+
+    Each is ``"none"`` (ideal), ``"drawn"`` (from the published accuracy, by the seed) or a table of individual errors
+    by name, the others none; with ``drawn = 0.25`` in the table they are drawn, a quarter as large.
+    """
+
+    power: Errors = "drawn"
+    rate_source: Errors = "drawn"
+    multimeter: Errors = "drawn"
+    oscilloscope: Errors = "drawn"
+    rate_table: Errors = "drawn"
+    vibration_source: Errors = "drawn"
+    v_vc_meter: Errors = "drawn"
+    chamber: Errors = "drawn"
+
+
+LARGEST_SEED = 2**63 - 1
+
+
+def whole_seed(seed: object) -> int:
+    """Return a seed from a script or a command, numpy's numbers too; raises ConfigError for anything else."""
+    try:
+        whole = index(seed)  # type: ignore[arg-type]  # what has no index raises
+    except TypeError:
+        whole = -1
+    if not 0 <= whole <= LARGEST_SEED:
+        raise ConfigError(f"--seed {seed!r}: expected a whole number from 0 to {LARGEST_SEED}")
+    return whole
+
+
+class Simulation(BenchFileTable, frozen=True, kw_only=True):
+    """Simulation behind the resources of a bench; a bench file without it is a real station."""
+
+    parameters: Literal["paper", "ideal"] = "paper"
+    seed: Annotated[int, Meta(ge=0, le=LARGEST_SEED)] = 0
+    errors: SimulationErrors = field(default_factory=SimulationErrors)
+    override: dict[str, Any] = field(default_factory=dict)
+
+
+class Served(BenchFileTable, frozen=True, kw_only=True):
+    """A simulated bench in another process (``vcfbench sim serve``): real wires to it, and its clock is there."""
+
+    control: Annotated[str, Meta(pattern=ADDRESS_PATTERN)]
+
+    def address(self) -> tuple[str, int]:
+        """Return host and port of the control port."""
+        host, _, port = self.control.rpartition(":")
+        return host.strip("[]"), int(port)
+
+
+class Safety(BenchFileTable, frozen=True, kw_only=True):
+    """Reaction of a run to the death of its watchdog: stop, or go on with nobody there should it die too."""
+
+    watchdog_lost: Literal["stop", "go on"] = "stop"
+
+
+class BenchDescription(BenchFileTable, frozen=True, kw_only=True):
+    """One station, as its bench file describes it, defaults filled in; a role that the station has not is None."""
+
+    name: Name
+    title: Text = "a bench"
+    visa_library: Text = "@py"
+    power: PowerRole | None = None
+    rate_source: FunctionGeneratorRole | None = None
+    multimeter: MultimeterRole | None = None
+    oscilloscope: OscilloscopeRole | None = None
+    rate_table: RateTableRole | None = None
+    vibration_source: FunctionGeneratorRole | None = None
+    v_vc_meter: MultimeterRole | None = None
+    chamber: ChamberRole | None = None
+    wiring: Wiring = field(default_factory=Wiring)
+    limits: Limits = field(default_factory=Limits)
+    site: Site
+    procedure_table: dict[str, Any] = field(default_factory=dict, name="procedure")
+    """``[procedure]`` as it stands in the bench file: settings of all procedures, and a table for each that has some
+    of its own; :mod:`vcfbench.procedures.layers` makes settings of it."""
+
+    expected: Expected = field(default_factory=Expected)
+    acceptance: AcceptanceLimits = field(default_factory=AcceptanceLimits)
+    uncertainty: Knowledge = field(default_factory=Knowledge)
+    laboratory: Laboratory = field(default_factory=Laboratory)
+    notify: Notify | None = None
+    safety: Safety = field(default_factory=Safety)
+    simulation: Simulation | None = None
+    served: Served | None = None
+
+    @property
+    def procedure(self) -> ProcedureSettings:
+        """Settings of ``[procedure]`` for every procedure, defaults filled in."""
+        return shared_settings(self.procedure_table, self.name)
+
+    @property
+    def simulated(self) -> bool:
+        """Tell whether the bench is simulated, in this process or in another."""
+        return self.simulation is not None or self.served is not None

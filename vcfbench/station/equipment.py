@@ -1,0 +1,57 @@
+"""The instruments of a bench with the dates of their calibration, as a run finds them on its day."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.records.metadata import Equipment
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
+    from datetime import date
+
+    from vcfbench.interfaces import Identity
+    from vcfbench.station.description import BenchDescription
+
+
+def equipment_on(
+    day: date, description: BenchDescription, roles: Collection[str], identities: Mapping[str, Identity]
+) -> tuple[Equipment, ...]:
+    """Return the instruments in `roles` of the bench, with their identities where they were asked."""
+    return tuple(_equipment(day, description, role, identities.get(role)) for role in roles)
+
+
+def _equipment(day: date, description: BenchDescription, role: str, identity: Identity | None) -> Equipment:
+    part = getattr(description, role)
+    due = part.calibration_due
+    # The serial number that was answered, else the bench file's; an instrument that has none answers 0
+    stated = getattr(part, "serial_number", None)
+    answered = "" if identity is None else identity.serial
+    return Equipment(
+        role=role,
+        model=part.dialect if role == "rate_table" else part.model,
+        resource=part.resource,
+        identity=identity,
+        serial_number=next((each for each in (answered, stated) if each not in (None, "", "0")), None),
+        inventory_number=part.inventory_number,
+        calibrated=part.calibrated,
+        calibration_due=due,
+        certificate=part.certificate,
+        overdue=due is not None and day > due,
+    )
+
+
+def overdue_words(equipment: Collection[Equipment]) -> Iterator[str]:
+    """Yield for each instrument whose calibration is overdue a line that says so."""
+    for each in equipment:
+        if each.overdue:
+            yield f"{each.role} ({each.model}, {each.resource}): its calibration was due {each.calibration_due}"
+
+
+def calibration_words(equipment: Equipment) -> str:
+    """Say in some words how the calibration of an instrument stands: ``due 2027-01-15``."""
+    if equipment.overdue:
+        return f"OVERDUE since {equipment.calibration_due}"
+    if equipment.calibration_due is not None:
+        return f"due {equipment.calibration_due}"
+    return "-" if equipment.calibrated is None else f"calibrated {equipment.calibrated}"

@@ -1,0 +1,144 @@
+"""Reads bench files: TOML to a frozen description, every mistake one line with file, key path and expected value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from vcfbench.errors import ConfigError
+from vcfbench.files import dotted, parse_toml, read_text, shown
+from vcfbench.station.description import BenchDescription
+from vcfbench.station.strict import converted, refusal, words
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+EMBEDDED = ("paper", "lab", "ideal")
+"""Names of the benches that come with the package, usable in place of a file."""
+
+Check = Callable[["BenchDescription", str], None]
+"""A check of a floor above, of the part of a bench file that is its own; the text names the file in errors."""
+
+
+def read_bench(path: Path | str | None = None, *checks: Check) -> BenchDescription:
+    """Return the bench described by the file at `path`; None is the embedded paper bench.
+
+    `checks` are those of floors above, which this one does not know; embedded benches are tested.
+    The name of an embedded bench serves as a path where no such file exists; a directory of that name is no bench file.
+
+    Raises:
+        ConfigError: the file cannot be read, is not TOML, or does not describe a bench.
+    """
+    if path is None:
+        return _embedded("paper")
+    if not isinstance(path, Path | str):  # an int would be read as a descriptor: of a terminal, for ever
+        raise ConfigError(f"bench: expected a bench file or one of {', '.join(EMBEDDED)}, came {path!r}")
+    if str(path) in EMBEDDED and (not Path(path).exists() or Path(path).is_dir()):
+        return _embedded(str(path))
+    source, folder = shown(path), Path(path).parent
+    values = parse_toml(read_text(path, "a bench file"), source)
+    description = _beside(checked_bench(values, source, folder=folder), Path(path))
+    for check in checks:
+        check(description, source)
+    return description
+
+
+def described(bench: BenchDescription | Path | str | None, *checks: Check) -> BenchDescription:
+    """Return the bench as a description, read with :func:`read_bench` where a file is named."""
+    return bench if isinstance(bench, BenchDescription) else read_bench(bench, *checks)
+
+
+def _beside(description: BenchDescription, path: Path) -> BenchDescription:
+    """Return the bench with the files that it names found from where its bench file is; a table's profile is read."""
+    description = _notifying(description, path.parent)
+    description = _signing(description, path.parent)
+    table = description.rate_table
+    if table is None or not table.dialect.endswith(".toml"):
+        return description
+    found = msgspec.structs.replace(table, dialect=str(path.parent / table.dialect))
+    _check_profile(found.dialect, found.axis)
+    return msgspec.structs.replace(description, rate_table=found)
+
+
+def _notifying(description: BenchDescription, folder: Path) -> BenchDescription:
+    """Return the bench with the program of ``[notify]`` found from where its file is, if it is named by a path."""
+    notice = description.notify
+    if notice is None or len(Path(notice.command[0]).parts) == 1:
+        return description
+    command = (str((folder / notice.command[0]).absolute()), *notice.command[1:])
+    return msgspec.structs.replace(description, notify=msgspec.structs.replace(notice, command=command))
+
+
+def _signing(description: BenchDescription, folder: Path) -> BenchDescription:
+    """Return the bench with the key of its laboratory found from where its file is."""
+    laboratory = description.laboratory
+    if laboratory.signing_key is None:
+        return description
+    found = msgspec.structs.replace(laboratory, signing_key=str((folder / laboratory.signing_key).absolute()))
+    return msgspec.structs.replace(description, laboratory=found)
+
+
+def _check_profile(dialect: str, axis: int) -> None:
+    """Read the profile of a table now: its mistakes shall not be found with the bench half open."""
+    from vcfbench.drivers.rate_table.dialect import AxisSettings  # noqa: PLC0415
+    from vcfbench.drivers.rate_table.dialects import spoken  # noqa: PLC0415
+
+    spoken(dialect, AxisSettings(axis))
+
+
+def parse_bench(text: str, source: str, *checks: Check) -> BenchDescription:
+    """Return the bench that the TOML `text` describes; `source` names it in errors (ConfigError)."""
+    return checked_bench(parse_toml(text, source), source, *checks)
+
+
+def checked_bench(
+    values: Mapping[str, Any], source: str, *checks: Check, folder: Path | None = None
+) -> BenchDescription:
+    """Return the bench that nested tables describe; `source` names it in errors (ConfigError).
+
+    Certificates that it names are found from `folder`, None: from where the program runs.
+    """
+    from vcfbench.station.consistency import invalid_values  # noqa: PLC0415  # embedded benches are consistent
+
+    description = _certified(_from(values, source), source, folder or Path())
+    for invalid_value in invalid_values(description):
+        raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
+    for check in checks:
+        check(description, source)
+    return description
+
+
+def _certified(description: BenchDescription, source: str, folder: Path) -> BenchDescription:
+    """Return the bench with the values of its meters' certificates, in place of the files that they are in."""
+    for role in ("multimeter", "v_vc_meter"):
+        part = getattr(description, role)
+        if part is not None and part.calibration_dcc is not None:
+            from vcfbench.station.meter_certificate import with_certificate  # noqa: PLC0415  # few benches have one
+
+            part = with_certificate(part, role, source, folder)
+            description = msgspec.structs.replace(description, **{role: part})
+    return description
+
+
+def _from(values: Mapping[str, Any], source: str) -> BenchDescription:
+    return converted(values, BenchDescription, lambda keys: f"{source}: {dotted(keys)}")
+
+
+def template() -> str:
+    """Return the commented bench file of a real station, ready to be filled in."""
+    return embedded_text("station")
+
+
+def embedded_text(name: str) -> str:
+    """Return the text of the bench file `name` that comes with the package."""
+    return resources.files("vcfbench.station").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _embedded(name: str) -> BenchDescription:
+    """Return a bench that comes with the package; that it agrees with itself is tested, and costs imports to see."""
+    source = f"embedded {name} bench"
+    return _from(parse_toml(embedded_text(name), source), source)

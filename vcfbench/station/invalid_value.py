@@ -1,0 +1,39 @@
+"""A value of a bench file that does not fit, and the checks of every table of numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msgspec import Struct, structs
+
+from vcfbench.station.bounds import LEAST
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+class InvalidValue(Struct, frozen=True):
+    """A value that cannot be, or that contradicts another: its key path, the expected one and itself."""
+
+    path: str
+    expected: str
+    came: object
+
+
+def turned_windows(table: Struct, path: str) -> Iterator[InvalidValue]:
+    """Yield every window of `table`, which stands at `path`, whose low is not below its high."""
+    for key, window in structs.asdict(table).items():
+        if isinstance(window, tuple) and not window[0] < window[1]:
+            yield InvalidValue(f"{path}.{key}", "a window [low, high] with low below high", list(window))
+
+
+def lost_digits(value: object, path: str) -> Iterator[InvalidValue]:
+    """Yield every number at or below `value`, which stands at `path`, that is so close to zero that it is a slip."""
+    if isinstance(value, Struct):
+        for name, below in structs.asdict(value).items():
+            yield from lost_digits(below, f"{path}.{name}" if path else name)
+    elif isinstance(value, tuple):
+        for index, below in enumerate(value):
+            yield from lost_digits(below, f"{path}[{index}]")
+    elif isinstance(value, float) and 0.0 < abs(value) < LEAST:
+        yield InvalidValue(path, f"0, or at least {LEAST:g} either sign", value)

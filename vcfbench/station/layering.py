@@ -1,0 +1,89 @@
+"""Settings from the places that give them: each place goes before the one above it, and is named in errors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from msgspec import Struct
+
+from vcfbench.files import dotted, unfit_numbers
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.strict import converted, refusal, unknown_key
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vcfbench.station.strict import Keys, Naming
+
+S = TypeVar("S", bound=ProcedureSettings)
+
+
+class Layer(Struct, frozen=True):
+    """Settings that one place gives, nested as in a bench file, and how errors name a key of it."""
+
+    values: Mapping[str, Any]
+    naming: Naming
+
+    def has(self, keys: Keys) -> bool:
+        """Tell whether the value at `keys`, or one above it, is given here."""
+        below: Any = self.values
+        for key in keys:
+            if not isinstance(below, Mapping):
+                return True
+            if key not in below:
+                return False
+            below = below[key]
+        return True
+
+
+def setting_keys(kind: type[ProcedureSettings]) -> tuple[str, ...]:
+    """Return the keys that can be set."""
+    return tuple(key for key in kind.__struct_encode_fields__ if key != "station")
+
+
+def shared_settings(table: Mapping[str, Any], source: str) -> ProcedureSettings:
+    """Return the settings in `table`, the ``[procedure]`` of the bench file `source`, for every procedure."""
+    return chosen_settings(ProcedureSettings, [shared_layer(ProcedureSettings, table, source)])
+
+
+def shared_layer(kind: type[ProcedureSettings], table: Mapping[str, Any], source: str) -> Layer:
+    """Return the keys of ``[procedure]`` for procedures with settings of `kind`."""
+    known = setting_keys(kind)
+    given = {key: value for key, value in table.items() if key in known}
+    return Layer(given, lambda keys: f"{source}: {dotted(('procedure', *keys))}")
+
+
+def chosen_settings(kind: type[S], layers: Sequence[Layer]) -> S:
+    """Return the settings that `layers` come to, the last before the others."""
+    known = setting_keys(kind)
+    values: dict[str, Any] = {}
+    for layer in layers:
+        for key in layer.values:
+            if key not in known:
+                raise unknown_key(key, known, layer.naming((key,)))
+        for keys, expected, came in unfit_numbers(dict(layer.values)):
+            raise refusal(layer.naming(keys), expected, came)
+        values = merged(values, layer.values)
+    return converted(values, kind, lambda keys: named(layers, keys))
+
+
+def named(layers: Sequence[Layer], keys: Keys) -> str:
+    """Name `keys` by where their value was given; one that is a default could be set for all procedures."""
+    return next((layer for layer in reversed(layers) if layer.has(keys)), layers[0]).naming(keys)
+
+
+def keys_of(path: str) -> Keys:
+    """Return the keys of a path as invalid_values have it: ``drive.phase_deg``, ``rates_deg_s[2]``."""
+    parts = re.findall(r"[^.\[\]]+|\[\d+\]", path)
+    return tuple(int(part[1:-1]) if part.startswith("[") else part for part in parts)
+
+
+def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested tables `base` with `changes` in them."""
+    table = dict(base)
+    for name, value in changes.items():
+        below = table.get(name)
+        table[name] = merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
+    return table

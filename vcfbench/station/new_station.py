@@ -1,0 +1,156 @@
+"""A bench file for a new station: the instruments found, put into the commented template."""
+
+from __future__ import annotations
+
+import re
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any, Final
+
+from vcfbench.models import ROLES
+from vcfbench.station.consistency import LIMITS_OF
+from vcfbench.station.file import checked_bench, template
+from vcfbench.station.writing import value_text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from vcfbench.station.description import BenchDescription
+
+DEFAULT_LIMITS: Final[Mapping[str, float]] = {
+    "max_rate_deg_s": 300.0,
+    "max_acceleration_deg_s2": 200.0,
+    "max_v_vc_v": 10.0,
+    "min_rail_v": 9.5,
+    "max_rail_v": 10.5,
+    "max_rail_current_a": 0.2,
+    "min_temperature_c": -40.0,
+    "max_temperature_c": 85.0,
+    "max_ramp_k_min": 60.0,
+}
+"""Limits of the template: proposals, which somebody who knows the station must look at."""
+
+_HEADER = re.compile(r"(?:# )?\[(?P<table>[A-Za-z0-9_.-]+)\](?P<rest>\s.*)?")
+_KEY = re.compile(
+    r"(?P<off># )?(?P<key>[A-Za-z0-9_]+) = (?P<value>[^#\"\[]+?|\"[^\"]*\"|\[[^\]]*\])(?P<note>\s+#.*|\s*)"
+)
+_NOTE_COLUMN: Final = 40
+_ROLES: Final = (*ROLES, "rate_table")
+
+
+class Draft:
+    """A bench file that is being made: whole and right at every moment, or the change is refused."""
+
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self.values: dict[str, Any] = {"name": "lab-1", "title": "calibration bench", "site": {"latitude_deg": 0.0}}
+
+    def change(self, changes: Mapping[str, Any]) -> BenchDescription:
+        """Put values at their dotted keys (None takes one away) and check the whole.
+
+        Raises:
+            ConfigError: it would not be a bench file any more; nothing is changed.
+        """
+        candidate = deepcopy(self.values)
+        for path, value in changes.items():
+            values = candidate
+            *tables, key = path.split(".")
+            for table in tables:
+                values = values.setdefault(table, {})
+            if value is None:
+                values.pop(key, None)
+            else:
+                values[key] = value
+        description = checked_bench(candidate, self.source)
+        self.values = candidate
+        return description
+
+    def add_instrument(self, role: str, keys: Mapping[str, Any]) -> BenchDescription:
+        """Put an instrument on the bench, with proposals for the limits that it must have.
+
+        Raises:
+            ConfigError: it cannot be there.
+        """
+        known = self.values.get("limits", {})
+        limits = {f"limits.{key}": known.get(key, DEFAULT_LIMITS[key]) for key in LIMITS_OF.get(role, ())}
+        return self.change({role: dict(keys), **limits})
+
+    def roles(self) -> list[str]:
+        """Return the roles that are filled."""
+        return [role for role in _ROLES if role in self.values]
+
+    def value(self, path: str) -> Any:
+        """Return the value at a dotted key, None where there is none."""
+        below: Any = self.values
+        for key in path.split("."):
+            below = below.get(key) if isinstance(below, dict) else None
+        return below
+
+    def text(self, head: str) -> str:
+        """Return the bench file: `head` as a remark, then the template with the values in it."""
+        return filled_template(template(), self.values, head)
+
+
+def filled_template(text: str, values: Mapping[str, Any], head: str) -> str:
+    """Return the template `text` with `values` at their keys; all other keys are remarks, with their meanings."""
+    left = {table: dict(keys) for table, keys in _tables(values)}
+    lines: list[str] = [f"# {head}", "#"]
+    for table, block in _blocks(text):
+        lines += _filled_block(table, block, left.pop(table, None))
+    for table, keys in left.items():
+        lines += ["", f"[{table}]", *(f"{key} = {value_text(value)}" for key, value in keys.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _tables(values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield every table by its dotted name, with its own plain keys; the top level is ''."""
+    plain = {key: value for key, value in values.items() if not isinstance(value, dict)}
+    if plain or not path:
+        yield path, plain
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _tables(value, f"{path}.{key}" if path else key)
+
+
+def _blocks(text: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield the lines of each table of the template, its header first; the name of those before the first is ''."""
+    table, block = "", list[str]()
+    for line in text.splitlines():
+        header = _HEADER.fullmatch(line)
+        if header is not None:
+            yield table, block
+            table, block = header["table"], []
+        block.append(line)
+    yield table, block
+
+
+def _filled_block(table: str, block: list[str], keys: dict[str, Any] | None) -> list[str]:
+    """Return a block with `keys` in it; None leaves all of it as remarks."""
+    lines: list[str] = []
+    left = dict(keys or {})
+    last_key = 0
+    for line in block:
+        key = _KEY.fullmatch(line)
+        if _HEADER.fullmatch(line):
+            missing = keys is None and table.partition(".")[0] in _ROLES
+            lines.append(line if keys is None and not missing else _switched(line, on=not missing))
+            last_key = len(lines)
+        elif key is None:
+            lines.append(line)
+        else:
+            name = key["key"]
+            lines.append(_with_note(name, left.pop(name), key["note"]) if name in left else _switched(line, on=False))
+            last_key = len(lines)
+    lines[last_key:last_key] = [f"{key} = {value_text(value)}" for key, value in left.items()]
+    return lines
+
+
+def _with_note(key: str, value: Any, note: str) -> str:
+    """Return a key with its value; that it is a proposal of the template's is not said any more."""
+    said = note.strip()
+    setting = f"{key} = {value_text(value)}"
+    return f"{setting:<{_NOTE_COLUMN}}{said}" if said and said != "# put yours" else setting
+
+
+def _switched(line: str, *, on: bool) -> str:
+    bare = line.removeprefix("# ")
+    return bare if on else f"# {bare}"

@@ -1,0 +1,138 @@
+"""Tables of the bench file that settings of procedures hold too: wiring, limits, expected values, acceptance."""
+
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from vcfbench.errors import LimitError
+from vcfbench.station.bounds import (
+    Acceleration,
+    Current,
+    DriftWindow,
+    EnWindow,
+    LargestPpm,
+    LeastRail,
+    NoiseWindow,
+    OutputDrift,
+    OutputSlopeWindow,
+    OutputWindow,
+    PercentWindow,
+    PositiveRail,
+    PpmWindow,
+    RateLimit,
+    RateWindow,
+    SlopeWindow,
+    Temperature,
+    TemperatureRamp,
+    VVcLimit,
+)
+
+Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative"]
+SupplyOutput = Literal["P6V", "P25V", "N25V"]
+Window = tuple[float, float]
+LimitKey = Literal[
+    "max_rate_deg_s",
+    "max_acceleration_deg_s2",
+    "max_v_vc_v",
+    "min_rail_v",
+    "max_rail_v",
+    "max_rail_current_a",
+    "min_temperature_c",
+    "max_temperature_c",
+    "max_ramp_k_min",
+]
+
+
+class BenchFileTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the bench file: frozen, strict."""
+
+
+class CalibrationPoint(BenchFileTable, frozen=True, kw_only=True):
+    """A line of a voltmeter's certificate: range, level, the correction to be added to a reading, and its U.
+
+    `expanded_v` is `k` times the standard uncertainty.
+    """
+
+    range_v: Annotated[float, Meta(ge=1e-3, le=1e4)]
+    level_v: Annotated[float, Meta(ge=-1e4, le=1e4)]
+    correction_v: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0
+    expanded_v: Annotated[float, Meta(ge=0.0, le=1.0)]
+    k: Annotated[float, Meta(ge=1.0, le=15.0)] = 2.0
+
+
+class RailWiring(BenchFileTable, frozen=True, kw_only=True):
+    """Which supply output feeds which rail of the PCB."""
+
+    positive: SupplyOutput = "P25V"
+    negative: SupplyOutput = "N25V"
+
+
+class OscilloscopeWiring(BenchFileTable, frozen=True, kw_only=True):
+    """Which node of the PCB each oscilloscope channel sees."""
+
+    channel_1: Node | None = "drive"
+    channel_2: Node | None = "carrier"
+    channel_3: Node | None = "sense"
+    channel_4: Node | None = "output"
+
+    def channels(self) -> dict[int, Node]:
+        """Return the wired channels: number to node."""
+        nodes = (self.channel_1, self.channel_2, self.channel_3, self.channel_4)
+        return {number: node for number, node in enumerate(nodes, start=1) if node is not None}
+
+    def channel_of(self, node: Node) -> int | None:
+        """Return the lowest channel that sees `node`, None when none does."""
+        return next((number for number, seen in self.channels().items() if seen == node), None)
+
+
+class Limits(BenchFileTable, frozen=True, kw_only=True):
+    """Limits of the station; checked before anything is sent.
+
+    Those of an instrument that the bench has are there; those of one that it has not may be None.
+    """
+
+    max_rate_deg_s: RateLimit | None = None
+    max_acceleration_deg_s2: Acceleration | None = None
+    max_v_vc_v: VVcLimit | None = None
+    min_rail_v: LeastRail | None = None
+    max_rail_v: PositiveRail | None = None
+    max_rail_current_a: Current | None = None
+    min_temperature_c: Temperature | None = None
+    max_temperature_c: Temperature | None = None
+    max_ramp_k_min: TemperatureRamp | None = None
+
+    def of(self, key: LimitKey) -> float:
+        """Return the limit called `key`; LimitError where the station has none, for then nothing is allowed."""
+        limit: float | None = getattr(self, key)
+        if limit is None:
+            raise LimitError(f"the bench has no limit for this, so nothing is allowed (limits.{key})")
+        return limit
+
+
+class Expected(BenchFileTable, frozen=True, kw_only=True):
+    """Expected values of this gyroscope: a run with others is ended. Each window ``[low, high]``."""
+
+    scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
+    bias_v: OutputWindow | None = None
+    k_vc_deg_s_per_v: SlopeWindow | None = None
+    reading_noise_v: NoiseWindow | None = None
+    zero_drift_v: OutputDrift | None = None
+    nonlinearity_ppm: LargestPpm | None = None
+
+
+class AcceptanceLimits(BenchFileTable, frozen=True, kw_only=True):
+    """Limits of the results, each ``[low, high]``: a run whose results are outside has failed, with exit code 1.
+
+    With the guard band ``"U95"`` a result that is nearer to a limit than its expanded uncertainty is marginal.
+    """
+
+    guard_band: Literal["none", "U95"] = "none"
+    scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
+    bias_v: OutputWindow | None = None
+    bias_deg_s: RateWindow | None = None
+    nonlinearity_ppm: PpmWindow | None = None
+    reading_noise_v: NoiseWindow | None = None
+    k_vc_deg_s_per_v: SlopeWindow | None = None
+    scale_factor_error_percent: PercentWindow | None = None
+    drift_ppm: DriftWindow | None = None
+    e_n: EnWindow | None = None

@@ -1,0 +1,174 @@
+"""Plain values into frozen structs; every mistake is one line with its place, the expected value and the given one.
+
+msgspec says what is wrong in words of its own, which end in " - at `$.path`"; value and type are looked up there.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import msgspec
+from msgspec import inspect
+
+from vcfbench.errors import ConfigError
+from vcfbench.station.bounds import ADDRESS_PATTERN, NAME_PATTERN
+from vcfbench.typed import typed
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+Keys = tuple[str | int, ...]
+Naming = Callable[[Keys], str]
+"""Says where a key stands, for errors: ``station.toml: procedure.samples``."""
+
+_T = TypeVar("_T")
+_AT = re.compile(r" - at `\$(?P<path>.*)`$", re.DOTALL)
+_STEP = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+|\.\.\.)\]")
+_UNKNOWN = re.compile(r"unknown field `(?P<key>.*)`", re.DOTALL)
+_MISSING = re.compile(r"missing required field `(?P<key>.*)`")
+
+
+def converted(raw: Mapping[str, Any], kind: type[_T], naming: Naming) -> _T:
+    """Return `raw` as a `kind`.
+
+    Raises:
+        ConfigError: a key is unknown or missing, or a value cannot be.
+    """
+    try:
+        return typed(raw, kind)
+    except msgspec.ValidationError as error:
+        raise _explain(str(error), raw, kind, naming) from None
+
+
+def refusal(where: str, expected: str, came: str) -> ConfigError:
+    """Return the error that names the expected value at `where`, and the given one."""
+    return ConfigError(f"{where}: expected {expected}, came {came}")
+
+
+def unknown_key(key: str, known: Sequence[str], where: str) -> ConfigError:
+    """Return the error that says that `key` is none of `known`; a close one is suggested."""
+    close = difflib.get_close_matches(key, known, n=1)
+    expected = f"a known key ({close[0]!r}?)" if close else f"one of {', '.join(known)}"
+    return refusal(where, expected, "an unknown key")
+
+
+def words(value: object) -> str:
+    """Describe a given value, short and on one line."""
+    if isinstance(value, dict):
+        return "a table"
+    if value is None or isinstance(value, bool):
+        return "nothing" if value is None else str(value).lower()
+    text = repr(value)
+    if isinstance(value, str | int | float | list):
+        return text if len(text) <= 60 else f"{text[:57]}..."
+    return f"{type(value).__name__} {value}"
+
+
+def _explain(message: str, raw: Mapping[str, Any], kind: Any, naming: Naming) -> ConfigError:
+    where = _AT.search(message)
+    keys = _keys(where["path"]) if where else ()
+    what = message[: where.start()] if where else message
+    if unknown := _UNKNOWN.search(what):
+        return unknown_key(unknown["key"], _field_names(kind, keys), naming((*keys, unknown["key"])))
+    if missing := _MISSING.search(what):
+        path = (*keys, missing["key"])
+        return refusal(naming(path), expectation(_type_at(kind, path)), "nothing")
+    return refusal(naming(keys), expectation(_type_at(kind, keys)), words(_value_at(raw, keys)))
+
+
+def _keys(path: str) -> Keys:
+    steps = (match["key"] or int(match["index"]) for match in _STEP.finditer(path) if match["index"] != "...")
+    return tuple(steps)
+
+
+def _value_at(raw: object, keys: Keys) -> object:
+    for key in keys:
+        raw = raw[key]  # type: ignore[index]  # the path came from a walk through this very value
+    return raw
+
+
+# --- the expected type, in words ---
+
+
+def _type_at(kind: Any, keys: Keys) -> inspect.Type:
+    node: inspect.Type = inspect.type_info(kind)
+    for key in keys:
+        node = _step_into(_bare(node), key)
+    return _bare(node)
+
+
+def _step_into(node: inspect.Type, key: str | int) -> inspect.Type:
+    if isinstance(node, inspect.StructType):
+        return next(field.type for field in node.fields if field.encode_name == key)
+    if isinstance(node, inspect.TupleType) and isinstance(key, int):
+        return node.item_types[key]
+    if isinstance(node, inspect.VarTupleType):
+        return node.item_type
+    return inspect.AnyType()
+
+
+def _bare(node: inspect.Type) -> inspect.Type:
+    """Return `node` without its description, and without that it may be missing."""
+    while isinstance(node, inspect.Metadata):
+        node = node.type
+    if not isinstance(node, inspect.UnionType):
+        return node
+    types = [part for part in node.types if not isinstance(part, inspect.NoneType)]
+    return _bare(types[0]) if len(types) == 1 else inspect.UnionType(tuple(types))
+
+
+def _field_names(kind: Any, keys: Keys) -> tuple[str, ...]:
+    node = _type_at(kind, keys)
+    return tuple(field.encode_name for field in node.fields) if isinstance(node, inspect.StructType) else ()
+
+
+def expectation(node: inspect.Type) -> str:
+    """Describe a value of the type `node`: ``a whole number at least 2 and at most 100``."""
+    bare = _bare(node)
+    match bare:
+        case inspect.UnionType(types):
+            said = " or ".join(map(expectation, types))
+        case inspect.LiteralType(values):
+            said = " or ".join(sorted(map(repr, values)))
+        case inspect.EnumType(cls):
+            said = " or ".join(repr(member.value) for member in cls)
+        case inspect.FloatType() | inspect.IntType():
+            kind = "a number" if isinstance(bare, inspect.FloatType) else "a whole number"
+            said = f"{kind}{_range(bare)}"
+        case inspect.StrType():
+            said = f"a text{_form(bare)}"
+        case _:
+            said = _shape(bare)
+    return said
+
+
+def _shape(node: inspect.Type) -> str:
+    if isinstance(node, inspect.BoolType):
+        return "true or false"
+    if isinstance(node, inspect.DateType):
+        return "a day, as in 2026-01-15"
+    if isinstance(node, inspect.TupleType):
+        return f"a list of {len(node.item_types)} numbers"
+    if isinstance(node, inspect.VarTupleType) and node.max_length is not None:
+        items = "numbers" if isinstance(_bare(node.item_type), inspect.FloatType | inspect.IntType) else "texts"
+        return f"a list of {node.min_length or 0} to {node.max_length} {items}"
+    if isinstance(node, inspect.VarTupleType | inspect.ListType | inspect.SetType | inspect.FrozenSetType):
+        return "a list"
+    return "a table"
+
+
+def _range(node: inspect.FloatType | inspect.IntType) -> str:
+    bounds = (("above", node.gt), ("at least", node.ge), ("below", node.lt), ("at most", node.le))
+    words = [f"{word} {bound:.16g}" for word, bound in bounds if bound is not None]
+    return f" {' and '.join(words)}" if words else ""
+
+
+def _form(node: inspect.StrType) -> str:
+    if node.pattern == ADDRESS_PATTERN:
+        return " with host and port, as in 127.0.0.1:20220"
+    if node.pattern == NAME_PATTERN:
+        return " of letters, digits, '_', '-' and '.'"
+    return f" of {node.min_length} to {node.max_length} characters on one line" if node.max_length else ""
