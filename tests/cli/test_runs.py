@@ -33,7 +33,11 @@ def test_list_and_show_what_was_run(station: Station) -> None:
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
     assert shown["points"] == ran["points"]
     assert shown["results"] == ran["results"]  # made again from the journal
-    assert "virtual Coriolis / V" in call("runs", "show", ran["run"]).stdout
+    told = call("runs", "show", ran["run"]).stdout
+    assert "virtual Coriolis / V" in told
+    for name, version in shown["versions"].items():
+        assert f"{name} {version}" in told
+    assert f"E3631A {shown['identities']['power']['firmware']}" in told
     assert station.opened
 
 

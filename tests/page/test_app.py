@@ -154,7 +154,7 @@ def test_what_is_no_number_is_refused(client: Client, made: tuple[Path, Run], as
 
 
 @pytest.mark.parametrize(
-    "path", ["/run/none", "/run/none/events", "/run/live/events", "/run/..%2f/events", "/device/x"]
+    "path", ["/run/none", "/run/none/events", "/run/live", "/run/live/events", "/run/..%2f/events", "/device/x"]
 )
 def test_what_is_not_there_is_not_found(client: Client, path: str) -> None:
     assert client.get(path).status_code == 404

@@ -228,6 +228,10 @@ def test_the_curve_tells_rate_and_uncertainty_where_it_was_measured() -> None:
         {"covariance": ((1.0, 2.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))},
         {"covariance": ((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))},
         {"v_vc_min_v": 1.4},
+        {"v_vc_min_v": -1e308},
+        {"v_vc_max_v": 1e308},
+        {"coefficients": (0.0, 1e308, 0.0)},
+        {"covariance": ((1e308, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))},
     ],
 )
 def test_a_curve_whose_parts_do_not_fit_is_none(changes: dict[str, Any]) -> None:

@@ -381,6 +381,16 @@ def _metadata_lines(run: Run) -> Iterator[str]:
         yield amendment.words()
 
 
+def _made_with(record: JournalRecord, run: Run) -> Iterator[str]:
+    """Yield in lines the programs and the instruments, with their versions, that made the record."""
+    versions = record.header.get("versions")
+    if isinstance(versions, dict):
+        yield f"made with {', '.join(f'{name} {version}' for name, version in versions.items())}"
+    firmware = [f"{each.model} {each.identity.firmware}" for each in run.equipment if each.identity is not None]
+    if firmware:
+        yield f"firmware: {', '.join(firmware)}"
+
+
 def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> None:
     line = _line(directory, record)
     status = _status(line["status"], line["damage"])
@@ -397,4 +407,6 @@ def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> N
         typer.echo(f"\n{'no results' if run.results is None else 'results as stored'}: {run.no_results}")
     for error in record.errors:
         typer.echo(f"\nerror: {printable(error.get('error'))}")
+    for words in _made_with(record, run):
+        typer.echo(f"\n{printable(words)}")
     typer.echo(f"\nrecord: {shown(directory.path)}")

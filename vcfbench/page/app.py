@@ -65,6 +65,9 @@ _HEADERS: Final = {
 }
 
 
+_NO_RUN = "no run goes on here: look at the station, /"
+
+
 @dataclass(slots=True)
 class PageContent:
     """Content of the page: a station, and the run of this process, if there is one.
@@ -97,7 +100,7 @@ class PageContent:
         """Return the run called `name` as far as it is known now."""
         if name == LIVE:
             if self.live is None:
-                raise HTTPException(404, "no run goes here")
+                raise HTTPException(404, _NO_RUN)
             return self.live
         follower = self.follower(name)
         try:
@@ -254,6 +257,8 @@ class _Routes:
         name = request.path_params["name"]
         if name != LIVE:
             await run_in_threadpool(self._shown.follower, name)
+        elif self._shown.live is None:
+            raise HTTPException(404, _NO_RUN)
         return FileResponse(_HERE / "assets" / "run.html")
 
     async def events(self, request: Request) -> Any:

@@ -13,6 +13,7 @@ import secrets
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
@@ -83,6 +84,11 @@ class CurveShare(_Value, frozen=True, kw_only=True):
     """Covariance from this source; all together are the covariance of the curve."""
 
 
+_HIGHEST_V = 1e3
+_LARGEST = 1e100
+"""Numbers of a curve of which sums of products cannot overflow, and no curve that was measured has larger ones."""
+
+
 class KvcCurve(_Value, frozen=True, kw_only=True):
     """The rate that a V_Vc stands for: the sum of ``coefficients[i] * V_Vc**i``, deg/s for V_Vc in V."""
 
@@ -114,8 +120,10 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
                 abs(rows[i][j] - rows[j][i]) > (1e-6 * math.sqrt(abs(rows[i][i] * rows[j][j]))) for j in range(i)
             ):
                 raise ValueError("expected a covariance that is symmetric, with variances of at least 0")
-        if not self.v_vc_min_v < self.v_vc_max_v:
-            raise ValueError("expected v_vc_min_v below v_vc_max_v")
+        if not -_HIGHEST_V <= self.v_vc_min_v < self.v_vc_max_v <= _HIGHEST_V:
+            raise ValueError(f"expected v_vc_min_v below v_vc_max_v, both within {_HIGHEST_V:g} V")
+        if any(abs(each) > _LARGEST for each in chain(self.coefficients, *rows)):
+            raise ValueError(f"expected coefficients and a covariance up to {_LARGEST:g}")
 
     def rate_deg_s(self, v_vc_v: float) -> float:
         """Return the rate that `v_vc_v` stands for.
