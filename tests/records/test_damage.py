@@ -80,6 +80,7 @@ def edit(place: int, *keys: Any, to: Any) -> Callable[[list[dict[str, Any]]], No
         (edit(3, "point", "output_v", to=2.5), "line 4: the point's 2.5 V is not the mean of its readings"),
         (edit(3, "point", "n", to=4), "line 4: a point of 4 readings has 3"),
         (edit(3, "result", "readings", 1, "voltage_v", to=-2.6), "line 4: the point's -2.5 V is not the mean"),
+        (edit(3, "result", "readings", 1, "voltage_v", to=-1e308), "line 4: one of its readings is above 1e+50"),
         (edit(7, "points", to=51), "its footer counts 51 points, there are 5"),
     ],
 )

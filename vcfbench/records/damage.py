@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _WINDOWS = frozenset({"Acquire", "AcquireGapless", "AcquireWithVvc"})
 """Kinds of steps whose point is the mean of their readings."""
+_LARGEST = 1e50
+"""Beyond an overload (9.9e37), and its square is a number."""
 _AFTER_FOOTER = frozenset({"amendment", "signature"})
 
 
@@ -94,11 +96,12 @@ def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             chunked += line["readings"]
         if line.get("type") not in ("step", "error"):
             continue
-        readings, chunked = chunked, []
+        readings, chunked = [*chunked, *own_readings(line)], []
+        if any(abs(value) > _LARGEST for reading in readings for value in reading.values()):
+            yield f"line {place}: one of its readings is above {_LARGEST:g}, which no instrument says"
         if line.get("step_kind") not in _WINDOWS or "point" not in line or "result" not in line:
             continue
         point = line["point"]
-        readings += own_readings(line)
         if len(readings) != point["n"]:
             yield f"line {place}: a point of {point['n']} readings has {len(readings)}"
             continue
