@@ -1,0 +1,84 @@
+"""Commands and scripts of the pages: they run, and print what the pages say."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+import pytest
+from simrack.faults import Kind
+
+from simrack_tests.ports import free_port
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+RACK = Path(__file__).parents[1]
+PAGES = sorted((RACK / "docs").glob("*.md"))
+_BLOCK = re.compile(r"^```(\w*)( ci)?\n(.*?)^```", re.MULTILINE | re.DOTALL)
+_PORT = "5900"
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    found = _BLOCK.findall(page.read_text(encoding="utf-8"))
+    return [text for kind, by_ci, text in found if kind == language and not by_ci]  # .ci/run runs the others
+
+
+@contextmanager
+def served(command: str) -> Iterator[dict[str, Any]]:
+    words = [sys.executable, "-m", *command.split(), "--json"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, cwd=RACK) as server:  # noqa: S603
+        try:
+            assert server.stdout is not None
+            yield json.loads(server.stdout.readline())
+        finally:
+            server.terminate()
+        assert server.wait(30) == 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_does_what_it_says(
+    page: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(RACK)
+    port = str(free_port())
+    commands = [line for block in blocks(page, "sh") for line in block.replace(_PORT, port).splitlines()]
+    servers = [command for command in commands if command.startswith("simrack serve ")]
+    script = "\n".join(blocks(page, "python")).replace(_PORT, port)
+    if not servers:
+        assert not commands
+        exec(compile(script, page.name, "exec"), {})  # noqa: S102  # our own text
+    for command in servers:
+        with served(command) as places:
+            assert set(places["instruments"]) == {"power", "generator", "multimeter", "oscilloscope"}
+            for other in (each for each in commands if each not in servers):
+                done = subprocess.run([sys.executable, "-m", *other.split()], check=True, capture_output=True)  # noqa: S603
+                assert json.loads(done.stdout)
+            meter = int(places["instruments"]["multimeter"]["tcp"].split("::")[2])
+            exec(compile(script, page.name, "exec"), {"MULTIMETER": meter})  # noqa: S102
+    assert capsys.readouterr().out == "".join(blocks(page, "text"))
+
+
+def test_the_circuit_of_the_page_is_the_example() -> None:
+    annotated = (RACK / "examples" / "rc_filter.py").read_text(encoding="utf-8")
+    (shown,) = [block for block in blocks(RACK / "docs" / "world.md", "python") if "class RcFilter" in block]
+    plain = re.sub(r": float| -> [^:]+|: NDArray[^)]+", "", annotated[annotated.index("class RcFilter") :])
+    assert plain == shown[shown.index("class RcFilter") :]
+
+
+def test_every_class_of_the_table_is_there() -> None:
+    named = re.findall(r"`(simrack\.\S+):(\w+)`", (RACK / "docs" / "instruments.md").read_text(encoding="utf-8"))
+    assert len(named) == 16
+    for module, name in named:
+        assert getattr(import_module(module), name).errors_class
+
+
+def test_every_fault_is_in_the_table() -> None:
+    rows = re.findall(r"^\| (`.*?`) \|", (RACK / "docs" / "faults.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert [kind for row in rows for kind in re.findall(r"`(\w+)`", row)] == list(get_args(Kind))
