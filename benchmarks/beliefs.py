@@ -34,7 +34,7 @@ from simrack.faults import Fault, FaultInjector
 
 import vcfbench
 from vcfbench.errors import BenchError
-from vcfbench.procedures.measurand import Measurand
+from vcfbench.procedures.shared.measurand import Measurand
 from vcfbench.sim.builder import SimulatedBench, physical_parameters
 from vcfbench.steps import Acquire, Window
 from vcfbench.steps.executor import StepFinished

@@ -24,7 +24,7 @@ from vcfbench.errors import BenchError
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.measurand import Measurand
+    from vcfbench.procedures.shared.measurand import Measurand
 
 WARM_K = 0.3
 """The paper's gyroscope heats itself by so much, in bands of 0.02 K."""

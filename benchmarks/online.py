@@ -27,7 +27,7 @@ from msgspec import structs
 from self_calibration import LAB, SIMULATION, ageing_of, bench_of
 
 import vcfbench
-from tests.procedures.test_k_vc import truth, warm
+from tests.procedures.shared.test_k_vc import truth, warm
 from tests.procedures.test_self_calibration import looked_after
 from vcfbench.sim.builder import physical_parameters
 

@@ -35,7 +35,7 @@ import numpy as np
 from msgspec import structs
 
 import vcfbench
-from tests.procedures.test_k_vc import truth, warm
+from tests.procedures.shared.test_k_vc import truth, warm
 from vcfbench.sim.builder import instrument_errors, physical_parameters
 
 LAB = vcfbench.load_bench("lab")

@@ -44,7 +44,7 @@ from vcfbench.studies.truth import truth_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from vcfbench.procedures.budget.statement import Statement
+    from vcfbench.procedures.shared.budget.statement import Statement
 
     Line = dict[str, Any]
 

@@ -26,7 +26,7 @@ from vcfbench.interfaces import (
     SetsVoltage,
     lacking,
 )
-from vcfbench.procedures.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
+from vcfbench.procedures.shared.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
 from vcfbench.records.schema import Status
 from vcfbench.sim.served import on_wires
 from vcfbench.station.description import Limits
@@ -208,7 +208,7 @@ def test_a_supply_alone_is_a_bench_too(tmp_path: Path) -> None:
 OWN_FILE = """
 from vcfbench import Procedure
 from vcfbench.interfaces import PowersRails, ReadsVoltage, SetsVoltage
-from vcfbench.procedures.routines import energised, set_v_vc, take, v_vc_on
+from vcfbench.procedures.shared.routines import energised, set_v_vc, take, v_vc_on
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Outcome
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from vcfbench.models import MODELS, resolve
-from vcfbench.procedures import tones
+from vcfbench.procedures.shared import tones
 from vcfbench.specifications import (
     AGILENT_33220A,
     HP_34401A,

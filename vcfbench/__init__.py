@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.bench_file import load_bench
     from vcfbench.procedures.catalogue import PROCEDURES
     from vcfbench.procedures.procedure import Procedure
-    from vcfbench.procedures.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
+    from vcfbench.procedures.shared.routines import energised, go_to_rate, powered, ramp_to, set_v_vc, take, v_vc_on
     from vcfbench.procedures.turntable import TurntableResult
     from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
     from vcfbench.records.devices import Device, load_device
@@ -342,7 +342,7 @@ _HOMES = {
     ),
     "steps.measured": ("Measured",),
     "procedures.procedure": ("Procedure",),
-    "procedures.routines": (
+    "procedures.shared.routines": (
         "energised",
         "go_to_rate",
         "powered",

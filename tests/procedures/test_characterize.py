@@ -17,8 +17,8 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import sheet_rows
 from vcfbench.procedures.characterize.plan import PARTS, BeginPart, CharacterizeSettings, _kept_on, _Session
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.measurand import UncertaintyPart as Source
-from vcfbench.procedures.measurand import measurand
+from vcfbench.procedures.shared.measurand import UncertaintyPart as Source
+from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.procedures.zero.results import NoiseCoefficient
 from vcfbench.station.file import embedded_text
 from vcfbench.station.settings import Sources, Station

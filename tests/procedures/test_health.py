@@ -11,16 +11,16 @@ import pytest
 from msgspec import structs
 
 import vcfbench
-from tests.procedures.test_k_vc import LAB, truth, warm
+from tests.procedures.shared.test_k_vc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.by_meter import carrier_over_drive
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.health.found import Health
 from vcfbench.procedures.health.unmeasured import not_measured
-from vcfbench.procedures.known.k_vc_change import k_vc_change
-from vcfbench.procedures.measurand import UncertaintyPart, measurand
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
+from vcfbench.procedures.shared.known.k_vc_change import k_vc_change
+from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.sim.builder import physical_parameters

@@ -9,10 +9,10 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
 from vcfbench.procedures.power.results import valid_output
 from vcfbench.procedures.power.settings import PowerSettings
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.description import Limits
 from vcfbench.station.settings import Station

@@ -15,12 +15,12 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 import vcfbench
-from tests.procedures import test_k_vc
-from tests.procedures.test_k_vc import read_v, still, truth, warm
+from tests.procedures.shared import test_k_vc
+from tests.procedures.shared.test_k_vc import read_v, still, truth, warm
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
 from vcfbench.page.station import StationDirectories
-from vcfbench.procedures.known.device import level_for
+from vcfbench.procedures.shared.known.device import level_for
 from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, Measured, SelfCalibration
 from vcfbench.sim.builder import physical_parameters
 from vcfbench.station.parts import AcceptanceLimits

@@ -11,7 +11,7 @@ from msgspec import to_builtins
 
 import vcfbench
 from vcfbench.errors import ConfigError, LimitError
-from vcfbench.procedures.known.scale_factor import ScaleFactorBy
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
 from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
 from vcfbench.procedures.temperature.settings import TemperatureSettings

@@ -11,9 +11,9 @@ from msgspec import structs
 
 import vcfbench
 from tests.procedures.fakes import make_settings
-from vcfbench.procedures.budget.phases import PhaseErrors
-from vcfbench.procedures.budget.turntable import turntable_statement
-from vcfbench.procedures.sweep.windows import window_times
+from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.budget.turntable import turntable_statement
+from vcfbench.procedures.shared.sweep.windows import window_times
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.records.plain import plain
@@ -23,7 +23,7 @@ from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.station.settings import Match, ProcedureSettings, Sources, Station
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.budget.statement import Statement
+    from vcfbench.procedures.shared.budget.statement import Statement
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
 SXX = 106_060.0

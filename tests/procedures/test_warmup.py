@@ -10,11 +10,11 @@ import pytest
 from simrack_tests.cells import few
 
 import vcfbench
-from tests.procedures.test_k_vc import warm
+from tests.procedures.shared.test_k_vc import warm
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.procedures.known.scale_factor import ScaleFactor
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.warmup.plan import WARMUP, SwitchedOn, SwitchOnAndLog, WarmupSettings
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_results
 from vcfbench.records.schema import Point
@@ -28,7 +28,7 @@ from vcfbench.steps.dry_run import walk
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.procedures.measurand import Measurand
+    from vcfbench.procedures.shared.measurand import Measurand
     from vcfbench.station.description import BenchDescription
 
 SCALE = {"scale_factor_v_per_deg_s": -0.0125527}

@@ -18,7 +18,7 @@ from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term
 from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
-from vcfbench.procedures.known.scale_factor import ScaleFactor, scale_factor_of
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_of
 from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
 from vcfbench.procedures.zero.results import ZeroResult, with_what_is_let_through, zero_report, zero_results
 from vcfbench.records import journal

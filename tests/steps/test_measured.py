@@ -15,7 +15,7 @@ import vcfbench
 from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
 from vcfbench.procedures.power.plan import SuppliedAndLogged
 from vcfbench.procedures.power.results import RailsLogged
-from vcfbench.procedures.routines import rails_of
+from vcfbench.procedures.shared.routines import rails_of
 from vcfbench.procedures.warmup.plan import SwitchedOn, SwitchOnAndLog
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources

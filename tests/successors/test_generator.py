@@ -12,8 +12,8 @@ from simrack.instruments.trueform import TrueformErrors
 from tests.conformance import walk
 from tests.successors import BENCH
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.procedures.known.levels import generator_sheet
 from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.shared.known.levels import generator_sheet
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
 from vcfbench.specifications import KEYSIGHT_33500B
 from vcfbench.station.discovery import recognise

@@ -191,7 +191,7 @@ def _print_table(known: Device, rows: list[dict[str, Any]]) -> None:
 
 def _print_certificate(known: Certificate | None) -> None:
     """Print until when the K_Vc of the last certificate is good, and its sensitivities."""
-    from vcfbench.procedures.known.k_vc_change import sensitivity_table  # noqa: PLC0415
+    from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table  # noqa: PLC0415
     from vcfbench.reports.text import table_text  # noqa: PLC0415
 
     if known is None or not known.sensitivities:

@@ -22,12 +22,12 @@ from vcfbench.interfaces import (
     SamplesVoltage,
 )
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import Keeps, KeptSettings
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
-from vcfbench.procedures.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
-from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
+from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
+from vcfbench.procedures.shared.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
+from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import (
     CaptureSines,

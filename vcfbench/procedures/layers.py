@@ -280,7 +280,7 @@ def meter_worth(
     """
     promised, sigmas = accuracy_at(sheet, range_v, age_days, known.outside_k)
     if known.on(range_v):
-        from vcfbench.procedures.meters import certified  # noqa: PLC0415  # few benches have certificates
+        from vcfbench.procedures.shared.meters import certified  # noqa: PLC0415  # few benches have certificates
 
         return certified(short, sheet, known, range_v, age_days)
     return {

@@ -19,7 +19,7 @@ from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import (
+from vcfbench.procedures.shared.routines import (
     energised,
     go_to_rate,
     look_at_drive,
@@ -29,7 +29,7 @@ from vcfbench.procedures.routines import (
     v_vc_on,
     window_of,
 )
-from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
+from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words

@@ -25,11 +25,11 @@ from vcfbench.interfaces import (
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import Keeps
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import energised, rails_of, v_vc_level_again
-from vcfbench.procedures.tones import SCOPE_TIME_BASE
+from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.routines import energised, rails_of, v_vc_level_again
+from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.steps import (
     Amplitudes,

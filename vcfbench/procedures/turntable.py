@@ -8,8 +8,15 @@ from msgspec.structs import asdict
 
 from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.column.report import line_words, outputs_figure, residuals_figure, statement_tables, sweep_text
-from vcfbench.procedures.column.results import (
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared.column.report import (
+    line_words,
+    outputs_figure,
+    residuals_figure,
+    statement_tables,
+    sweep_text,
+)
+from vcfbench.procedures.shared.column.results import (
     acceptance_u95,
     acceptance_values,
     fitted_column,
@@ -17,11 +24,10 @@ from vcfbench.procedures.column.results import (
     u_output_v,
     with_statement,
 )
-from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import go_to_rate, powered, ramp_to, take, take_reference
-from vcfbench.procedures.steady.watched import watched
-from vcfbench.procedures.sweep.agreement import require_expected_column, require_steady_slope
-from vcfbench.procedures.sweep.schedule import (
+from vcfbench.procedures.shared.routines import go_to_rate, powered, ramp_to, take, take_reference
+from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.procedures.shared.sweep.agreement import require_expected_column, require_steady_slope
+from vcfbench.procedures.shared.sweep.schedule import (
     ZERO_TABLE,
     SweepSettings,
     no_whole_turn,
@@ -34,8 +40,8 @@ from vcfbench.steps import Note, Outcome, Plan, Settle
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.procedures.budget.statement import Statement
-    from vcfbench.procedures.sweep.found import SweepFound
+    from vcfbench.procedures.shared.budget.statement import Statement
+    from vcfbench.procedures.shared.sweep.found import SweepFound
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.step import Routine
@@ -120,8 +126,8 @@ def turntable_results(
     """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
     if settings is None:
         return TurntableResult(**asdict(fitted_column(points, u_output_v(points, meter_resolution_v)).column()))
-    from vcfbench.procedures.budget.turntable import turntable_statement  # noqa: PLC0415  # numpy comes with it
-    from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # as above
+    from vcfbench.procedures.shared.budget.turntable import turntable_statement  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.shared.sweep.windows import sweep_of  # noqa: PLC0415  # as above
 
     sweep = sweep_of(settings, points, 1)
     stated = turntable_statement(settings, points)
@@ -129,7 +135,7 @@ def turntable_results(
     values = {**asdict(with_statement(column, stated)), "uncertainty": stated}
     if not is_swept(settings):
         return TurntableResult(**values)
-    from vcfbench.procedures.sweep.found import sweep_found  # noqa: PLC0415  # as above
+    from vcfbench.procedures.shared.sweep.found import sweep_found  # noqa: PLC0415  # as above
 
     return SweptTurntableResult(**values, sweep=sweep_found(settings, points, sweep))
 

@@ -18,10 +18,10 @@ from msgspec import Meta
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.levels import generator_sheet
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import (
+from vcfbench.procedures.shared.known.levels import generator_sheet
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.routines import (
     energised,
     look_at_drive,
     rails_of,
@@ -31,10 +31,10 @@ from vcfbench.procedures.routines import (
     v_vc_on,
     window_of,
 )
-from vcfbench.procedures.steady.walk import require_answer
-from vcfbench.procedures.steady.watched import watched
-from vcfbench.procedures.sweep.schedule import ABBA_SIGNS
-from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
+from vcfbench.procedures.shared.steady.walk import require_answer
+from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
+from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps import (

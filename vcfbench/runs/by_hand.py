@@ -16,7 +16,7 @@ from msgspec import Struct, structs
 from vcfbench.bench.console import Console
 from vcfbench.clock import sleep
 from vcfbench.errors import BenchError, ConfigError, InterlockError, LimitError
-from vcfbench.procedures.routines import look_at_drive, rails_of
+from vcfbench.procedures.shared.routines import look_at_drive, rails_of
 from vcfbench.station.limits import LimitChecks, driver_of
 from vcfbench.station.settings import Station
 from vcfbench.steps import (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 
 from vcfbench.clock import WallClock, sleep
-from vcfbench.procedures.pause import AroundPause
+from vcfbench.procedures.shared.pause import AroundPause
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -28,9 +28,9 @@ from vcfbench.interfaces import (
 from vcfbench.models import driver_of, find_model, resolve
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
-from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, setting_keys
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bandwidth import tones_of
-from vcfbench.procedures.known.k_vc_change import ASSUMED
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.routines import rails_of, v_vc_level_again, v_vc_on
-from vcfbench.procedures.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
+from vcfbench.procedures.shared.known.k_vc_change import ASSUMED
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.routines import rails_of, v_vc_level_again, v_vc_on
+from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
 from vcfbench.specifications import AC_VOLTS_U
 from vcfbench.steps import (
     AcMeasured,
@@ -33,7 +33,7 @@ from vcfbench.steps import (
 from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.known.v_vc import KnownVvcSettings
+    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
     from vcfbench.records.devices import Characteristics
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Routine

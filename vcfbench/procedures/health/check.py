@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final, Literal
 from msgspec import Struct, structs
 
 from vcfbench.procedures.health.unmeasured import AMPLITUDES, MAY_HAVE
-from vcfbench.procedures.known.k_vc_change import KvcChange, KvcPart, k_vc_change
-from vcfbench.procedures.known.k_vc_since import charging_warning
+from vcfbench.procedures.shared.known.k_vc_change import KvcChange, KvcPart, k_vc_change
+from vcfbench.procedures.shared.known.k_vc_since import charging_warning
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.reports.document import Column, Table, Text

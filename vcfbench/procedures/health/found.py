@@ -13,10 +13,10 @@ from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.by_meter import carrier_over_drive, found_by_sines
 from vcfbench.procedures.health.modes import Modes, middle_of, modes_of
 from vcfbench.procedures.health.plan import CaptureFar, level_v
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
 from vcfbench.procedures.resonance import SenseDecay
-from vcfbench.procedures.tones import SCOPE_TIME_BASE
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from vcfbench.procedures.known.v_vc import KnownVvcSettings
+    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
     from vcfbench.steps.measured import Measured
 
     Floats: TypeAlias = "NDArray[np.float64]"

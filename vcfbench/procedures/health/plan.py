@@ -19,7 +19,7 @@ from vcfbench.procedures.health.modes import Modes, modes_of
 from vcfbench.procedures.health.way import way_of
 from vcfbench.procedures.phase.results import CaptureSense
 from vcfbench.procedures.resonance import CaptureDecay, RingingMode, SenseDecay
-from vcfbench.procedures.routines import rails_of, v_vc_level_again, v_vc_on
+from vcfbench.procedures.shared.routines import rails_of, v_vc_level_again, v_vc_on
 from vcfbench.steps import (
     Amplitudes,
     CaptureMeanSines,
@@ -42,7 +42,7 @@ from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from vcfbench.interfaces import Oscilloscope
-    from vcfbench.procedures.known.v_vc import KnownVvcSettings
+    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
     from vcfbench.records.devices import Characteristics
     from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.station.parts import Node

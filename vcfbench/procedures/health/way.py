@@ -8,7 +8,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.interfaces import SamplesVoltage, SetsSine, lacking
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.known.v_vc import KnownVvcSettings
+    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
     from vcfbench.station.parts import Node
 
 HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"

@@ -17,13 +17,13 @@ from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.by_meter import compared_amplitudes
 from vcfbench.procedures.health.plan import examined
-from vcfbench.procedures.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.kvc.results import DRIVEN, SEARCH, TABLE, certificate, k_vc_report, k_vc_results
 from vcfbench.procedures.kvc.settings import KVcSettings
-from vcfbench.procedures.null_comparison.plan import NullTerms, nulled
 from vcfbench.procedures.procedure import PAPER_NEEDS, PAPER_USES, Procedure
-from vcfbench.procedures.routines import powered, v_vc_on
-from vcfbench.procedures.steady.watched import watched
+from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
+from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled
+from vcfbench.procedures.shared.routines import powered, v_vc_on
+from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.steps import Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:

@@ -20,15 +20,15 @@ from vcfbench.analysis.k_vc_curve import (
     fit_k_vc_curve,
 )
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.budget.at_rest import as_rate
-from vcfbench.procedures.budget.known_levels import known_levels
-from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.found import Health, health_of, with_output_curve
-from vcfbench.procedures.known.device import UNSEEN
-from vcfbench.procedures.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
-from vcfbench.procedures.known.k_vc_since import days_until, drift_words
-from vcfbench.procedures.known.levels import K_VC_UNIT
-from vcfbench.procedures.known.v_vc import (
+from vcfbench.procedures.shared.budget.at_rest import as_rate
+from vcfbench.procedures.shared.budget.known_levels import known_levels
+from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.known.device import UNSEEN
+from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
+from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
+from vcfbench.procedures.shared.known.levels import K_VC_UNIT
+from vcfbench.procedures.shared.known.v_vc import (
     METER_GAIN,
     V_VC_GAIN,
     V_VC_NOISE,
@@ -43,8 +43,8 @@ from vcfbench.procedures.known.v_vc import (
     temperature_errors,
     v_vc_error,
 )
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
-from vcfbench.procedures.null_comparison.blocks import (
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
+from vcfbench.procedures.shared.null_comparison.blocks import (
     bias_at_rest,
     block_covariance,
     blocks_of,
@@ -53,7 +53,7 @@ from vcfbench.procedures.null_comparison.blocks import (
     noise_of,
     nulled_levels,
 )
-from vcfbench.procedures.null_comparison.plan import block
+from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.records.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta, structs, to_builtins
 
 from vcfbench.procedures.health.way import AC_WANTED, HEALTH
-from vcfbench.procedures.known.v_vc import KnownVvcSettings
-from vcfbench.procedures.null_comparison.plan import invalid_match_rates
+from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
+from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates
 from vcfbench.station.bounds import Rate  # noqa: TC001 - msgspec reads it
 
 if TYPE_CHECKING:

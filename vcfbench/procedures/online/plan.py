@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Literal
 
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.v_vc import ready_meters
 from vcfbench.procedures.online.report import online_report
 from vcfbench.procedures.online.results import online_results
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import (
+from vcfbench.procedures.shared.known.v_vc import ready_meters
+from vcfbench.procedures.shared.routines import (
     energised,
     go_to_rate,
     look_at_drive,

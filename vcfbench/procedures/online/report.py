@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.procedures.known.certificate import drift_parts
-from vcfbench.procedures.known.v_vc import (
+from vcfbench.procedures.shared.known.certificate import drift_parts
+from vcfbench.procedures.shared.known.v_vc import (
     known_words,
 )
-from vcfbench.procedures.measurand import budget_table, said_of
+from vcfbench.procedures.shared.measurand import budget_table, said_of
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:

@@ -18,11 +18,11 @@ import numpy as np
 from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.budget.phases import PhaseErrors
 from vcfbench.procedures.health.unmeasured import gaps_of, missing_of, unmeasured
-from vcfbench.procedures.known.certificate import Drift, drift_of, shares_of
-from vcfbench.procedures.known.k_vc_since import k_vc_since
-from vcfbench.procedures.known.v_vc import (
+from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.known.certificate import Drift, drift_of, shares_of
+from vcfbench.procedures.shared.known.k_vc_since import k_vc_since
+from vcfbench.procedures.shared.known.v_vc import (
     METER_GAIN,
     READINGS,
     V_VC_GAIN,
@@ -30,7 +30,7 @@ from vcfbench.procedures.known.v_vc import (
     meter_error,
     v_vc_error,
 )
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.steps import ModulatedRecord, SampleModulated
 
 if TYPE_CHECKING:

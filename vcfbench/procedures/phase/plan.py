@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import Keeps
 from vcfbench.procedures.phase.report import phase_report
 from vcfbench.procedures.phase.results import CaptureSense, Phases, phase_results, phases_of
 from vcfbench.procedures.phase.settings import LEAST_CYCLES, PhaseSettings
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
-from vcfbench.procedures.tones import SCOPE_TIME_BASE
+from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.procedures.shared.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
+from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.steps import (
     Amplitudes,
     CaptureRotations,

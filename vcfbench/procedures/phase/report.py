@@ -9,9 +9,9 @@ from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Tabl
 from vcfbench.steps import SineRecords
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.measurand import Measurand
     from vcfbench.procedures.phase.results import Phases
     from vcfbench.procedures.phase.settings import PhaseSettings
+    from vcfbench.procedures.shared.measurand import Measurand
     from vcfbench.steps.measured import Measured
 
 NOT_HELD = (

@@ -15,7 +15,7 @@ from statistics import fmean, stdev, variance
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.steps import CaptureSines, Rotations, SineRecord, SineRecords
 from vcfbench.steps.step import LOOK_AT_SIGNALS
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from msgspec import Meta
 
-from vcfbench.procedures.kept_characteristics import KeptSettings
+from vcfbench.procedures.shared.kept_characteristics import KeptSettings
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import rate_words
 

@@ -16,12 +16,12 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import Keeps
-from vcfbench.procedures.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.power.results import RailDraw, RailsDrawn, RailsLogged, power_report, power_results
 from vcfbench.procedures.power.settings import Order, PowerSettings
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import (
+from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
+from vcfbench.procedures.shared.routines import (
     go_to_rate,
     held_at_rest,
     look_at_drive,
@@ -32,8 +32,8 @@ from vcfbench.procedures.routines import (
     take,
     v_vc_on,
 )
-from vcfbench.procedures.steady.walk import require_answer
-from vcfbench.procedures.steady.watched import watched
+from vcfbench.procedures.shared.steady.walk import require_answer
+from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.steps import (
     CheckRails,
     ConfigureMeter,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_model, resolve
-from vcfbench.procedures.known.scale_factor import scale_factor_used
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.known.scale_factor import scale_factor_used
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
 from vcfbench.steps import Acquire, Window
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.analysis.chopped import BlockNoise
-    from vcfbench.procedures.known.scale_factor import ScaleFactor
     from vcfbench.procedures.power.settings import PowerSettings
+    from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
     from vcfbench.station.settings import Sources
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Step

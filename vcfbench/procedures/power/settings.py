@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, structs
 
-from vcfbench.procedures.kept_characteristics import require_room
-from vcfbench.procedures.known.scale_factor import AtRestSettings, ScaleFactorBy, contradictions_of_level
+from vcfbench.procedures.shared.kept_characteristics import require_room
+from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactorBy, contradictions_of_level
 from vcfbench.station.invalid_value import InvalidValue
 
 if TYPE_CHECKING:

@@ -15,10 +15,7 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.by_meter import compared_amplitudes, same_oscilloscope
 from vcfbench.procedures.health.plan import examined
 from vcfbench.procedures.health.way import way_of
-from vcfbench.procedures.known.device import level_for
-from vcfbench.procedures.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import energised, look_at_drive, set_v_vc, take, v_vc_on
 from vcfbench.procedures.self_calibration.results import (
     AT_REST,
     DRIVEN,
@@ -27,7 +24,10 @@ from vcfbench.procedures.self_calibration.results import (
     self_calibration_results,
 )
 from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
-from vcfbench.procedures.steady.watched import watched
+from vcfbench.procedures.shared.known.device import level_for
+from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
+from vcfbench.procedures.shared.routines import energised, look_at_drive, set_v_vc, take, v_vc_on
+from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
 
 if TYPE_CHECKING:

@@ -17,8 +17,6 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.budget import phases
-from vcfbench.procedures.budget.at_rest import as_rate
 from vcfbench.procedures.health.check import (
     STILL_UNSEEN,
     TEMPERATURES,
@@ -35,9 +33,19 @@ from vcfbench.procedures.health.unmeasured import (
     missing_of,
     unmeasured,
 )
-from vcfbench.procedures.known.certificate import Drift, drift_of, drift_parts, shares_of
-from vcfbench.procedures.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
-from vcfbench.procedures.known.v_vc import (
+from vcfbench.procedures.self_calibration.shape import (
+    OUTPUT_CURVE,
+    OUTPUT_LIMIT,
+    bent,
+    has_changed,
+    orders_of,
+    output_orders,
+)
+from vcfbench.procedures.shared.budget import phases
+from vcfbench.procedures.shared.budget.at_rest import as_rate
+from vcfbench.procedures.shared.known.certificate import Drift, drift_of, drift_parts, shares_of
+from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
+from vcfbench.procedures.shared.known.v_vc import (
     METER_GAIN,
     READINGS,
     V_VC_GAIN,
@@ -51,8 +59,8 @@ from vcfbench.procedures.known.v_vc import (
     temperature_errors,
     v_vc_error,
 )
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
-from vcfbench.procedures.null_comparison.blocks import (
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
+from vcfbench.procedures.shared.null_comparison.blocks import (
     bias_at_rest,
     block_covariance,
     blocks_of,
@@ -60,15 +68,7 @@ from vcfbench.procedures.null_comparison.blocks import (
     dof_of,
     noise_of,
 )
-from vcfbench.procedures.null_comparison.plan import block
-from vcfbench.procedures.self_calibration.shape import (
-    OUTPUT_CURVE,
-    OUTPUT_LIMIT,
-    bent,
-    has_changed,
-    orders_of,
-    output_orders,
-)
+from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text

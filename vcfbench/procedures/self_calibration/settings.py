@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta
 
 from vcfbench.procedures.health.way import AC_WANTED, HEALTH
-from vcfbench.procedures.known.device import KnownDeviceSettings
+from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.station.bounds import Rate  # noqa: TC001 - msgspec reads it
 from vcfbench.station.invalid_value import InvalidValue
 

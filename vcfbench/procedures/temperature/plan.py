@@ -24,10 +24,10 @@ from vcfbench.interfaces import (
 )
 from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import Keeps
-from vcfbench.procedures.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import (
+from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
+from vcfbench.procedures.shared.routines import (
     energised,
     go_to_rate,
     look_at_drive,
@@ -37,8 +37,8 @@ from vcfbench.procedures.routines import (
     v_vc_on,
     window_of,
 )
-from vcfbench.procedures.steady.walk import require_answer
-from vcfbench.procedures.steady.watched import watched
+from vcfbench.procedures.shared.steady.walk import require_answer
+from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
 from vcfbench.steps import (

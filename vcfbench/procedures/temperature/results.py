@@ -14,11 +14,11 @@ from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.errors import ConfigError
 from vcfbench.procedures import bandwidth
-from vcfbench.procedures.known.levels import generator_sheet
-from vcfbench.procedures.known.scale_factor import scale_factor_used
-from vcfbench.procedures.known.v_vc import meter_error
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.tones import SCOPE_TIME_BASE
+from vcfbench.procedures.shared.known.levels import generator_sheet
+from vcfbench.procedures.shared.known.scale_factor import scale_factor_used
+from vcfbench.procedures.shared.known.v_vc import meter_error
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.reports.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import Done, SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.step import Step
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.chopped import BlockNoise
-    from vcfbench.procedures.known.scale_factor import ScaleFactor
+    from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
     from vcfbench.procedures.temperature.settings import TemperatureSettings
     from vcfbench.records.schema import Point
     from vcfbench.station.linear_gyro import LinearGyro

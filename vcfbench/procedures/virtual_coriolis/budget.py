@@ -10,8 +10,8 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.analysis.budget import Source
-from vcfbench.procedures.budget.known_levels import known_levels
-from vcfbench.procedures.budget.line import (
+from vcfbench.procedures.shared.budget.known_levels import known_levels
+from vcfbench.procedures.shared.budget.line import (
     TILT,
     Line,
     earth_sources,
@@ -20,18 +20,18 @@ from vcfbench.procedures.budget.line import (
     line_sums,
     noises_of,
 )
-from vcfbench.procedures.budget.nonlinearity import CurvedLine, ValueModel, with_nonlinearity
-from vcfbench.procedures.budget.statement import statement
-from vcfbench.procedures.budget.turntable import table_values
-from vcfbench.procedures.sweep.window_noise import OutputSum, WindowNoise
-from vcfbench.procedures.sweep.windows import sweep_of
+from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, with_nonlinearity
+from vcfbench.procedures.shared.budget.statement import statement
+from vcfbench.procedures.shared.budget.turntable import table_values
+from vcfbench.procedures.shared.sweep.window_noise import OutputSum, WindowNoise
+from vcfbench.procedures.shared.sweep.windows import sweep_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.procedures.budget.known_levels import KnownLevels
-    from vcfbench.procedures.budget.line import Floats
-    from vcfbench.procedures.budget.statement import Statement
+    from vcfbench.procedures.shared.budget.known_levels import KnownLevels
+    from vcfbench.procedures.shared.budget.line import Floats
+    from vcfbench.procedures.shared.budget.statement import Statement
     from vcfbench.procedures.virtual_coriolis.matching import Matching
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings

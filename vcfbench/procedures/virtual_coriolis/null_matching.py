@@ -15,9 +15,9 @@ import numpy as np
 from vcfbench.analysis.chopped import CHOPPED, DIFFERENCES
 from vcfbench.analysis.k_vc_curve import coefficient_weights, fit_k_vc_curve
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.null_comparison.blocks import block_covariance, blocks_of, noise_of, nulled_levels
-from vcfbench.procedures.null_comparison.plan import block
-from vcfbench.procedures.sweep.schedule import KvcBy
+from vcfbench.procedures.shared.null_comparison.blocks import block_covariance, blocks_of, noise_of, nulled_levels
+from vcfbench.procedures.shared.null_comparison.plan import block
+from vcfbench.procedures.shared.sweep.schedule import KvcBy
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.levels import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
 from vcfbench.procedures.procedure import PAPER_USES, Procedure
-from vcfbench.procedures.routines import (
+from vcfbench.procedures.shared.known.levels import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
+from vcfbench.procedures.shared.routines import (
     go_to_rate,
     powered,
     ramp_to,
@@ -25,14 +25,14 @@ from vcfbench.procedures.routines import (
     take_reference,
     v_vc_on,
 )
-from vcfbench.procedures.steady.watched import watched
-from vcfbench.procedures.sweep.agreement import (
+from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.procedures.shared.sweep.agreement import (
     require_expected_column,
     require_expected_k_vc,
     require_same_zero,
     require_steady_slope,
 )
-from vcfbench.procedures.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy, sweep_words
+from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy, sweep_words
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.report import virtual_coriolis_report
@@ -74,7 +74,7 @@ def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
 
 def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point], list[Point], NullMatching]]:
     """Do steps 1 and 2 at rates of both signs, in turn; return the points of both, and their match."""
-    from vcfbench.procedures.null_comparison.plan import NullTerms, nulled  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled  # noqa: PLC0415  # numpy comes with it
     from vcfbench.procedures.virtual_coriolis.null_matching import null_matching  # noqa: PLC0415  # as above
 
     yield Note("Steps 1 and 2: at each rate of both signs V_Vc is matched to the output on the table")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from vcfbench.procedures.column.report import (
+from vcfbench.procedures.shared.column.report import (
     RATE,
     line_words,
     outputs_figure,
@@ -13,7 +13,7 @@ from vcfbench.procedures.column.report import (
     statement_tables,
     sweep_text,
 )
-from vcfbench.procedures.known.levels import at_measured_levels, standing_for
+from vcfbench.procedures.shared.known.levels import at_measured_levels, standing_for
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, SweptVirtualCoriolisResult
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
-from vcfbench.procedures.column.results import (
+from vcfbench.procedures.shared.column.results import (
     acceptance_u95,
     acceptance_values,
     combined,
@@ -19,7 +19,7 @@ from vcfbench.procedures.column.results import (
     u_resolution_v,
     with_statement,
 )
-from vcfbench.procedures.known.levels import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
+from vcfbench.procedures.shared.known.levels import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.station.settings import ProcedureSettings
 
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
-    from vcfbench.procedures.budget.statement import Statement
-    from vcfbench.procedures.sweep.found import SweepFound
-    from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
+    from vcfbench.procedures.shared.budget.statement import Statement
+    from vcfbench.procedures.shared.sweep.found import SweepFound
+    from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
     from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
     from vcfbench.records.schema import Point
@@ -163,8 +163,8 @@ def null_results(points: Sequence[Point], settings: VirtualCoriolisSettings) -> 
 
 
 def _sweeps(settings: SweepSettings, points: Sequence[Point]) -> dict[str, Any]:
-    from vcfbench.procedures.sweep.found import sweep_found  # noqa: PLC0415  # as above
-    from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # numpy comes with it
+    from vcfbench.procedures.shared.sweep.found import sweep_found  # noqa: PLC0415  # as above
+    from vcfbench.procedures.shared.sweep.windows import sweep_of  # noqa: PLC0415  # numpy comes with it
 
     turntable, virtual = (sweep_found(settings, points, sweep_of(settings, points, step)) for step in (3, 4))
     return {"turntable_sweep": turntable, "virtual_sweep": virtual}
@@ -178,7 +178,7 @@ def _four_steps(
 ) -> dict[str, Any]:
     """Return K_Vc, both columns and how they differ, from points at the V_Vc that they are known to have."""
     from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
-    from vcfbench.procedures.sweep.windows import sweep_of  # noqa: PLC0415  # as above
+    from vcfbench.procedures.shared.sweep.windows import sweep_of  # noqa: PLC0415  # as above
 
     measured = any(point.v_vc_measured_v is not None for point in points)
     generator = generator_sheet(settings or ProcedureSettings())

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from vcfbench.procedures.sweep.schedule import KvcBy, SweepSettings
+from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
 from vcfbench.station.bounds import LEAST_V_VC_V, Rate
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import Match, rate_words
@@ -75,7 +75,7 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
         if self.k_vc_by is not KvcBy.ONE_POINT and self.match is Match.ABSOLUTE:
             yield InvalidValue("match", f"zero, by which {self.k_vc_by.value} compares", "absolute")
         if self.k_vc_by is KvcBy.CURVE:
-            from vcfbench.procedures.null_comparison.plan import invalid_match_rates  # noqa: PLC0415  # numpy comes with it
+            from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates  # noqa: PLC0415  # numpy comes with it
 
             yield from invalid_match_rates(self, self.match_rates_deg_s, 3)
             if self.magnitudes_deg_s[-1] < largest:

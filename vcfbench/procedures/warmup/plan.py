@@ -15,9 +15,9 @@ from msgspec import Meta
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import (
+from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
+from vcfbench.procedures.shared.routines import (
     held_at_rest,
     look_at_drive,
     off_afterwards,

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.model_fit import ModelFit
-    from vcfbench.procedures.known.scale_factor import ScaleFactor
+    from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
 
@@ -162,8 +162,8 @@ def _bias_end(
 
     An exponential that was not seen may be there: what the bench file knows of the warm-up is in the mean then.
     """
-    from vcfbench.procedures.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest  # noqa: PLC0415
-    from vcfbench.procedures.sweep.window_noise import Flicker  # noqa: PLC0415  # they take numpy along
+    from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest  # noqa: PLC0415
+    from vcfbench.procedures.shared.sweep.window_noise import Flicker  # noqa: PLC0415  # they take numpy along
 
     (value, u, seen), (begin_s, end_s), known = found, window_s, settings.station.sources
     output_v = value * scale.value

@@ -17,10 +17,10 @@ from msgspec import Meta
 
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.kept_characteristics import require_room
-from vcfbench.procedures.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.routines import (
+from vcfbench.procedures.shared.kept_characteristics import require_room
+from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
+from vcfbench.procedures.shared.routines import (
     held_at_rest,
     look_at_drive,
     off_afterwards,

@@ -21,9 +21,9 @@ from vcfbench.analysis.bias_stability import BiasStability, bias_stability
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term, fit_noise, fit_shown_noise
 from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.analysis.type_a import u_of_combination
-from vcfbench.procedures.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
-from vcfbench.procedures.known.v_vc import away_from_warm_k
-from vcfbench.procedures.measurand import Measurand, UncertaintyPart, budget_table, measurand
+from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
+from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
 
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.allan import AllanPoint
-    from vcfbench.procedures.known.scale_factor import ScaleFactor
-    from vcfbench.procedures.sweep.window_noise import Flicker
+    from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
+    from vcfbench.procedures.shared.sweep.window_noise import Flicker
     from vcfbench.station.settings import ProcedureSettings
 
 _DEG_H = 3600.0

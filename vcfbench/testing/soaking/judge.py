@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe
-from vcfbench.procedures.measurand import Measurand
+from vcfbench.procedures.shared.measurand import Measurand
 from vcfbench.records.schema import Status
 
 if TYPE_CHECKING:

@@ -1,0 +1,123 @@
+"""The flicker of a device: kept by a static record, used by later runs, refused when it is out of date."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+import vcfbench
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit
+from vcfbench.analysis.sampling import Sampling
+from vcfbench.analysis.type_a import u_of_mean_within
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.kvc.settings import KVcSettings
+from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted
+from vcfbench.procedures.shared.flicker import flicker_sources
+from vcfbench.procedures.shared.sweep.window_noise import Flicker
+from vcfbench.records.devices import Conditions, DeviceStore, Measured, StaticNoise
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+DAY = datetime(2026, 5, 4, 9, 30, tzinfo=UTC)
+FOUND = StaticNoise(
+    serial="G-1",
+    done=DAY,
+    valid_until=DAY + timedelta(days=365),
+    procedure="zero",
+    bias_instability_deg_h=Measured(value=4.0, u=0.4, dof=50.0),
+    duration_s=3600.0,
+    conditions=Conditions(bench="lab", run="r", simulated=True, positive_rail_v=10.0, negative_rail_v=-10.0),
+)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> DeviceStore:
+    kept = DeviceStore(tmp_path / "devices")
+    kept.add(structs.replace(FOUND, done=DAY - timedelta(days=9), bias_instability_deg_h=Measured(value=9.0, u=1.0)))
+    kept.add(FOUND)
+    return kept
+
+
+def test_the_last_static_record_tells_the_flicker_with_its_age_and_u(store: DeviceStore) -> None:
+    assert flicker_sources(store, "G-1", DAY + timedelta(days=12), outdated=False) == {
+        "bias_instability_deg_h": 4.0,
+        "bias_instability_dof": 50.0,
+        "bias_instability_from": "static record 0002 of G-1, 2026-05-04, 12 days old, u 0.4 deg/h",
+    }
+    assert flicker_sources(store, "G-2", DAY, outdated=False) == {}
+
+
+def test_one_that_is_out_of_date_is_refused_unless_it_is_asked_for(store: DeviceStore) -> None:
+    late = DAY + timedelta(days=366)
+    with pytest.raises(ConfigError, match=r"0002\.json: the static record is valid from .* to .*, not now") as refused:
+        flicker_sources(store, "G-1", late, outdated=False)
+    assert "vcfbench run zero --dut G-1" in (refused.value.hint or "")
+    assert flicker_sources(store, "G-1", late, outdated=True)["bias_instability_deg_h"] == 4.0
+
+
+def test_that_of_another_device_is_refused(store: DeviceStore) -> None:
+    other = store.root / "G-2"
+    other.mkdir()
+    (store.root / "G-1" / "0002.json").rename(other / "0001.json")
+    with pytest.raises(ConfigError, match="it is of device 'G-1', and lies with 'G-2'"):
+        flicker_sources(store, "G-2", DAY, outdated=False)
+
+
+def test_a_static_record_is_kept_and_goes_into_the_budget_of_the_next_run(tmp_path: Path) -> None:
+    devices = tmp_path / "devices"
+    settings = {"devices": str(devices)}
+    named = {"runs": tmp_path, "metadata": {"dut": "G-1"}}
+    before = vcfbench.run("turntable", "paper", seed=4, settings=settings, **named)
+    zero = vcfbench.run("zero", "paper", seed=3, settings=settings, **named)
+    (entry,) = vcfbench.load_device("G-1", devices).entries
+    assert zero.device_entry == entry.path
+    assert isinstance(entry.record, StaticNoise)
+    kept = entry.record.bias_instability_deg_h
+    (found,) = [each for each in zero.results.noise if each.name == "bias instability"]
+    assert (kept.value, kept.u) == (found.value, found.u)
+    assert kept.dof == pytest.approx(0.5 * (found.value / found.u) ** 2)
+    assert entry.record.valid_until == entry.record.done + timedelta(days=365)
+
+    after = vcfbench.run("turntable", "paper", seed=4, settings=settings, **named)
+    plain = vcfbench.run("turntable", "paper", seed=4, runs=tmp_path)
+    assert before.results == plain.results  # no entry, no change
+    said = next(each for each in after.results.uncertainty.known_from if each.startswith("flicker"))
+    assert said.startswith(f"flicker: B {kept.value:.3g} deg/h (static record 0001 of G-1, ")
+    of_bias = [
+        next(each for each in run.results.uncertainty.value("bias").contributions if each.source.startswith("flicker"))
+        for run in (plain, after)
+    ]
+    assert of_bias[1].u / of_bias[0].u == pytest.approx(kept.value / 5.57)
+    assert (of_bias[0].dof, of_bias[1].dof) == (None, kept.dof)
+    assert vcfbench.load_run(after.directory).results == after.results
+    of_k_vc = KVcSettings(dut="G-1", devices=str(devices)).recalled().station.sources
+    assert (of_k_vc.bias_instability_deg_h, of_k_vc.bias_instability_dof) == (kept.value, kept.dof)
+
+
+def test_what_is_told_counts_unless_the_run_shows_more_than_chance_would() -> None:
+    told = Flicker(5.0, math.inf, "told")
+    assert flicker_counted(told, 0.0, 40.0, "run") == told
+    assert flicker_counted(told, 60.0, 25.0, "run") == told
+    more = flicker_counted(told, 100.0, 20.0, "run")
+    assert (more.deg_h, more.dof) == (pytest.approx(10.0, rel=1e-3), pytest.approx(50.0, rel=1e-2))
+
+
+def test_a_square_that_came_out_as_0_is_not_known_to_be_0() -> None:
+    """Half of a normal distribution: mean 0.80 of its sigma, sd 0.60 of it; 3.5 degrees of freedom."""
+    found = flicker_counted(None, 0.0, 10.0, "blocks of this run")
+    assert found.deg_h**2 == pytest.approx(10.0 * math.sqrt(2.0 / math.pi))
+    assert found.dof == pytest.approx(2.0 / (math.pi / 2.0 - 1.0))
+    assert found.said == "blocks of this run, dof 3.5"
+
+
+def test_a_mean_is_one_over_the_horizon() -> None:
+    fit = NoiseFit(Coefficients(bias_instability=1.0), {}, np.zeros((5, 5)))
+    usual = u_of_mean_within(fit, Sampling.without_gaps(1.0), 600.0, 86_400.0)
+    assert about_horizon([0.0], [600.0], 24.0) == pytest.approx(usual.u)
+    assert about_horizon([0.0], [600.0], 24.0) / about_horizon([0.0, 300.0, 590.0], [10.0, 310.0, 600.0], 0.25) > 1.5

@@ -1,0 +1,270 @@
+"""Statement of a calibration: values with their combined uncertainty, its contributions, and its omissions.
+
+Model, contributions and what is left out are described in docs/uncertainty.md. Linear sums over the windows (slopes,
+intercepts, the match of step 2) are weights; readings' scatter and flicker go through them with their correlations, and
+the rest is a model for :mod:`~vcfbench.analysis.budget`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
+
+from vcfbench.analysis.budget import Distribution, Source, evaluate
+from vcfbench.analysis.convolution import convolved_coverage_factor
+from vcfbench.procedures.shared.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
+from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from vcfbench.analysis.budget import Budget, Model, Result
+    from vcfbench.procedures.shared.sweep.window_noise import Flicker
+    from vcfbench.station.settings import ProcedureSettings
+
+_NEARLY_NORMAL = 0.05
+"""Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""
+
+
+class StatedContribution(Struct, frozen=True):
+    """Contribution of one source to one value."""
+
+    source: str
+    distribution: str
+    u_source: float
+    unit: str
+    dof: float | None
+    """None: infinite, for sources known beforehand."""
+    sensitivity: float
+    u: float
+    """Sensitivity times `u_source`, in the unit of the value."""
+    share: float
+    """Share of the variance."""
+
+
+class StatedValue(Struct, frozen=True):
+    """A value with its combined standard uncertainty and the contributions to it; `of` names the value."""
+
+    name: str
+    value: float
+    unit: str
+    u: float
+    dof: float | None
+    """Effective degrees of freedom; None: infinite."""
+    coverage_factor: float
+    u95: float
+    """Half width of the interval that holds the true value with 95 %."""
+    of: str
+    contributions: tuple[StatedContribution, ...]
+    complete: bool = True
+    missing: tuple[str, ...] = ()
+    """Contributions that `u` lacks because the bench file does not tell them; none where it is complete."""
+
+
+class Statement(Struct, frozen=True):
+    """All values with an uncertainty, their correlations, and the omissions of the uncertainties."""
+
+    values: tuple[StatedValue, ...]
+    correlation: tuple[tuple[float, ...], ...]
+    e_n: float | None
+    """Difference of the methods' scale factors over its expanded uncertainty, correlations included; above 1 they
+    disagree. None where there is one method."""
+    not_in_u: tuple[str, ...]
+    known_from: tuple[str, ...] = ()
+    """Origin of the quantities that the budget takes for known."""
+    complete: bool = True
+    missing: tuple[str, ...] = ()
+    """Contributions that `u` of some of them lacks."""
+
+    def value(self, name: str) -> StatedValue:
+        """Return one value; KeyError when it has no uncertainty."""
+        for each in self.values:
+            if each.name == name:
+                return each
+        raise KeyError(name)
+
+
+def statement(
+    settings: ProcedureSettings,
+    sources: Sequence[Source],
+    model: Model,
+    correlations: Mapping[tuple[str, str], float],
+    meanings: Mapping[str, tuple[str, str]],
+    *,
+    difference: str | None = None,
+    levels_by: str = "",
+    flicker: Flicker | None = None,
+) -> Statement:
+    """Return the statement of the values that `model` makes of `sources`.
+
+    Args:
+        settings: those of the run.
+        sources: what is not known exactly.
+        model: the values of these.
+        correlations: between sources, by their names.
+        meanings: unit of each value, and which value it is.
+        difference: value over whose expanded uncertainty E_n is.
+        levels_by: what V_Vc is known by, where there is any.
+        flicker: that which the sources hold.
+    """
+    around = Circumstances.of(settings)
+    budget = evaluate([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
+    unit_and_meaning = {name: (unit, _meaning(settings, words)) for name, (unit, words) in meanings.items()}
+    known = settings.station.sources
+    values = tuple(
+        stated_value(result, budget, *unit_and_meaning[result.name], known.missing(result.name.rpartition(".")[2]))
+        for result in budget.results
+    )
+    missing = tuple(dict.fromkeys(name for each in values for name in each.missing))
+    ratio = None
+    if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
+        ratio = abs(stated.value) / stated.u95
+    correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
+    not_in_u, known_from = _not_in_u(settings), _known_from(settings, levels_by, flicker)
+    return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from), not missing, missing)
+
+
+def _meaning(settings: ProcedureSettings, words: str) -> str:
+    """Say which value it is: with the Earth's rate added to the table's, none of it is in the bias."""
+    return words if earth_left_deg_s(settings) is None else words.replace("Earth's rate in it", "without Earth's rate")
+
+
+class Circumstances(Struct, frozen=True):
+    """Effects of temperature, mounting and phases on the values, as far as the bench file knows them."""
+
+    sources: tuple[Source, ...]
+    scale_factor_per_k: float
+    bias_deg_s_per_k: float
+    phases: PhaseErrors
+
+    @classmethod
+    def of(cls, settings: ProcedureSettings) -> Circumstances:
+        """Return the known effects; the warm-up as far as it is to go when the first window begins."""
+        known, sources = settings.station.sources, []
+        if known.scale_factor_ppm_k is not None and known.bias_deg_h_k is not None:
+            if known.temperature_k:
+                sources.append(Source.within(_TEMPERATURE, 0.0, known.temperature_k, "K"))
+            if known.warm_up_k:
+                left_k = known.warm_up_k * math.exp(-settings.start_up_s / known.warm_up_time_s)
+                sources.append(Source.within(_WARM_UP, 0.0, left_k, "K"))
+        if known.misalignment_deg:
+            tilted = 1.0 - math.cos(math.radians(known.misalignment_deg))
+            sources.append(Source.within(_MISALIGNMENT, 0.0, tilted, "1"))
+        phases = PhaseErrors.of(known)
+        scale_factor_per_k, bias_per_k = 1e-6 * (known.scale_factor_ppm_k or 0.0), (known.bias_deg_h_k or 0.0) / 3600.0
+        return cls((*sources, *phases.sources), scale_factor_per_k, bias_per_k, phases)
+
+    def applied(self, values: Mapping[str, Any], q: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the values of the stated temperature and phases, and the gyroscope's own axis."""
+        if not self.sources:
+            return values
+        away_k = q.get(_TEMPERATURE, 0.0) + q.get(_WARM_UP, 0.0)
+        mounted, drifted = 1.0 + q.get(_MISALIGNMENT, 0.0), self.bias_deg_s_per_k * away_k
+        drifted = drifted + self.phases.bias_deg_s(q)
+        found = dict(values)
+        for name, value in values.items():
+            column, _, kind = name.rpartition(".")
+            if kind == "k_vc":
+                found[name] = value / mounted * self.phases.k_vc(q)
+            elif kind == "scale_factor":
+                found[name] = value * mounted / (1.0 + self.scale_factor_per_k * away_k) * self.phases.scale_factor(q)
+            elif kind == "bias":
+                found[name] = value - drifted * values[f"{column}.scale_factor" if column else "scale_factor"]
+            elif kind == "bias_deg_s":
+                found[name] = (value - drifted) / mounted
+        if self.moves_driven_zero and _DIFFERENCE in values:
+            # The factor of the output of a volt at the modulator: that of its offset too. The offset sets the zeros
+            # of both columns apart, so their difference goes with it
+            warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
+            moved = values[_DIFFERENCE] * ((self.phases.k_vc(q) * self.phases.scale_factor(q) / warmer) - 1.0)
+            found[_DIFFERENCE] = values[_DIFFERENCE] + moved
+            found["virtual.bias"] = found["virtual.bias"] + moved
+            found["virtual.bias_deg_s"] = found["virtual.bias_deg_s"] + moved / values["virtual.scale_factor"]
+        return found
+
+    @property
+    def moves_driven_zero(self) -> bool:
+        """True if a known source changes the effect of a volt of V_Vc; the rest of the warm-up is too small."""
+        moving = {_TEMPERATURE, CARRIER_PHASE, DEMODULATOR_PHASE}
+        return any(source.name in moving for source in self.sources)
+
+
+_DIFFERENCE = "bias_difference_v"
+_TEMPERATURE, _WARM_UP, _MISALIGNMENT = "temperature", "warm-up", "misalignment"
+
+
+def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tuple[str, ...] = ()) -> StatedValue:
+    """Return a result of a budget as it is stated, `missing` being the contributions that it lacks."""
+    sources = {source.name: source for source in budget.sources}
+    # The factor of 95 %: Student's t, or by convolution where sources that are not normal prevail
+    kinds = {name: source.distribution for name, source in sources.items()}
+    odd = math.fsum(line.share for line in result.contributions if kinds[line.source] is not Distribution.NORMAL)
+    factor = convolved_coverage_factor(result, sources.values()) if odd > _NEARLY_NORMAL else result.coverage_factor
+    lines = tuple(
+        StatedContribution(
+            line.source,
+            sources[line.source].distribution.value,
+            line.u_source,
+            sources[line.source].unit,
+            _finite(line.dof),
+            line.sensitivity,
+            abs(line.u),
+            line.share,
+        )
+        for line in result.contributions
+        if line.u
+    )
+    return StatedValue(
+        result.name,
+        result.value,
+        unit,
+        result.u,
+        _finite(result.dof),
+        factor,
+        factor * result.u,
+        of,
+        lines,
+        not missing,
+        missing,
+    )
+
+
+def _finite(dof: float) -> float | None:
+    return dof if math.isfinite(dof) else None
+
+
+_OUTSIDE = (
+    "lack of fit: how far the outputs are from a line is in the non-linearity",
+    "what the rails do: scale factor and bias are those at the rails of the run (rail_tolerance_v)",
+    "turn-on to turn-on and remounting: one power-on, one mounting",
+    "acceleration (g), vibration, magnetic fields: those of the run",
+    "any change of the gyroscope after the run",
+)
+
+
+def _not_in_u(settings: ProcedureSettings) -> Iterable[str]:
+    """Name the omissions of the uncertainties."""
+    yield from (f"MISSING {gap.words}" for gap in settings.station.sources.gaps())
+    yield from _OUTSIDE
+    if earth_left_deg_s(settings) is None:
+        yield "Earth's rate: it is in the bias"
+
+
+def _after(age_days: float) -> str:
+    return f"{age_days:g} days after calibration"
+
+
+def _known_from(settings: ProcedureSettings, levels_by: str, flicker: Flicker | None) -> Iterable[str]:
+    """Name the origin of quantities taken for known."""
+    known = settings.station.sources
+    yield f"multimeter: {_after(known.meter_age_days)} ({known.meter_age_from})"
+    if levels_by == "V_Vc meter":
+        yield f"meter on V_Vc: {_after(known.v_vc_meter_age_days)} ({known.v_vc_meter_age_from})"
+    if levels_by == "generator" and known.generator_gain is not None and not known.generator_ranges_v:
+        yield "ranges of the generator: not known, those that make each value least certain are assumed"
+    if flicker is not None:
+        yield f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})"
+    apart = {"bias_instability_deg_h", "k_vc_drift_ppm_per_year"}  # said above; of what rests on an older K_Vc
+    yield from (words for key, words in known.assumed.items() if key not in apart)

@@ -1,0 +1,62 @@
+"""The uncertainty budget of a calibration on the rate table: scale factor, bias and non-linearity of its line."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+from vcfbench.procedures.shared.budget.line import (
+    TILT,
+    Line,
+    earth_sources,
+    instrument_sources,
+    line_sums,
+    noises_of,
+)
+from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, with_nonlinearity
+from vcfbench.procedures.shared.budget.statement import statement
+from vcfbench.procedures.shared.sweep.window_noise import WindowNoise
+from vcfbench.procedures.shared.sweep.windows import sweep_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.procedures.shared.budget.statement import Statement
+    from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
+
+_MEANINGS = MappingProxyType(
+    {
+        "scale_factor": (
+            "V/(deg/s)",
+            "slope of the least-squares line through the outputs on the table at these rates",
+        ),
+        "bias": ("V", "intercept of that line, Earth's rate in it, mean of the horizon"),
+        "bias_deg_s": ("deg/s", "the same as a rate"),
+    }
+)
+
+
+def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], step: int = 1) -> Statement:
+    """Return the budget of a calibration on the table: scale factor and bias of its line."""
+    line = Line.of(sweep_of(settings, points, step))
+    known = settings.station.sources
+    sums = line_sums("table", line)
+    noise = WindowNoise.of(settings, points, line.scale_factor)
+    sources, correlations = noise.sources(sums)
+    sources += [*instrument_sources(known), *earth_sources(settings, line.scale_factor)]
+
+    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
+        return table_values(line, q)
+
+    stated = statement(settings, sources, model, correlations, _MEANINGS, flicker=noise.flicker)
+    budget = ValueModel(sources, sums, model, noise)
+    return with_nonlinearity(settings, stated, budget, [CurvedLine.of("nonlinearity", line)])
+
+
+def table_values(line: Line, q: Mapping[str, Any]) -> dict[str, Any]:
+    """Return scale factor and bias of the line on the table as the sources `q` move them."""
+    gain = 1.0 + q["meter gain"]
+    slope = (line.scale_factor - noises_of("table slope", q)) / gain / (1.0 + q["table rate"])
+    bias = (line.bias_v - noises_of("table bias", q) - q["meter offset"] - q.get(TILT, 0.0)) / gain
+    return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope}

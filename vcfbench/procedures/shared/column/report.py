@@ -1,0 +1,148 @@
+"""Tables and figures of a column: its line, its uncertainties, its residuals."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench.reports.digits import incomplete, stated_cells
+from vcfbench.reports.document import Axis, Column, Figure, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from vcfbench.analysis.column import CalibrationColumn
+    from vcfbench.procedures.shared.budget.statement import Statement
+    from vcfbench.procedures.shared.sweep.found import SweepFound
+    from vcfbench.records.schema import Point
+
+RATE = Axis("Omega_z", "deg/s")
+
+
+def sweep_text(name: str, sweep: SweepFound) -> Text:
+    """Describe order, zeros and repeats, where the rates were not visited as the paper does."""
+    return Text("\n".join([f"{name}: {_visited(sweep)}", *_lines_of(sweep)]))
+
+
+def _visited(sweep: SweepFound) -> str:
+    times = f", {sweep.repeat} times" if sweep.repeat > 1 else ""
+    return f"order {sweep.order.value}, zeros {sweep.zeros.value}{times}; {sweep.windows} windows"
+
+
+def _lines_of(sweep: SweepFound) -> Iterator[str]:
+    if sweep.zero_drift_v is not None:
+        yield f"  the zero drifted by {1e3 * sweep.zero_drift_v:+.4g} mV from first to last; it is taken off"
+    if sweep.earth_rate_deg_s:
+        yield f"  the Earth's rate about the table's axis, {sweep.earth_rate_deg_s:+.6f} deg/s, is added to the rates"
+    yield from (f"  no whole turns at {each}" for each in sweep.no_whole_turns)
+    for each in sweep.repeatability:
+        known = (
+            f"s {each.sd:.2g} {each.unit} (u {each.u:.1g}, {each.dof} degrees of freedom; noise alone {each.noise:.2g})"
+        )
+        yield f"  repeatability of the {each.name.replace('_', ' ')} within this run: {known}"
+    if (loop := sweep.hysteresis) is not None:
+        verdict = "seen" if loop.seen else "not more than noise"
+        yield (
+            f"  hysteresis {loop.difference.value:+.2g} % of full scale at {loop.rate_deg_s:+g} deg/s, "
+            f"u {loop.difference.u:.1g}: {verdict} (noise alone stays below {loop.by_noise_percent:.2g} with 95 %)"
+        )
+        yield from (f"    not in it: {each}" for each in loop.holds_not)
+
+
+_LEAST_SHARE = 0.001
+"""Share of the variance from which a contribution is shown; all are in the JSON."""
+
+
+def statement_tables(statement: Statement | None) -> list[Table | Text]:
+    """Lay out the combined uncertainties, their contributions, E_n, and their omissions."""
+    if statement is None:
+        return []
+    columns = (
+        *(Column("value", align="left"), Column("", "", ".7g"), Column("U95", "", ".2g"), Column("u", "", ".2g")),
+        *(Column("k", "", ".2f"), Column("unit", align="left"), Column("of what", align="left")),
+    )
+    rows = []
+    for v in statement.values:
+        value, u, u95 = stated_cells(v.value, v.u, v.u95)
+        rows.append((v.name, value, u95, u, v.coverage_factor, v.unit, v.of + incomplete(v.missing)))
+    shares = (
+        *(Column("value", align="left"), Column("contribution", align="left"), Column("u", "", ".2g")),
+        *(Column("unit", align="left"), Column("share", "%", ".1f")),
+    )
+    lines = [
+        (value.name if not place else "", each.source, each.u, value.unit, 100.0 * each.share)
+        for value in statement.values
+        for place, each in enumerate(each for each in value.contributions if each.share >= _LEAST_SHARE)
+    ]
+    ratio = [] if statement.e_n is None else [f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)"]
+    return [
+        Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),
+        Table(shares, lines, "Largest contributions"),
+        Text("\n".join([*ratio, *_listed("what they are taken from:", statement.known_from)])),
+        Text("\n".join(_listed("not in these uncertainties:", statement.not_in_u))),
+    ]
+
+
+def _listed(title: str, lines: Sequence[str]) -> list[str]:
+    return [title, *(f"  {each}" for each in lines)]
+
+
+def line_words(name: str, column: CalibrationColumn) -> str:
+    """Describe the line of a column, and its non-linearity."""
+    scale_factor, bias, ppm = column.scale_factor, column.bias, column.nonlinearity_ppm
+    u_fit_mv = [1e3 * (each.u_fit or 0.0) for each in (scale_factor, bias)]
+    return "\n".join(
+        [
+            f"{name}: V = {scale_factor.value:+.8f} Omega_z {bias.value:+.6f}",
+            (
+                f"  scale factor {1e3 * scale_factor.value:.5f} mV/(deg/s), u of the fit {u_fit_mv[0]:.1g}; "
+                f"bias {1e3 * bias.value:.3f} mV, u of the fit {u_fit_mv[1]:.1g}"
+            ),
+            (
+                f"  non-linearity {_ppm(ppm.max_span)} ppm of the span (max_span), "
+                f"{_ppm(ppm.max_span_rounded)} the paper's way (max_span_rounded), "
+                f"{_ppm(ppm.max_fs)} of full scale (max_fs)"
+            ),
+        ]
+    )
+
+
+def _ppm(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
+def outputs_figure(title: str, lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) -> Figure:
+    """Draw the outputs of each column against the rate, and its line through them."""
+    return Figure(
+        title,
+        RATE,
+        Axis("output", "V"),
+        [
+            each
+            for name, points, column in lines
+            for each in (
+                Series(name, [p.rate_deg_s for p in points], [p.output_v for p in points], _u_outputs(points, column)),
+                _line(name, points, column),
+            )
+        ],
+    )
+
+
+def _u_outputs(points: Sequence[Point], column: CalibrationColumn) -> tuple[float, ...] | None:
+    return None if column.type_a is None else (column.type_a.u_output_v,) * len(points)
+
+
+def _line(name: str, points: Sequence[Point], column: CalibrationColumn) -> Series:
+    ends = min(p.rate_deg_s for p in points), max(p.rate_deg_s for p in points)
+    slope, bias_v = column.scale_factor.value, column.bias.value
+    return Series(f"{name}, least-squares line", ends, [slope * rate + bias_v for rate in ends], kind="line")
+
+
+def residuals_figure(lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) -> Figure:
+    """Draw the residuals of each line, in ppm of full scale: of the output at the largest rate, bias apart."""
+    series = []
+    for name, points, column in lines:
+        rates = [p.rate_deg_s for p in points]
+        ppm = 1e6 / (abs(column.scale_factor.value) * max(map(abs, rates)))
+        u_ppm = None if (u_v := _u_outputs(points, column)) is None else [ppm * each for each in u_v]
+        series.append(Series(name, rates, [ppm * each for each in column.residuals_v], u_ppm))
+    return Figure("Residuals of the least-squares line", RATE, Axis("residual of full scale", "ppm"), series)

@@ -1,0 +1,226 @@
+"""Earlier entries of a device: the contributions to its curve, and the drift of a scale factor since.
+
+The certificate is what a drift is counted from. A step is seen against it and against the last entry, a creep that each
+run hides in its noise by the cumulative sum over all entries.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.conformity import e_n
+from vcfbench.analysis.control_chart import cusum, recursive_residuals
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.reports.digits import incomplete
+from vcfbench.reports.document import Text
+from vcfbench.station.acceptance import Acceptance, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.procedures.shared.known.device import KnownDevice, Reference
+    from vcfbench.records.devices import KvcCurve, Measured, Share
+    from vcfbench.station.settings import Limit
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Change of the scale factor since one earlier entry."""
+
+    since: str
+    """Which entry, and when."""
+    change_ppm: Measurand
+    """Change relative to the earlier one; common errors have cancelled."""
+    cancelled: tuple[str, ...]
+    """Errors common to both."""
+    e_n: float
+    """Change over its expanded uncertainty: above 1 it is seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drift(Change):
+    """Change of the scale factor since the certificate, and its drift over the entries since then."""
+
+    last: Change | None
+    """Since the entry before; None where that is the certificate."""
+    cusum: float
+    """Creep over all entries by the certificate: tabular CUSUM in standard uncertainties, each of its own entry."""
+    failed_before: tuple[str, ...]
+    """Entries by this certificate whose drift failed: the device stays failed until it has a new certificate."""
+    verdict: Literal["pass", "marginal", "fail"]
+    limits: tuple[Verdict, ...]
+    """Limits of its verdict."""
+
+    def acceptance_values(self) -> dict[str, float | None]:
+        """Return the judged values of the drift, by the keys of :func:`drift_limits`."""
+        return _values(self, self.last, self.cusum, self.failed_before)
+
+
+def _values(
+    since_certificate: Change, last: Change | None, summed: float, failed: Sequence[str]
+) -> dict[str, float | None]:
+    of_last = {} if last is None else {"e_n_since_last": last.e_n}
+    return {
+        "drift_ppm": since_certificate.change_ppm.value,
+        "e_n": since_certificate.e_n,
+        **of_last,
+        "cusum": summed,
+        "failed_before": float(len(failed)),
+    }
+
+
+def shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floats]]:
+    """Return the contributions to the covariance of a curve: source, its owner, degrees of freedom, its covariance."""
+    if not curve.shares:
+        return [("its covariance", None, None, np.array(curve.covariance))]
+    return [(share.source, share.of, share.dof, np.array(share.covariance)) for share in curve.shares]
+
+
+def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit]) -> Drift | None:
+    """Return how far `scale_factor` is from that of the certificate, and how the entries since then went.
+
+    None where nothing earlier is known. Parts of the same owner cancel. It is judged by those of `limits` that are its.
+    """
+    if known.reference is None:
+        return None
+    first = _change(scale_factor, known.reference)
+    last = _change(scale_factor, known.history[-1]) if known.history else None
+    earlier = (known.reference, *known.history)
+    base = known.reference.scale_factor_v_per_deg_s.value
+    now = [each.scale_factor_v_per_deg_s.value for each in earlier] + [scale_factor.value]
+    parts = [*(_relative_kept(each) for each in earlier), _relative(scale_factor)]
+    residuals = recursive_residuals(1e6 * (np.array(now) / base - 1.0), _covariance(parts))
+    summed = float(cusum(residuals)[-1])
+    values = _values(first, last, summed, known.failed_before)
+    judged = tuple(
+        Verdict(
+            *(limit.key, values[limit.key], limit.low, limit.high),
+            u95=first.change_ppm.expanded_u if limit.guarded and limit.key == "drift_ppm" else None,
+        )
+        for limit in limits
+        if limit.key in values
+    )
+    return Drift(
+        *(first.since, first.change_ppm, first.cancelled, first.e_n, last, summed, known.failed_before),
+        Acceptance(judged).word,
+        judged,
+    )
+
+
+def _change(scale_factor: Measurand, reference: Reference) -> Change:
+    """Return how far `scale_factor` is from that of an earlier entry."""
+    change = 1e6 * (scale_factor.value / reference.scale_factor_v_per_deg_s.value - 1.0)
+    parts, cancelled = _difference(_relative(scale_factor), _relative_kept(reference))
+    missing = (*reference.scale_factor_v_per_deg_s.missing, *scale_factor.missing)
+    found = measurand(change, "ppm", parts, missing)
+    since = f"{reference.kind} {reference.name} of {reference.done[:10]}"
+    return Change(since, found, cancelled, e_n(0.0, 0.0, change, found.expanded_u))
+
+
+def _covariance(results: Sequence[Sequence[UncertaintyPart]]) -> Floats:
+    """Return the covariance of results by their parts: those of the same owner are one."""
+    keys: dict[str, int] = {}
+    placed = [
+        (row, keys.setdefault(_key(part) if part.of is not None else f"{row}, {number}", len(keys)), part.u)
+        for row, parts in enumerate(results)
+        for number, part in enumerate(parts)
+    ]
+    by_source = np.zeros((len(results), len(keys)))
+    for row, column, u in placed:
+        by_source[row, column] += u
+    return np.asarray(by_source @ by_source.T)
+
+
+def _relative(found: Measurand) -> list[UncertaintyPart]:
+    size = abs(found.value)
+    return [replace(part, u=1e6 * part.u / size) for part in found.parts]
+
+
+def _relative_kept(reference: Reference) -> list[UncertaintyPart]:
+    kept: Measured = reference.scale_factor_v_per_deg_s
+    size = abs(kept.value)
+    if not kept.shares:
+        return [UncertaintyPart("the earlier entry", 1e6 * kept.u / size, kept.dof)]
+    return [
+        UncertaintyPart(f"then: {share.source}", 1e6 * share.u / size, share.dof, _owner(reference, share))
+        for share in kept.shares
+    ]
+
+
+def _owner(reference: Reference, share: Share) -> str | None:
+    """Return whose a part is; those of a certificate's own are in every result by its curve."""
+    if share.of is None and reference.kind == "certificate":
+        return f"certificate {reference.name}: {share.source}"
+    return share.of
+
+
+def _difference(
+    now: Sequence[UncertaintyPart], then: Sequence[UncertaintyPart]
+) -> tuple[list[UncertaintyPart], tuple[str, ...]]:
+    """Return the parts of the difference, and the cancelled ones."""
+    owners: dict[str, list[UncertaintyPart]] = {}
+    for part in then:
+        if part.of is not None:
+            owners.setdefault(_key(part), []).append(part)
+    left: list[UncertaintyPart] = [part for part in then if part.of is None]
+    cancelled = []
+    for part in now:
+        same = owners.pop(_key(part), None) if part.of is not None else None
+        if same is None:
+            left.append(part)
+            continue
+        left.append(replace(part, u=part.u - math.fsum(each.u for each in same), dof=None))
+        cancelled.append(f"{part.source} ({part.of})")
+    left += [part for parts in owners.values() for part in parts]
+    return left, tuple(cancelled)
+
+
+def _key(part: UncertaintyPart) -> str:
+    """Return the identity of a part: the owner, and its gain or offset."""
+    return f"{part.of}: {part.source.rsplit(': ', maxsplit=1)[-1]}"
+
+
+def drift_parts(drift: Drift | None) -> list[Any]:
+    """Return the report of the drift since the certificate, and of the entries since then."""
+    if drift is None:
+        return [Text("drift: nothing earlier is known of the device")]
+    words = [
+        *_said("drift", drift),
+        *(_said("and", drift.last) if drift.last is not None else []),
+        f"creep (CUSUM, k 0.5): {drift.cusum:.1f} standard uncertainties",
+        f"drift: {drift.verdict.upper()} ({_judged_by(drift)})",
+    ]
+    if drift.verdict != "fail" and drift.e_n > 1.0:
+        words.append("  beyond its U95, which chance does once in 20: the next runs tell")
+    if drift.failed_before:
+        words.append(
+            f"  the drift failed in {', '.join(drift.failed_before)}: the device stays failed, whatever later runs "
+            "find, until a rate table gives it a new certificate (vcfbench run kvc)"
+        )
+    return [Text("\n".join(words))]
+
+
+def _said(name: str, change: Change) -> list[str]:
+    found = change.change_ppm
+    value = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}{incomplete(found.missing)}"
+    return [
+        f"{name} since {change.since}: {value}; E_n {change.e_n:.2f}",
+        *(f"  cancels: {each}" for each in change.cancelled),
+    ]
+
+
+def _judged_by(drift: Drift) -> str:
+    return ", ".join(
+        f"{each.key} {each.low:g} to {each.high:g}"
+        + ("" if each.u95 is None else ", guard band U95")
+        + ("" if each.word == "pass" else f": {each.word}")
+        for each in drift.limits
+    )

@@ -1,0 +1,304 @@
+"""Prior knowledge of a device: its K_Vc from a certificate, a file or a number, and its history."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+from msgspec import Meta, Struct, field, structs
+
+from vcfbench.clock import utc_now
+from vcfbench.errors import ConfigError
+from vcfbench.files import shown
+from vcfbench.procedures.shared.known.drift_limits import drift_limits
+from vcfbench.procedures.shared.known.k_vc_change import require_characterised
+from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
+from vcfbench.records.devices import (
+    Certificate,
+    Characteristics,
+    KvcCurve,
+    Measured,
+    SelfCalibration,
+    failed_drifts,
+    last_certificate,
+    read_entry,
+    since_certificate,
+)
+from vcfbench.station.settings import Station
+from vcfbench.station.strict import refusal, words
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from datetime import datetime
+    from typing import Self
+
+    from vcfbench.records.devices import DeviceRecord, Entry
+    from vcfbench.station.settings import Gap, Limit
+
+UNSEEN = (
+    "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",
+    "the carrier's amplitude against the drive's (V_dac over A_x): where one follows the other, neither matters",
+    "the phase of the carrier against the drive",
+    "the modulator: its gain, its reference, its curvature",
+    "masses and their shares in the modes",
+)
+"""Causes that a self-calibration by K_Vc cannot see: all quantities within K_Vc itself (equation 16 of the paper)."""
+
+_AS_STATED = (
+    "the modulator's curve and how long K_Vc is valid, which a certificate has and a number has not",
+    "K_Vc itself, if k_vc_u_deg_s_per_v was not told: its u counts as 0",
+)
+
+
+class Reference(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Reference of the scale factor: an earlier entry of the device."""
+
+    name: str
+    """Name of the entry: ``0003``."""
+    kind: str
+    done: str
+    """Date, as ISO 8601 has it."""
+    scale_factor_v_per_deg_s: Measured
+
+
+class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Prior knowledge of the device."""
+
+    k_vc: KvcCurve
+    source: str
+    """Source of the curve: ``certificate 0001``, a file, a number."""
+    certificate: str | None
+    """Name of the device's own certificate; None where the curve comes from elsewhere."""
+    issued: str | None = None
+    """Date of the certificate's measurement, as ISO 8601 has it; None where there is none."""
+    days_since: float | None = None
+    """Age of the certificate as the run began, whole days."""
+    characteristics: Characteristics | None = None
+    """Characteristics of the device then, as far as the certificate has them."""
+    unseen: tuple[str, ...] = UNSEEN
+    holds_not: tuple[str, ...] = ()
+    """Sources that are in no uncertainty because K_Vc comes from there."""
+    reference: Reference | None = None
+    """Reference from the certificate; from its first self-calibration where it has no scale factor itself."""
+    history: tuple[Reference, ...] = ()
+    """The self-calibrations by that certificate, oldest first."""
+    failed_before: tuple[str, ...] = ()
+    """Those of them whose drift failed."""
+
+
+class DeviceStation(Station, frozen=True, kw_only=True):
+    """Station with the known device: the record holds all inputs of the results."""
+
+    known: KnownDevice | None = None
+
+
+class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
+    """Settings of procedures that use the K_Vc of a device: of its certificate, of a file, or a number."""
+
+    k_vc: Annotated[
+        Annotated[str, Meta(min_length=1, max_length=4096)] | None,
+        Meta(
+            description="a certificate's file, or (deg/s)/V as a number; default the last certificate of --dut",
+            extra={"option": True},
+        ),
+    ] = None
+    k_vc_u_deg_s_per_v: Annotated[float, Meta(ge=0.0, le=1e6, description="u of a K_Vc that is a number")] = 0.0
+    station: DeviceStation = field(default_factory=DeviceStation)
+
+    max_drift_ppm: Annotated[
+        Annotated[float, Meta(ge=0.0, le=1e6)] | None,
+        Meta(description="of the scale factor since the certificate, for the verdict; without it E_n and CUSUM decide"),
+    ] = None
+
+    rates_key: ClassVar[str] = "virtual_rates_deg_s"
+    """Name of the key with the requested virtual rates."""
+
+    @property
+    def acceptance(self) -> tuple[Limit, ...]:
+        """The limits of the bench file, and those of the drift where something earlier is known of the device."""
+        stated = super().acceptance
+        known = self.station.known
+        if known is None or known.reference is None:
+            return stated
+        of_drift = drift_limits(stated, self.max_drift_ppm)
+        return (*stated, *(each for each in of_drift if each.key != "e_n_since_last" or known.history))
+
+    @property
+    def magnitudes_deg_s(self) -> tuple[float, ...]:
+        """The virtual rates that are asked for, without sign, each once, rising."""
+        raise NotImplementedError
+
+    def own_gaps(self) -> Iterator[Gap]:
+        """Yield the unknown quantities that do not concern a table."""
+        yield from (gap for gap in self.station.sources.gaps() if gap.name not in {"table rate", "misalignment"})
+
+    @property
+    def missing_without_table(self) -> tuple[str, ...]:
+        """Missing contributions of a scale factor by V_Vc: those of the device's K_Vc, and those here."""
+        here = (gap.name for gap in self.own_gaps() if {"scale_factor", "k_vc"} & {*gap.kinds})
+        return tuple(dict.fromkeys([*self.known.k_vc.missing, *here]))
+
+    @property
+    def known(self) -> KnownDevice:
+        """Known device.
+
+        Raises:
+            ConfigError: it was not looked up.
+        """
+        if self.station.known is None:
+            raise ConfigError("K_Vc is not known: name the device (--dut) or K_Vc itself (--k-vc)")
+        return self.station.known
+
+    def recalled(self) -> Self:
+        """Return these settings with the known device.
+
+        Raises:
+            ConfigError: no K_Vc is known, its certificate is out of date, or the V_Vc of a rate is beyond the curve,
+                the bench's limit or the range of the meter on V_Vc.
+        """
+        known = _known(self, utc_now())
+        require_characterised(known.characteristics, self.temperature_c)
+        station = DeviceStation(**{**structs.asdict(self.with_flicker().station), "known": known})
+        recalled = structs.replace(self, station=station)
+        for rate_deg_s in recalled.magnitudes_deg_s:
+            for sign in (1.0, -1.0):
+                signed = sign * rate_deg_s
+                _require_level(recalled, level_for(known.k_vc, signed, self.rates_key), signed)
+        return recalled
+
+
+def _require_level(settings: KnownDeviceSettings, level_v: float, rate_deg_s: float) -> None:
+    """Hold the V_Vc of a rate against the limit of the bench and the range of the meter that measures it."""
+    most_v = settings.station.limits.max_v_vc_v
+    if most_v is not None and abs(level_v) > most_v:
+        raise ConfigError(
+            f"{settings.rates_key}: {rate_deg_s:g} deg/s needs {abs(level_v):.4g} V of V_Vc, the bench allows "
+            f"{most_v:g} V (limits.max_v_vc_v)"
+        )
+    for wrong in settings.beyond_range(level_v, rate_deg_s):
+        raise refusal(wrong.path, wrong.expected, words(wrong.came))
+
+
+def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
+    """Look up the known device, `now`."""
+    entries = () if settings.dut is None else settings.store.entries(settings.dut)
+    if settings.k_vc is not None:
+        return _given(settings, settings.k_vc, entries, now)
+    if settings.dut is None:
+        raise ConfigError(
+            "K_Vc is not known: --dut SERIAL takes that of the device's certificate, --k-vc FILE or VALUE any",
+            hint="vcfbench run kvc --dut SERIAL makes a certificate on a rate table",
+        )
+    found = settings.store.certificate(settings.dut)
+    record = found.record
+    assert isinstance(record, Certificate)  # noqa: S101  # the store says so
+    _require_valid(record, shown(found.path), settings, now)
+    return _of_certificate(record, found.name, entries, now)
+
+
+def _of_certificate(record: Certificate, name: str, entries: tuple[Entry, ...], now: datetime) -> KnownDevice:
+    """Return the known device by a certificate of its own."""
+    known = KnownDevice(
+        k_vc=record.k_vc, source=f"certificate {name}", certificate=name, **_beside_the_curve(record, now)
+    )
+    return _with_history(known, entries)
+
+
+def _beside_the_curve(record: Certificate, now: datetime) -> dict[str, Any]:
+    """Return the facts of a certificate beside the curve."""
+    at_c, seen = record.conditions.temperature_c, record.characteristics or Characteristics()
+    if seen.temperature_c is None and at_c is not None:
+        seen = structs.replace(seen, temperature_c=Measured(value=at_c, u=0.0))
+    return {
+        "unseen": record.unseen,
+        "issued": record.issued.isoformat(),
+        "days_since": max(0.0, float((now - record.issued).days)),
+        "characteristics": seen,
+    }
+
+
+def _given(settings: KnownDeviceSettings, given: str, entries: tuple[Entry, ...], now: datetime) -> KnownDevice:
+    """Return the K_Vc that was given: a number, or the file of a certificate."""
+    try:
+        number = float(given)
+    except ValueError:
+        record = read_entry(Path(given))
+        if not isinstance(record, Certificate):
+            raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
+        _require_valid(record, shown(given), settings, now)
+        if (own := last_certificate(entries)) is not None and own.record == record:
+            return _of_certificate(record, own.name, entries, now)
+        name = f"of {record.serial}, {shown(given)}"
+        known = KnownDevice(
+            k_vc=record.k_vc, source=f"certificate {name}", certificate=None, **_beside_the_curve(record, now)
+        )
+        known = _with_history(known, entries)
+        since = _reference(name, record)
+        return known if since is None else structs.replace(known, reference=since, history=())
+    if not 0.0 < abs(number) <= 1e6:
+        raise ConfigError(f"--k-vc {given}: expected a certificate's file, or (deg/s)/V other than 0, at most 1e6")
+    most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
+    variance = settings.k_vc_u_deg_s_per_v**2
+    curve = KvcCurve(
+        coefficients=(0.0, number), covariance=((0.0, 0.0), (0.0, variance)), v_vc_min_v=-most_v, v_vc_max_v=most_v
+    )
+    source = f"K_Vc = {given} (deg/s)/V, as told"
+    return _with_history(KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_STATED), entries)
+
+
+def _with_history(known: KnownDevice, entries: tuple[Entry, ...]) -> KnownDevice:
+    """Return `known` with the references of the scale factor: the last certificate, and the later entries."""
+    certificate = last_certificate(entries)
+    compared = [*([] if certificate is None else [certificate]), *since_certificate(entries)]
+    references = [found for each in compared if (found := _reference(each.name, each.record)) is not None]
+    return structs.replace(
+        known,
+        reference=references[0] if references else None,
+        history=tuple(references[1:]),
+        failed_before=tuple(each.name for each in failed_drifts(entries)),
+    )
+
+
+def _require_valid(record: Certificate, where: str, settings: KnownDeviceSettings, now: datetime) -> None:
+    if record.valid_at(now) or settings.outdated:
+        return
+    until = "" if record.valid_until is None else f" to {record.valid_until:%Y-%m-%d %H:%M}"
+    raise ConfigError(
+        f"{where}: the certificate is valid from {record.issued:%Y-%m-%d %H:%M}{until}, not now",
+        hint="calibrate K_Vc anew (vcfbench run kvc); --set outdated=true takes it all the same",
+    )
+
+
+def _reference(name: str, record: DeviceRecord) -> Reference | None:
+    """Return the scale factor of an entry."""
+    match record:
+        case SelfCalibration(scale_factor_v_per_deg_s=found):
+            return Reference(
+                name=name, kind="self-calibration", done=record.done.isoformat(), scale_factor_v_per_deg_s=found
+            )
+        case Certificate(scale_factor_v_per_deg_s=Measured() as found):
+            return Reference(
+                name=name, kind="certificate", done=record.issued.isoformat(), scale_factor_v_per_deg_s=found
+            )
+    return None
+
+
+def level_for(curve: KvcCurve, rate_deg_s: float, key: str) -> float:
+    """Return the V_Vc that stands for a rate, by bisection; 0 V for none. `key` is where the rate was asked for.
+
+    Raises:
+        ConfigError: the curve does not go so far.
+    """
+    low_v, high_v = curve.v_vc_min_v, curve.v_vc_max_v
+    if rate_deg_s == 0.0:
+        return 0.0
+    ends = sorted((curve.rate_deg_s(low_v), curve.rate_deg_s(high_v)))
+    tolerance = 1e-3 * (ends[1] - ends[0])
+    if not ends[0] - tolerance <= rate_deg_s <= ends[1] + tolerance:
+        raise ConfigError(f"{key}: K_Vc is known from {ends[0]:.5g} to {ends[1]:.5g} deg/s, not at {rate_deg_s:g}")
+    rising = curve.rate_deg_s(high_v) > curve.rate_deg_s(low_v)
+    for _ in range(60):
+        middle_v = 0.5 * (low_v + high_v)
+        below = (curve.rate_deg_s(middle_v) < rate_deg_s) == rising
+        low_v, high_v = (middle_v, high_v) if below else (low_v, middle_v)
+    return 0.5 * (low_v + high_v)

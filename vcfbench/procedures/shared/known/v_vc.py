@@ -1,0 +1,267 @@
+"""Measurement of V_Vc: by a meter of its own, by the one meter with its leads moved, or believed as it is set.
+
+What a generator was set to it reads back to the last digit, however far it is off; so V_Vc is measured unless somebody
+says that the setting is believed, and then the generator's accuracy is the uncertainty.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from msgspec import Meta, structs
+
+from vcfbench.clock import utc_now
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.shared.flicker import flicker_sources, with_flicker
+from vcfbench.procedures.shared.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
+from vcfbench.procedures.shared.routines import take
+from vcfbench.records.devices import Conditions, DeviceStore
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import DeviceSettings
+from vcfbench.steps import MeasureVvc, VvcMeasured, move_leads
+from vcfbench.steps.measured import Measured
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from typing import Self
+
+    from vcfbench.procedures.procedure import Provenance
+    from vcfbench.records.schema import Point
+    from vcfbench.station.settings import PlacedInstrument, ProcedureSettings
+    from vcfbench.steps.step import Routine
+
+READINGS = "readings"
+METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
+V_VC_GAIN, V_VC_OFFSET, V_VC_NOISE = (
+    "gain of what V_Vc is known by",
+    "offset of what V_Vc is known by",
+    "V_Vc's scatter",
+)
+"""Sources of uncertainty that several procedures name, so that common errors cancel in differences."""
+
+
+_OVER_RANGE = 1.2
+"""A meter's range measures so much of itself."""
+
+
+class VvcKnown(Enum):
+    """Source of V_Vc: measured, or set."""
+
+    MEASURED = "measured"
+    SET = "set"
+
+
+class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
+    """Settings of procedures that use V_Vc."""
+
+    v_vc: Annotated[
+        VvcKnown,
+        Meta(
+            description="V_Vc is measured (by v_vc_meter, or the one meter moved by hand), or believed as it is set",
+            extra={"option": True},
+        ),
+    ] = VvcKnown.MEASURED
+    v_vc_range_v: Annotated[Literal[1, 10, 100], Meta(description="fixed range of the meter on V_Vc")] = 10
+    temperature_c: Annotated[
+        Annotated[float, Meta(ge=-100.0, le=200.0)] | None, Meta(description="of the gyroscope, where it was measured")
+    ] = None
+    cycles: Annotated[int, Meta(ge=1, le=100, description="times that every level is taken")] = 2
+
+    outdated: Annotated[bool, Meta(description="whether what is known may be used that is out of date")] = False
+
+    @property
+    def store(self) -> DeviceStore:
+        """Store of the devices."""
+        return DeviceStore(Path(self.devices))
+
+    def recalled(self) -> Self:
+        """Return these settings with the flicker of the device, where one is named; the store has room for findings."""
+        if self.dut is not None:
+            self.store.entries(self.dut)
+            self.store.require_room(self.dut)
+        return self.with_flicker()
+
+    def with_flicker(self) -> Self:
+        """Return these settings with the flicker of the device, where a static record has told it.
+
+        Raises:
+            ConfigError: it is out of date, or what is known of the device cannot be read.
+        """
+        if self.dut is None:
+            return self
+        found = flicker_sources(self.store, self.dut, utc_now(), outdated=self.outdated)
+        sources = with_flicker(self.station.sources, found)
+        return structs.replace(self, station=structs.replace(self.station, sources=sources))
+
+    @property
+    def v_vc_role(self) -> Literal["v_vc_meter", "multimeter"] | None:
+        """The role of the meter that measures V_Vc, None where the setting is believed."""
+        if self.v_vc is VvcKnown.SET:
+            return None
+        return "v_vc_meter" if "v_vc_meter" in self.station.instruments else "multimeter"
+
+    def beyond_range(self, v_vc_v: float, rate_deg_s: float) -> Iterator[InvalidValue]:
+        """Yield the range of the meter on V_Vc, where V_Vc is measured and is beyond it at the rate."""
+        if self.v_vc_role is not None and abs(v_vc_v) > _OVER_RANGE * self.v_vc_range_v:
+            expected = f"a range for {abs(v_vc_v):.4g} V, the V_Vc of {rate_deg_s:g} deg/s"
+            yield InvalidValue("v_vc_range_v", expected, self.v_vc_range_v)
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentAccuracy:
+    """Accuracy of an instrument, as standard uncertainties, and its identity.
+
+    `owner` is what two results must share for the error to be the same in both.
+    """
+
+    name: str
+    owner: str
+    u_gain: float
+    u_offset_v: float
+
+
+def conditions(settings: KnownVvcSettings, made: Provenance) -> Conditions:
+    """Return the conditions of the measurement, for the device store."""
+    return Conditions(
+        bench=made.bench,
+        run=made.run,
+        simulated=made.simulated,
+        positive_rail_v=settings.positive_rail_v,
+        negative_rail_v=settings.negative_rail_v,
+        temperature_c=settings.temperature_c,
+        instruments=dict(made.instruments),
+    )
+
+
+def meter_error(settings: ProcedureSettings, role: str) -> InstrumentAccuracy:
+    """Return how far the meter of `role` may be off, on its range and so long after its calibration."""
+    known, placed = settings.station.sources, settings.station.instruments[role]
+    if role == "v_vc_meter":
+        return _accuracy(placed, known.v_vc_gain, known.v_vc_offset_v, known.v_vc_sigmas)
+    return _accuracy(placed, known.meter_gain, known.meter_offset_v, known.meter_sigmas)
+
+
+def _accuracy(
+    placed: PlacedInstrument, gain: float | None, offset_v: float | None, sigmas: float | None
+) -> InstrumentAccuracy:
+    """Return limits as standard uncertainties: of so many sigmas, else rectangular."""
+    of_limit = math.sqrt(3.0) if sigmas is None else sigmas
+    return InstrumentAccuracy(placed.name, placed.owner, (gain or 0.0) / of_limit, (offset_v or 0.0) / of_limit)
+
+
+def known_words(settings: KnownVvcSettings, *keys: str) -> list[str]:
+    """Return the ages of the meters' calibrations, with their source, and the assumed values of `keys`."""
+    known = settings.station.sources
+    ages = [("multimeter", known.meter_age_days, known.meter_age_from)]
+    if settings.v_vc_role == "v_vc_meter":
+        ages.append(("meter on V_Vc", known.v_vc_meter_age_days, known.v_vc_meter_age_from))
+    said = [f"{meter}: {days:g} days after calibration ({where})" for meter, days, where in ages]
+    return said + [known.assumed[key] for key in (*keys, *_OF_WARM_UP) if key in known.assumed]
+
+
+_OF_WARM_UP = ("warm_up_k", "warm_up_time_s", "scale_factor_ppm_k")
+
+
+def alignment_error(settings: KnownVvcSettings) -> float:
+    """Return the error by the angle between the gyroscope's axis and the table's, a relative standard uncertainty."""
+    return (1.0 - math.cos(math.radians(settings.station.sources.misalignment_deg or 0.0))) / math.sqrt(3.0)
+
+
+def table_rate_error(settings: KnownVvcSettings) -> float:
+    """Return the relative standard uncertainty of the table's rate."""
+    return (settings.station.sources.table_rate or 0.0) / math.sqrt(3.0)
+
+
+def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, float]:
+    """Return the errors of a scale factor by temperature and warm-up, relative standard uncertainties by source.
+
+    Of the warm-up it is the mean over a run of so many windows; nothing where the bench file does not know it.
+    """
+    known = settings.station.sources
+    lasted_s = windows * (settings.samples * settings.sample_interval_s + settings.settle_s)
+    away_k = away_from_warm_k(settings, lasted_s)
+    return {name: 1e-6 * (known.scale_factor_ppm_k or 0.0) * u_k for name, u_k in away_k.items()}
+
+
+def away_from_warm_k(settings: ProcedureSettings, lasted_s: float) -> dict[str, float]:
+    """Return by source how far the gyroscope is from the temperature of its values, K, standard uncertainties.
+
+    Of the warm-up it is the mean over a run of `lasted_s` that begins after the wait; nothing where the bench file does
+    not know it.
+    """
+    known, found = settings.station.sources, {}
+    if known.temperature_k is not None:
+        found["temperature"] = known.temperature_k / math.sqrt(3.0)
+    if known.warm_up_k is not None:
+        lasted = lasted_s / known.warm_up_time_s
+        begun = math.exp(-settings.start_up_s / known.warm_up_time_s)
+        mean = -math.expm1(-lasted) / lasted if lasted else 1.0
+        found["warm-up"] = known.warm_up_k / math.sqrt(3.0) * begun * mean
+    return found
+
+
+def v_vc_error(settings: KnownVvcSettings) -> InstrumentAccuracy:
+    """Return how far V_Vc may be off: by the meter that measured it, or by the generator that it was set on."""
+    if settings.v_vc_role is not None:
+        return meter_error(settings, settings.v_vc_role)
+    known, placed = settings.station.sources, settings.station.instruments["rate_source"]
+    return _accuracy(placed, known.generator_gain, known.generator_offset_v, None)
+
+
+def ready_meters(settings: KnownVvcSettings) -> Routine[None]:
+    """Set up the meter on V_Vc, where the bench has one of its own."""
+    if settings.v_vc_role == "v_vc_meter":
+        yield from ready_v_vc_meter(settings, float(settings.v_vc_range_v))
+
+
+def take_level(
+    settings: KnownVvcSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None
+) -> Routine[Point]:
+    """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that."""
+    taken = take_driven if settings.v_vc_role == "v_vc_meter" else take
+    return (yield from taken(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
+
+
+def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Routine[None]:
+    """Have V_Vc measured at each level by the one meter, whose leads a person moves there and back.
+
+    The levels are those at which the output was measured; the generator sets them once more. Where V_Vc was measured
+    beside the output, or its setting is believed, nothing is done.
+    """
+    if settings.v_vc_role != "multimeter":
+        return
+    from vcfbench.procedures.shared.routines import set_v_vc  # noqa: PLC0415
+
+    yield move_leads("multimeter", "v_vc")
+    for level_v in levels_v:
+        v_vc_v = yield from set_v_vc(settings, level_v)
+        tolerance_v = v_vc_tolerance_v(settings, v_vc_v)
+        yield MeasureVvc(v_vc_v, settings.samples, settings.sample_interval_s, tolerance_v, "multimeter")
+    yield move_leads("multimeter", "output")
+
+
+def measured_level(points: Sequence[Point], by_hand: Mapping[float, float]) -> float:
+    """Return V_Vc of windows at one setting, V: measured beside them, by hand, or else as it was set."""
+    seen = [point.v_vc_measured_v for point in points if point.v_vc_measured_v is not None]
+    if seen:
+        return math.fsum(seen) / len(seen)
+    return by_hand.get(points[0].v_vc_v, points[0].v_vc_v)
+
+
+def levels_by_hand(settings: KnownVvcSettings, points: Sequence[Point]) -> Mapping[float, float]:
+    """Return V_Vc as the one multimeter measured it, V, by its setting; empty where it was known otherwise.
+
+    Raises:
+        ConfigError: it was not measured.
+    """
+    if settings.v_vc_role != "multimeter":
+        return {}
+    found = points.found(VvcMeasured) if isinstance(points, Measured) else ()
+    known = {step.v_vc_v: result.mean_v for step, result in found if isinstance(step, MeasureVvc)}
+    if not known:
+        raise ConfigError("V_Vc was not measured, and its setting was not said to be believed")
+    return known

@@ -1,0 +1,120 @@
+"""Chopped blocks as results see them: their noise, the V_Vc at which nothing is left, the output at rest."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, polynomial_through_zero
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.shared.budget.at_rest import (
+    about_horizon,
+    flicker_counted,
+    flicker_part,
+    flicker_stated,
+    parts_at_rest,
+)
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.sweep.windows import window_times
+from vcfbench.records.schema import pooled_std_v
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
+    from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+
+def nulled_levels(v_vc_v: Floats, zero_v_vc_v: float, driven_v: Floats, left_v: Floats) -> tuple[Floats, Floats]:
+    """Return the V_Vc of the null, V, and the slope of the output there, V/V.
+
+    Along a smooth curve through all outputs, with its slope halfway: what was left is a thousandth, or some per cent
+    where a generator changes its range, and the slope is good to some parts in a thousand.
+
+    Args:
+        v_vc_v: V_Vc of each window, V.
+        zero_v_vc_v: V_Vc of the zeros, V.
+        driven_v: what V_Vc moved the output by, from the zeros, V.
+        left_v: that less what the table moved it by, V.
+    """
+    at = v_vc_v - zero_v_vc_v
+    response, _, _ = polynomial_through_zero(at, driven_v, np.eye(at.size), min(5, at.size - 1))
+    slopes = derivative_of(response)
+    matched: Floats = at
+    for _ in range(3):
+        matched = at - left_v / np.polynomial.polynomial.polyval(0.5 * (at + matched), slopes)
+    per_v = np.polynomial.polynomial.polyval(matched, slopes)
+    return matched + zero_v_vc_v, np.asarray(per_v)
+
+
+def derivative_of(from_first: Floats) -> Floats:
+    """Return the derivative of a polynomial without a constant."""
+    return np.asarray(np.polynomial.polynomial.polyder(np.array([0.0, *from_first])))
+
+
+def dof_of(noise: BlockNoise) -> float | None:
+    """Return the degrees of freedom of the noise, None where they are as many as one likes."""
+    return noise.dof if math.isfinite(noise.dof) else None
+
+
+def bias_at_rest(
+    settings: KnownVvcSettings, points: Sequence[Point], places: Sequence[int], noise: BlockNoise, scale_factor: float
+) -> Measurand:
+    """Return the mean output of the windows at `places`, at rest with the generator off, V, as that of the horizon.
+
+    Args:
+        settings: of the run.
+        points: all of it, in the order of time.
+        places: where the windows at rest are among them.
+        noise: of the run.
+        scale_factor: of the gyroscope, V/(deg/s).
+    """
+    begin, end = (each[list(places)] for each in window_times(settings, points))
+    zeros = np.array([points[place].output_v for place in places])
+    # The flicker that counts in a run whose own blocks know it badly; the density is B^2 / (pi f)
+    per_v2 = math.pi * (3600.0 / scale_factor) ** 2
+    known = settings.station.sources
+    stated = None if "bias_instability_deg_h" in known.assumed else flicker_stated(known)  # a guess tells nothing
+    flicker = flicker_counted(stated, per_v2 * noise.flicker_v2, per_v2 * noise.u_flicker_v2, "blocks of this run")
+    per_b = abs(scale_factor) / 3600.0 * about_horizon(begin, end, settings.station.sources.horizon_h)
+    mean_v = float(zeros.mean())
+    parts = [
+        UncertaintyPart("readings at rest", noise.white_v / math.sqrt(zeros.size), dof_of(noise)),
+        flicker_part(flicker, per_b),
+        *parts_at_rest(settings, mean_v, scale_factor, float(end[-1] - begin[0])),
+    ]
+    return measurand(mean_v, "V", parts, settings.station.sources.missing("bias"))
+
+
+def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:
+    """Return the covariance of the differences of `blocks` blocks, each the mean of `cycles`, V^2: +, -, +, -, ..."""
+    return np.asarray(np.kron(np.eye(blocks), np.array(noise.covariance_v2)) / cycles)
+
+
+def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
+    """Return the points in blocks.
+
+    Raises:
+        ConfigError: they are no whole blocks.
+    """
+    size = len(CHOPPED)
+    blocks = [points[at : at + size] for at in range(0, len(points), size)]
+    if not blocks or len(blocks[-1]) != size:
+        raise ConfigError(f"expected whole blocks of {size} windows, came {len(points)} windows")
+    return blocks
+
+
+def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
+    """Return the noise of a run from its blocks and from the scatter within all of its windows."""
+    window_s = settings.samples * settings.sample_interval_s
+    readings = min(point.n for point in points)
+    resolved_v = settings.meter_resolution_v / math.sqrt(12.0)  # as all readings of a window, where noise is small
+    std_v = math.hypot(pooled_std_v(points), math.sqrt(readings) * resolved_v)
+    return block_noise(blocks, std_v, readings, window_s, window_s + settings.settle_s)

@@ -1,0 +1,210 @@
+"""V_Vc that gives the same output as the table, at rates of both signs: null comparisons, chopped against drift.
+
+At each rate the output is chopped, 0, +, -, -, + and 0, first on the table with the generator off, then at rest with
+V_Vc on: what drifts linearly cancels in each block, what is added to the output in the difference from the block's own
+zeros.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from vcfbench.analysis.chopped import CHOPPED, Block
+from vcfbench.errors import MeasurementError
+from vcfbench.procedures.shared.routines import go_to_rate, set_v_vc, take, v_vc_on
+from vcfbench.procedures.shared.sweep.agreement import require_expected_k_vc
+from vcfbench.station.bounds import LEAST_V_VC_V
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import rate_words
+from vcfbench.steps import DisableVvc, Note, Settle
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
+    from vcfbench.steps.step import Routine
+
+_CLOSE = 1e-3
+"""Largest residual of the search, relative to the output's span; it is interpolated, with a slope good to 1e-3."""
+_USABLE = 0.1
+"""Largest residual of a usable null: more than the distance of the ends of two ranges of a generator."""
+
+
+class TakesLevel(Protocol):
+    """Averages one window with the table at rest and V_Vc on."""
+
+    def __call__(self, step: int, *, rate_deg_s: float, v_vc_v: float) -> Routine[Point]:
+        """Return its point."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NullTerms:
+    """Terms of the match of V_Vc: rates without sign, rising; cycles; settings of a search at most.
+
+    `table`, `search` and `driven` are the numbers that its points carry: the table's blocks, the search for V_Vc, the
+    blocks of V_Vc, whose windows `take` takes.
+    """
+
+    magnitudes_deg_s: tuple[float, ...]
+    cycles: int
+    iterations: int
+    take: TakesLevel
+    table: int
+    search: int
+    driven: int
+
+
+@dataclass(frozen=True, slots=True)
+class Nulled:
+    """Result of the match: the points of all blocks in order, and the setting of V_Vc for each rate and sign."""
+
+    table: tuple[Point, ...]
+    driven: tuple[Point, ...]
+    levels_v: Mapping[float, float]
+
+
+def nulled(settings: ProcedureSettings, terms: NullTerms) -> Routine[Nulled]:
+    """Match V_Vc at each rate of both signs."""
+    table: list[Point] = []
+    driven: list[Point] = []
+    levels_v: dict[float, float] = {}
+    for cycle in range(terms.cycles):
+        per_deg_s = 1.0 / settings.k_vc_guess_deg_s_per_v, 1.0 / settings.k_vc_guess_deg_s_per_v
+        for rate_deg_s in terms.magnitudes_deg_s:
+            yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: on the table, generator off")
+            table += yield from _table_block(settings, terms, rate_deg_s)
+            real = block(table[-len(CHOPPED) :])
+            yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: table at rest, V_Vc on")
+            yield from v_vc_on()
+            yield Settle(settings.settle_s, "gyro settles after the generator came on")
+            if cycle == 0:
+                found = yield from _search(settings, terms, rate_deg_s, real, per_deg_s)
+                levels_v[rate_deg_s], levels_v[-rate_deg_s] = found
+                per_deg_s = found[0] / rate_deg_s, -found[1] / rate_deg_s
+            driven += yield from _driven_block(settings, terms, rate_deg_s, levels_v, real)
+            yield DisableVvc()
+            yield Settle(settings.settle_s, "gyro settles after the generator went off")
+    return Nulled(tuple(table), tuple(driven), levels_v)
+
+
+def block(points: Sequence[Point]) -> Block:
+    """Return the mean outputs of six windows."""
+    return Block(tuple(point.output_v for point in points))
+
+
+def invalid_match_rates(
+    settings: ProcedureSettings, rates_deg_s: Sequence[float], order: int
+) -> Iterator[InvalidValue]:
+    """Yield the faults of rates at which V_Vc is matched for a curve of `order`, the key `match_rates_deg_s`."""
+    magnitudes = sorted({abs(rate) for rate in rates_deg_s})
+    limits, guess = settings.station.limits, abs(settings.k_vc_guess_deg_s_per_v)
+    if 2 * len(magnitudes) < order + 2:
+        expected = f"at least {order // 2 + 1} different rates for a curve of order {order}"
+        yield InvalidValue("match_rates_deg_s", expected, list(rates_deg_s))
+    most_deg_s = math.inf if limits.max_rate_deg_s is None else limits.max_rate_deg_s
+    for index, rate_deg_s in enumerate(rates_deg_s):
+        if not settings.rate_tolerance_deg_s < abs(rate_deg_s) <= most_deg_s:
+            at_rest = f"above {settings.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s): less is at rest"
+            yield InvalidValue(f"match_rates_deg_s[{index}]", f"{rate_words(most_deg_s)}, and {at_rest}", rate_deg_s)
+    largest, least = magnitudes[-1], magnitudes[0]
+    if limits.max_v_vc_v is not None and guess * limits.max_v_vc_v < largest:
+        expected = f"at least {largest / limits.max_v_vc_v:g}, so that {largest:g} deg/s needs at most "
+        yield InvalidValue(
+            "k_vc_guess_deg_s_per_v", f"{expected}{limits.max_v_vc_v:g} V of V_Vc (limits.max_v_vc_v)", guess
+        )
+    if guess * LEAST_V_VC_V > least:
+        needs = f"{least:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
+        yield InvalidValue("k_vc_guess_deg_s_per_v", f"at most {least / LEAST_V_VC_V:g}, so that {needs}", guess)
+
+
+def _table_block(settings: ProcedureSettings, terms: NullTerms, rate_deg_s: float) -> Routine[list[Point]]:
+    """Take a chopped block on the table."""
+    points: list[Point] = []
+    previous_deg_s = 0.0
+    for sign in CHOPPED:
+        now_deg_s = sign * rate_deg_s
+        if now_deg_s != previous_deg_s:
+            yield from go_to_rate(settings, now_deg_s, previous_deg_s=previous_deg_s)
+        points.append((yield from take(settings, terms.table, rate_deg_s=now_deg_s, v_vc_v=0.0, table_deg_s=now_deg_s)))
+        previous_deg_s = now_deg_s
+    return points
+
+
+def _driven_block(
+    settings: ProcedureSettings, terms: NullTerms, rate_deg_s: float, levels_v: Mapping[float, float], table: Block
+) -> Routine[list[Point]]:
+    """Take a chopped block at rest with V_Vc on; its outputs must be those on the table."""
+    points: list[Point] = []
+    previous_v = 0.0
+    for sign in CHOPPED:
+        level_v = levels_v[sign * rate_deg_s] if sign else 0.0
+        if level_v != previous_v:
+            level_v = yield from set_v_vc(settings, level_v)
+        points.append((yield from terms.take(terms.driven, rate_deg_s=sign * rate_deg_s, v_vc_v=level_v)))
+        previous_v = level_v
+    yield from set_v_vc(settings, 0.0)
+    _require_null(block(points).differences_v, table.differences_v, rate_deg_s, terms.driven)
+    return points
+
+
+def _require_null(driven_v: tuple[float, float], table_v: tuple[float, float], rate_deg_s: float, step: int) -> None:
+    for virtual, real, sign in zip(driven_v, table_v, (1.0, -1.0), strict=True):
+        if not abs(virtual - real) <= _USABLE * abs(real):
+            raise MeasurementError(
+                f"at {sign * rate_deg_s:+g} deg/s the table moves the output by {real:+.6g} V, V_Vc by {virtual:+.6g}",
+                instrument="multimeter",
+                step=str(step),
+                hint="check the V_Vc lead and k_vc_guess_deg_s_per_v; the two must come within 10 %",
+            )
+
+
+def _search(
+    settings: ProcedureSettings, terms: NullTerms, rate_deg_s: float, table: Block, per_deg_s: tuple[float, float]
+) -> Routine[tuple[float, float]]:
+    """Return the settings of V_Vc for the outputs on the table, one for each sign, nearest of those that were tried.
+
+    Each try goes along the chord through zero, which is within some per cent of the tangent, so two or three are
+    enough. Not so where a generator changes its range: levels between the ends of two ranges cannot be set.
+    """
+    wanted = table.differences_v
+    levels = (per_deg_s[0] * rate_deg_s, -per_deg_s[1] * rate_deg_s)
+    nearest = [(math.inf, level_v) for level_v in levels]
+    for attempt in range(terms.iterations):
+        zero = yield from terms.take(terms.search, rate_deg_s=0.0, v_vc_v=0.0)
+        seen = []
+        for sign, level_v in zip((1.0, -1.0), levels, strict=True):
+            set_v = yield from set_v_vc(settings, level_v)
+            point = yield from terms.take(terms.search, rate_deg_s=sign * rate_deg_s, v_vc_v=set_v)
+            seen.append((set_v, point.output_v - zero.output_v))
+        yield from set_v_vc(settings, 0.0)
+        away = [abs(got - want) for (_, got), want in zip(seen, wanted, strict=True)]
+        nearest = [min(had, (off, now[0])) for had, off, now in zip(nearest, away, seen, strict=True)]
+        noise_v = 3.0 * math.sqrt(2.0) * zero.std_v / math.sqrt(zero.n)
+        close = all(off <= max(noise_v, _CLOSE * abs(want)) for off, want in zip(away, wanted, strict=True))
+        if attempt > 0 and close:
+            break
+        step = terms.search
+        levels = _chord(*seen[0], wanted[0], step), _chord(*seen[1], wanted[1], step)
+    plus_v, minus_v = (level_v for _, level_v in nearest)
+    require_expected_k_vc(2.0 * rate_deg_s / (plus_v - minus_v), settings.k_vc_guess_deg_s_per_v, settings.expected)
+    return plus_v, minus_v
+
+
+def _chord(set_v: float, got_v: float, wanted_v: float, step: int) -> float:
+    """Return the V_Vc for `wanted_v` on the line through zero and the output at `set_v`.
+
+    Raises:
+        MeasurementError: the output does not answer to V_Vc.
+    """
+    if not abs(got_v) > 0.1 * abs(wanted_v):
+        raise MeasurementError(
+            f"the output does not answer to V_Vc: {got_v:+.4g} V for {set_v:.6g} V, the table gives {wanted_v:+.4g} V",
+            instrument="rate_source",
+            step=str(step),
+            hint="check the V_Vc lead, the generator's output, and k_vc_guess_deg_s_per_v",
+        )
+    return set_v * wanted_v / got_v

@@ -1,0 +1,132 @@
+"""Steps around a pause of a run: the bench to rest and looked at, later looked at again, and all as before.
+
+Between pause and going on the rails stay on, so that the gyroscope stays warm. The output at rest with V_Vc off is read
+before and after: by what it moved everything later is counted from a new reference.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from msgspec import Struct
+
+from vcfbench.procedures.shared.routines import window_of
+from vcfbench.procedures.shared.steady.walk import Limits, sigmas
+from vcfbench.steps import (
+    Acquire,
+    AwaitRate,
+    ConfigureMeter,
+    DisableTable,
+    DisableVibration,
+    DisableVvc,
+    EnableSupply,
+    EnableTable,
+    EnableVibration,
+    EnableVvc,
+    SetRate,
+    Settle,
+    VerifyZero,
+    Window,
+)
+from vcfbench.steps.executor import Moved
+from vcfbench.steps.replay import set_again
+from vcfbench.steps.step import Effect, answer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from collections.abc import Set as AbstractSet
+
+    from vcfbench.station.settings import ProcedureSettings
+    from vcfbench.steps.step import Routine, Step
+
+_AT_REST: Final = frozenset(
+    {
+        *(EnableTable.subject, SetRate.subject),
+        *("generator", DisableVvc.subject, "V_Vc", DisableVibration.subject, "virtual vibration"),
+        *("multimeter", "V_Vc meter", "oscilloscope"),
+    }
+)
+"""Subjects that may be set otherwise since a measurement, and the output at rest with V_Vc off be the same."""
+_WINDOWS: Final = 2
+"""Length of the reference, in windows of the run: values counted from the reference have its noise too."""
+
+
+class AroundPause(Struct, frozen=True):
+    """The steps around a pause of a run with these settings; `drifts` tells that drift is the run's measurand."""
+
+    settings: ProcedureSettings
+    drifts: bool = False
+
+    def to_rest(self, done: Sequence[Step]) -> Routine[Window | None]:
+        """Bring the bench to rest after the steps `done`, and read the output, where something was measured before."""
+        settings = self.settings
+        if _last(done, EnableVvc, DisableVvc, subject=DisableVvc.subject) is EnableVvc:
+            yield DisableVvc()
+        if _last(done, EnableVibration, DisableVibration, subject=DisableVibration.subject) is EnableVibration:
+            yield DisableVibration()
+        turns = next((step for step in reversed(done) if SetRate.subject in step.sets), None)
+        if isinstance(turns, SetRate) and turns.rate_deg_s:
+            stop = SetRate(0.0, turns.acceleration_deg_s2, turns.rate_deg_s)
+            yield stop
+            deadline_s = 2.0 * stop.ramp_s + settings.rate_deadline_s
+            yield AwaitRate(0.0, stop.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
+        return (yield from self.looked_at(done)) if _is_comparable(done) else None
+
+    def looked_at(self, done: Sequence[Step]) -> Routine[Window]:
+        """Read the output at rest, V_Vc off."""
+        settings = self.settings
+        yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+        yield Settle(settings.settle_s, "gyro settles, table at rest")
+        held = _last(done, EnableTable, DisableTable, subject=EnableTable.subject) is EnableTable
+        rails = next((step.rails for step in reversed(done) if isinstance(step, Acquire)), ())
+        window = {**window_of(settings), "rails": rails, "samples": _WINDOWS * settings.samples, "noise_v": None}
+        return answer((yield VerifyZero(0, 0.0, 0.0, 0.0 if held else None, **window)), Window)
+
+    def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
+        """Set again all that was `disturbed` by the pause, and wait as after a setting."""
+        yield from set_again(done, disturbed)
+        if disturbed - {"multimeter"}:
+            yield Settle(self.settings.settle_s, "gyro settles as it did before the pause")
+
+    def moved(self, done: Sequence[Step], before: Window, after: Window) -> Moved:
+        """Return the shift of the output from `before` to `after`, and the limit of its noise and drift."""
+        settings, limits = self.settings, Limits.of(self.settings)
+        one, other = before.point, after.point
+        dof = one.n + other.n - 2
+        scatter_v2 = ((one.n - 1) * one.std_v**2 + (other.n - 1) * other.std_v**2) / max(1, dof)
+        variance = scatter_v2 * (1.0 / one.n + 1.0 / other.n) + limits.resolution_v**2 / 6.0
+        apart_s = after.readings[0].t_s - before.readings[0].t_s if before.readings and after.readings else 0.0
+        length_s = max(1e-3, one.n * settings.sample_interval_s)
+        variance += 2.0 / math.pi * limits.flicker_v**2 * (1.5 + math.log(max(1.0, apart_s / length_s)))
+        u_v = max(math.sqrt(variance), 1e-12)
+        if self.drifts:
+            return Moved(one.output_v, other.output_v, u_v, None)
+        warm_s = sum(step.physical_s for step in done[_powered(done) :])
+        cooled = math.exp(-warm_s / limits.warm_up_s) - math.exp(-(warm_s + apart_s) / limits.warm_up_s)
+        drift_v = limits.warm_up_v * cooled + limits.wander_v
+        return Moved(one.output_v, other.output_v, u_v, sigmas(dof) * u_v + drift_v)
+
+
+def _last(done: Sequence[Step], *kinds: type[Step], subject: str) -> type[Step] | None:
+    """Return the last one of `kinds` that set `subject`; another setter of it counts as the other kind."""
+    step = next((step for step in reversed(done) if subject in step.sets), None)
+    return next((kind for kind in kinds if isinstance(step, kind)), None)
+
+
+def _is_comparable(done: Sequence[Step]) -> bool:
+    """Tell whether something was measured since rails, temperature or manual settings were changed."""
+    changed = _powered(done)
+    for place, step in enumerate(done, 1):
+        if step.effect is Effect.SETS and not _AT_REST.issuperset(step.sets):
+            changed = place
+    return changed > 0 and any(step.effect is Effect.MEASURES for step in done[changed:])
+
+
+def _powered(done: Sequence[Step]) -> int:
+    """Return how many of `done` come before the supply is on; 0 where it is off."""
+    on = 0
+    for place, step in enumerate(done, 1):
+        if EnableSupply.subject in step.sets:
+            on = place if isinstance(step, EnableSupply) else 0
+    return on

@@ -1,0 +1,235 @@
+"""Common parts of work instructions: power up, check the drive, go to a rate, take a point, shut down."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from vcfbench.errors import MeasurementError
+from vcfbench.procedures.shared.sweep.schedule import window_grid
+from vcfbench.steps import (
+    Acquire,
+    AwaitRate,
+    CheckRails,
+    ConfigureGenerator,
+    ConfigureMeter,
+    ConfigureRail,
+    DisableSupply,
+    DisableTable,
+    DisableVvc,
+    EnableSupply,
+    EnableTable,
+    EnableVvc,
+    NotChecked,
+    Note,
+    Outcome,
+    SetRate,
+    Settle,
+    SetVvc,
+    VerifyZero,
+    VvcSetting,
+    Window,
+)
+from vcfbench.steps.drive_check import check_drive
+from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
+
+if TYPE_CHECKING:
+    from vcfbench.records.schema import Point
+    from vcfbench.station.settings import ProcedureSettings
+    from vcfbench.steps.step import Routine
+
+T = TypeVar("T")
+
+
+def power_up(settings: ProcedureSettings) -> Routine[None]:
+    """Set up meter and generator, then switch the rails on; V_Vc is off before the PCB gets power."""
+    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield DisableVvc()
+    yield ConfigureGenerator(0.0)
+    yield from rails_on(settings)
+
+
+def rails_on(settings: ProcedureSettings) -> Routine[None]:
+    """Set levels and limits, then switch on, wait, and read the rails back."""
+    rails = rails_of(settings)
+    for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
+        yield rail
+    yield EnableSupply()
+    yield Settle(settings.start_up_s, "rails up, drive loop starts")
+    yield CheckRails(rails, settings.rail_tolerance_v)
+
+
+def rails_of(settings: ProcedureSettings) -> tuple[ConfigureRail, ...]:
+    """Return the setting of each rail."""
+    return tuple(ConfigureRail(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a) for rail in settings.rails)
+
+
+def look_at_drive(settings: ProcedureSettings) -> Routine[None]:
+    """Check the drive signal where the bench has an oscilloscope; where it has none, wait, and have the run say so."""
+    if settings.station.oscilloscope is None:
+        yield NotChecked("the drive signal", "the bench has no oscilloscope")
+        yield Settle(settings.drive.start_up_s, "drive loop starts, unseen")
+    else:
+        yield from check_drive(settings)
+
+
+def ramp_to(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
+    """Ramp the table and wait until it is at its rate."""
+    ramp = SetRate(rate_deg_s, settings.acceleration_deg_s2, previous_deg_s)
+    yield ramp
+    deadline_s = 2.0 * ramp.ramp_s + settings.rate_deadline_s
+    yield AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
+
+
+def go_to_rate(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
+    """Ramp the table, wait until it is at its rate, then let the gyro settle."""
+    yield from ramp_to(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+    yield Settle(settings.settle_s, "gyro settles after the rate step")
+
+
+def v_vc_on() -> Routine[None]:
+    """Set 0 V and only then close the generator's relay."""
+    yield SetVvc(0.0)
+    yield EnableVvc()
+
+
+def v_vc_level_again() -> Routine[None]:
+    """Have V_Vc be a level of 0 V again after it was a sine."""
+    yield DisableVvc()
+    yield ConfigureGenerator(0.0)
+    yield from v_vc_on()
+
+
+def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:
+    """Set V_Vc and let the gyro settle; return the level read back, V."""
+    setting = answer((yield SetVvc(v_vc_v)), VvcSetting)
+    yield Settle(settings.settle_s, "gyro settles after the V_Vc step")
+    return setting.v_vc_v
+
+
+def take(
+    settings: ProcedureSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None = None
+) -> Routine[Point]:
+    """Average one window and return its point; `table_deg_s` is the table's due readback, None asks no table."""
+    grid = window_grid(settings, table_deg_s or 0.0)
+    window = {**window_of(settings), "samples": grid.samples, "interval_s": grid.interval_s}
+    acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window)
+    return answer((yield acquire), Window).point
+
+
+def take_reference(settings: ProcedureSettings, step: int, v_vc_v: float = 0.0) -> Routine[Point]:
+    """Average one window at rest, V_Vc as it is, and return its mean, which is for comparison and no point."""
+    verify = VerifyZero(step, 0.0, v_vc_v, 0.0, **window_of(settings))
+    return answer((yield verify), Window).point
+
+
+def require_alive(settings: ProcedureSettings, point: Point) -> None:
+    """See that a record at rest is that of a gyroscope: its noise is more than a tenth of the meter's last digit.
+
+    `expected.reading_noise_v` of the bench file takes the place of this.
+
+    Raises:
+        MeasurementError: its readings scatter by less.
+    """
+    quiet = (
+        0.0 < point.std_v < 0.1 * settings.meter_resolution_v
+    )  # none at all: nobody measured, or a bench without noise
+    if quiet and settings.expected.reading_noise_v is None:
+        raise MeasurementError(
+            f"the output does not answer: it stands at {point.output_v:+.6g} V and scatters by {point.std_v:.1g} V, "
+            f"less than a tenth of the meter's last digit of {settings.meter_resolution_v:g} V",
+            instrument="multimeter",
+            step=str(point.step),
+            hint=f"{LOOK_AT_SIGNALS}; of a gyroscope that is so quiet expected.reading_noise_v says so",
+        )
+
+
+def window_of(settings: ProcedureSettings) -> dict[str, Any]:
+    """Return the common settings of all windows of a run."""
+    return {
+        "tolerance_deg_s": settings.rate_tolerance_deg_s,
+        "rails": rails_of(settings),
+        "rail_tolerance_v": settings.rail_tolerance_v,
+        "samples": settings.samples,
+        "interval_s": settings.sample_interval_s,
+        "resolution_v": settings.meter_resolution_v,
+        "noise_v": settings.expected.reading_noise_v,
+    }
+
+
+def powered(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
+    """Do `work` with the bench started up; whatever happens, table to rest, then outputs off, then supply off."""
+    return (yield from energised(settings, _with_drive(settings, under_servo(settings, work))))
+
+
+def _with_drive(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
+    yield from look_at_drive(settings)
+    return (yield from work)
+
+
+def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
+    """Do `work` with meter, generator and rails up, V_Vc off; whatever happens, outputs off, then supply off.
+
+    It asks for no table and no oscilloscope. The bench's own safety stack does what switches off once more, and proves
+    it, whatever becomes of these steps.
+    """
+    try:
+        yield Note("Start-up")
+        yield from power_up(settings)
+        return (yield from work)
+    finally:
+        yield from power_down()
+
+
+def under_servo(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
+    """Do `work` with the table under servo; whatever happens, bring it to rest and open the servo."""
+    yield EnableTable()
+    try:
+        return (yield from work)
+    finally:
+        yield Note("Shut down")
+        yield from table_to_rest(settings)
+        yield DisableTable()
+
+
+def table_to_rest(settings: ProcedureSettings) -> Routine[None]:
+    """Demand zero from whatever rate the table has, and see it come to rest."""
+    yield SetRate(0.0, settings.acceleration_deg_s2, 0.0)
+    deadline_s = 2.0 * settings.fastest_deg_s / settings.acceleration_deg_s2 + settings.rate_deadline_s
+    yield AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
+
+
+def power_down() -> Routine[None]:
+    """Switch off the stimulus, then the power."""
+    try:
+        yield DisableVvc()
+    finally:
+        yield DisableSupply()
+
+
+def source_off(settings: ProcedureSettings) -> Routine[None]:
+    """Switch V_Vc off and set it to 0 V, where the bench has a generator."""
+    if _has_source(settings):
+        yield DisableVvc()
+        yield ConfigureGenerator(0.0)
+
+
+def _has_source(settings: ProcedureSettings) -> bool:
+    return settings.station.limits.max_v_vc_v is not None
+
+
+def held_at_rest(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+    """Do `work` with the table held at rest under servo, where the bench has one."""
+    held = settings.station.limits.max_rate_deg_s is not None
+    return (yield from (under_servo(settings, work) if held else work))
+
+
+def off_afterwards(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+    """Do `work`; whatever happens, generator (where there is one) and supply are off afterwards."""
+    try:
+        return (yield from work)
+    finally:
+        try:
+            if _has_source(settings):
+                yield DisableVvc()
+        finally:
+            yield DisableSupply()

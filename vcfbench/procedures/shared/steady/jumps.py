@@ -1,0 +1,305 @@
+"""Steps, pulses and walks of the output in a series of windows, found from references, repeats and smoothness.
+
+What the output should be is a cubic in the rate (or in V_Vc) with free coefficients, and terms of higher order that are
+small beside those two orders below; windows of one setting share it. What noise, flicker, warm-up, temperature, the
+table's rate and the generator's levels may add has a covariance. A fault is a pattern in time: an offset from one
+window to another, or a slope from one on. Its size by generalised least squares over its standard uncertainty is a test
+for each pattern (Willsky and Jones 1976, *A generalized likelihood ratio approach to detection and estimation of jumps
+in linear systems*); the largest decides.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from msgspec import Struct
+
+from vcfbench.errors import MeasurementError
+from vcfbench.procedures.shared.budget.known_levels import known_levels
+from vcfbench.procedures.shared.known.levels import has_v_vc_meter
+from vcfbench.procedures.shared.steady.walk import sigmas
+from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.procedures.shared.steady.walk import Seen, Walk
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+_ORDERS = 3
+"""The curve's orders that are as large as they like."""
+_NEXT = 0.03
+"""Largest ratio of a term to that two orders below, at the largest rate: an output stage that is off by 1 % there
+leaves 0.4 % of its cubic term to the next one (the series of tanh)."""
+_MOST_BENT = 0.01
+"""Largest curvature, relative to the span: a curve that bends more does so by a fault."""
+_HIGHEST = 9
+_UNSEEN = 1e-4
+"""A pattern of which the free terms leave less than this share (of its square) is not asked for."""
+_HALF = 0.5
+"""Patterns are fewer than comparisons, and each has the noise of many windows: 5.5 is a chance of 2e-6 a run."""
+_ANSWERS = 8.0
+"""Standard uncertainties that the slope must be away from zero."""
+_NO_SWEEP = frozenset({ZERO_TABLE, ZERO_DRIVEN, SEARCH})
+_CURVED = 0.2
+"""Largest residual of a line, relative to the span: beyond, the output answers to something else than the rate."""
+
+
+class Jump(Struct, frozen=True):
+    """A pattern in time: from window `first` to `last`, both included; `size_v` its offset, or the size of its walk.
+
+    `sigmas` is its size over its standard uncertainty.
+    """
+
+    first: int
+    last: int
+    size_v: float
+    sigmas: float
+    walks: bool = False
+
+
+def require_no_jump(walk: Walk) -> None:
+    """See that the output moves by settings alone: of all windows on the same rails, generator on, or off.
+
+    Raises:
+        MeasurementError: it stepped, read too much for a while, walked away, or does not answer to what is set.
+    """
+    for driven, rails_v in dict.fromkeys((each.driven, each.rails_v) for each in walk.windows):
+        windows = [each for each in walk.windows if (each.driven, each.rails_v) == (driven, rails_v)]
+        if len({each.setting for each in windows}) < 2:
+            continue
+        _require_answer(walk, windows)
+        found = largest_jump(walk, windows)
+        if found is not None and abs(found.sigmas) > sigmas(walk.dof) - _HALF:
+            raise _said(found, windows)
+
+
+def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
+    """Return the fault that fits best, None where there is nothing that would show one."""
+    count = len(windows)
+    output = np.array([each.point.output_v for each in windows])
+    x, at_s = _abscissa(windows), np.array([each.middle_s for each in windows])
+    free = _free_terms(walk, windows, x)
+    if free.shape[1] >= count:
+        return None
+    covariance = _covariance(walk, windows, x, free)
+    root = np.linalg.cholesky(covariance)
+    whitened = np.linalg.solve(root, np.column_stack([free, output, *_patterns(count, at_s)]))
+    basis, _ = np.linalg.qr(whitened[:, : free.shape[1]])
+    rest = whitened[:, free.shape[1] :]
+    left = rest - basis @ (basis.T @ rest)
+    shows = np.square(left[:, 1:]).sum(axis=0)
+    seen = shows > _UNSEEN * np.square(rest[:, 1:]).sum(axis=0)
+    if not seen.any():
+        return None
+    ratios = np.where(seen, left[:, 0] @ left[:, 1:] / np.sqrt(np.where(seen, shows, 1.0)), 0.0)
+    most = int(np.abs(ratios).argmax())
+    first, last = _spans(count)[most] if most < len(_spans(count)) else (most - len(_spans(count)) + 1, count - 1)
+    size_v = float(ratios[most] / math.sqrt(shows[most]))
+    return Jump(first, last, size_v, float(ratios[most]), walks=most >= len(_spans(count)))
+
+
+def _spans(count: int) -> list[tuple[int, int]]:
+    return [(first, last) for first in range(count) for last in range(first, count) if last - first < count - 1]
+
+
+def _patterns(count: int, at_s: Floats) -> list[Floats]:
+    """Return an offset for each stretch of windows, and a walk from each window but the first and last on."""
+    place = np.arange(count)
+    offsets = [((place >= first) & (place <= last)).astype(float) for first, last in _spans(count)]
+    whole = max(float(at_s[-1] - at_s[0]), 1e-9)
+    return offsets + [np.maximum(0.0, at_s - at_s[first - 1]) / whole for first in range(1, count - 1)]
+
+
+def _abscissa(windows: Sequence[Seen]) -> Floats:
+    """Return the output's abscissa, largest 1: V_Vc as it was measured or set, or the table's rate."""
+    if windows[0].driven:
+        levels: dict[float, list[float]] = {}
+        for each in windows:
+            point = each.point
+            if point.v_vc_measured_v is not None:
+                levels.setdefault(point.v_vc_v, []).append(point.v_vc_measured_v)
+        known = {level_v: math.fsum(seen) / len(seen) for level_v, seen in levels.items()}
+        x = np.array([known.get(each.point.v_vc_v, each.point.v_vc_v) for each in windows])
+    else:
+        x = np.array([each.table_deg_s for each in windows])
+    return np.asarray(x / max(float(np.abs(x).max()), 1e-12))
+
+
+def _free_orders(windows: Sequence[Seen]) -> int:
+    """Return the highest order of the curve that is free: through two settings a line."""
+    return max(1, min(_ORDERS, len({each.setting for each in windows}) - 2))
+
+
+def _free_terms(walk: Walk, windows: Sequence[Seen], x: Floats) -> Floats:
+    """Return the terms that the output may have of any size, a column each."""
+    orders = _free_orders(windows)
+    terms = [x**order for order in range(orders + 1)]
+    settings = walk.settings
+    at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
+    if 0 < at_zero.sum() < at_zero.size - len(terms):  # a generator's 0 V is on no range of its levels
+        terms.append(at_zero.astype(float))
+    if isinstance(settings, SweepSettings) and settings.order is Order.LOOP:
+        way, before = np.zeros(x.size), 0.0
+        for place in range(x.size):
+            if not windows[place].reference and windows[place].point.step in {1, 3, 4}:
+                way[place] = np.sign(x[place] - before) or (way[place - 1] if place else 0.0)
+                before = x[place]
+        if len(set(way.tolist())) > 1:
+            terms += [way, way * x, way * x**2]
+    return np.column_stack(terms)
+
+
+def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) -> Floats:
+    """Return how the outputs may be off the free terms, V^2."""
+    limits, count = walk.limits, len(windows)
+    output = np.array([each.point.output_v for each in windows])
+    at_s = np.array([each.middle_s for each in windows])
+    coefficients = np.linalg.lstsq(free, output, rcond=None)[0]
+    span_v = float(np.ptp(output))
+    slope_v = abs(float(coefficients[1])) if free.shape[1] > 1 else 0.5 * span_v
+    total = np.diag(_own_variances(walk, windows, slope_v * np.abs(x)))
+    orders = _free_orders(windows)
+    sizes = [min(abs(float(each)), _MOST_BENT * span_v) for each in coefficients[: orders + 1]]
+    for order in range(orders + 1, _HIGHEST + 1):
+        below = sizes[order - 2] if order >= 2 and order - 2 > 1 else _MOST_BENT * span_v
+        sizes.append(max(_NEXT * below, 1e-6 * span_v))
+        total += sizes[order] ** 2 * np.outer(x**order, x**order)
+    apart = np.abs(at_s[:, None] - at_s)
+    length_s = max(1e-3, float(np.mean([each.end_s - each.begin_s for each in windows])))
+    whole = 3.0 + math.log(max(1.0, float(apart.max()) / length_s))
+    lagged = np.where(apart > 0.0, 1.5 + np.log(np.maximum(1.0, apart / length_s)), 0.0)
+    total += limits.flicker_v**2 / math.pi * (whole - lagged)
+    cooled = np.exp(-(at_s - walk.windows[0].begin_s) / limits.warm_up_s)
+    moved_v = slope_v * x
+    for by_v in (limits.warm_up_v * cooled, limits.warm_up_share * cooled * moved_v):
+        total += np.outer(by_v, by_v)
+    wandered = np.minimum.outer(at_s - at_s[0], at_s - at_s[0]) / max(float(at_s[-1] - at_s[0]), 1e-9)
+    total += wandered * (limits.wander_v**2 + limits.wander_share**2 * np.outer(moved_v, moved_v))
+    if windows[0].driven:
+        total += _level_covariance(walk, windows, slope_v)
+    return np.asarray(total + np.eye(count) * 1e-18)
+
+
+def _own_variances(walk: Walk, windows: Sequence[Seen], moved_v: Floats) -> Floats:
+    """Return the variance of each window's mean by its readings, the meter's digit and the table, V^2."""
+    limits = walk.limits
+    by_rate: dict[float, list[float]] = {}
+    for each in windows:
+        by_rate.setdefault(abs(each.table_deg_s), []).append(each.point.std_v**2)
+    scatter = [max(walk.variance_v2, math.fsum(v := by_rate[abs(each.table_deg_s)]) / len(v)) for each in windows]
+    own = np.array([variance / each.point.n for variance, each in zip(scatter, windows, strict=True)])
+    at_rate = np.array([float(each.table_deg_s != 0.0) for each in windows])
+    return np.asarray(own + limits.resolution_v**2 / 12.0 + (at_rate * limits.table_rate * moved_v) ** 2 / 3.0)
+
+
+def _level_covariance(walk: Walk, windows: Sequence[Seen], slope_v: float) -> Floats:
+    """Return the covariance by errors of V_Vc, of each setting its own and of a range in common, V^2 of the output."""
+    points, settings = [each.point for each in windows], walk.settings
+    level_v = np.array([point.v_vc_v for point in points])
+    per_v = slope_v / max(1e-9, float(np.abs(level_v).max()))
+    if has_v_vc_meter(settings) and any(point.v_vc_measured_v is not None for point in points):
+        return np.asarray((level_v[:, None] == level_v) * (1e-5 * slope_v) ** 2)
+    return np.asarray(per_v**2 * known_levels(points, settings.station.sources).covariance_v2(level_v))
+
+
+def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
+    """Raise MeasurementError unless the output moves with the setting, about along a line.
+
+    Raises:
+        MeasurementError: its slope may be zero, or what a line leaves over is as large as the span.
+    """
+    x, output = _abscissa(windows), np.array([each.point.output_v for each in windows])
+    off = x - x.mean()
+    square = float(off @ off)
+    if not square:
+        return
+    slope_v = float(off @ output) / square
+    u_v = math.sqrt(walk.variance_v2 / min(each.point.n for each in windows) + walk.limits.resolution_v**2 / 12.0)
+    u_v = math.hypot(u_v, walk.limits.flicker_v)
+    left_v = float(np.abs(output - output.mean() - slope_v * off).max())
+    span_v = float(np.ptp(output))
+    what = "V_Vc" if windows[0].driven else "the table's rate"
+    if abs(slope_v) < _ANSWERS * u_v / math.sqrt(square) or span_v < _ANSWERS * u_v:
+        raise _no_answer(
+            windows,
+            f"the output does not answer to {what}: from {output.min():+.6g} to {output.max():+.6g} V in all windows, "
+            f"where one mean is known to {u_v:.1g} V",
+        )
+    bound = walk.settings.expected.nonlinearity_ppm
+    if bound is not None:
+        _require_straight(windows, bound)
+    if left_v > _CURVED * span_v:
+        raise _no_answer(
+            windows,
+            f"the output does not follow {what}: a line through {len(windows)} windows leaves {left_v:.3g} V over, of "
+            f"a span of {span_v:.3g} V",
+        )
+
+
+def _require_straight(windows: Sequence[Seen], bound_ppm: float) -> None:
+    """Raise MeasurementError unless the residuals of the last sweep's line are within the bench file's limits.
+
+    Raises:
+        MeasurementError: a residual is larger, in ppm of the span of the line (max_span).
+    """
+    last = max(each.point.step for each in windows if not each.reference and each.point.step not in _NO_SWEEP)
+    swept = [each for each in windows if each.point.step == last and not each.reference]
+    if len({each.setting for each in swept}) < 3:
+        return
+    x, output = _abscissa(swept), np.array([each.point.output_v for each in swept])
+    line = np.polynomial.Polynomial.fit(x, output, 1)
+    means_v: dict[float, float] = {}
+    for level in set(x.tolist()):
+        means_v[level] = float(np.mean((output - line(x))[x == level]))
+    worst = max(means_v, key=lambda level: abs(means_v[level]))
+    ends_v = line(np.array([x.min(), x.max()]))
+    found_ppm = 1e6 * abs(means_v[worst]) / max(1e-12, abs(float(ends_v[1] - ends_v[0])))
+    if found_ppm <= bound_ppm:
+        return
+    where = swept[int(np.argmax(x == worst))]
+    raise MeasurementError(
+        f"the non-linearity is {found_ppm:.4g} ppm of the span, the bench file expects at most {bound_ppm:g} ppm "
+        f"(expected.nonlinearity_ppm): the output is {means_v[worst]:+.3g} V off the line at {where.describe()}",
+        instrument="multimeter",
+        step=str(where.point.step),
+        hint="look at the leads, at the rails at the PCB, and whether this is the gyroscope that is expected",
+    )
+
+
+def _no_answer(windows: Sequence[Seen], what: str) -> MeasurementError:
+    lead = "the generator's lead to V_Vc, the carrier, " if windows[0].driven else ""
+    return MeasurementError(
+        what,
+        instrument="multimeter",
+        step=str(windows[-1].point.step),
+        hint=f"look at the lead of the output, {lead}the rails at the PCB, and the drive signal",
+    )
+
+
+def _said(found: Jump, windows: Sequence[Seen]) -> MeasurementError:
+    """Name the time and size of the jump, with a hint."""
+    first, last = windows[found.first], windows[found.last]
+    size = f"{found.size_v:+.3g} V ({abs(found.sigmas):.0f} standard uncertainties)"
+    if found.walks:
+        what = f"the output walks by {size} from {windows[found.first - 1].describe()} to the end"
+    elif found.last == len(windows) - 1 or found.first == 0:
+        before = windows[found.first - 1] if found.first else last
+        after = first if found.first else windows[found.last + 1]
+        size = size if found.first else f"{-found.size_v:+.3g} V ({abs(found.sigmas):.0f} standard uncertainties)"
+        what = f"the output stepped by {size} between {before.describe()} and {after.describe()}"
+    else:
+        where = first.describe() if first is last else f"the windows from {first.describe()} to {last.describe()}"
+        what = f"the output was off by {size} at {where}, and is not any more"
+    return MeasurementError(
+        f"{what}: no smooth curve goes through all windows",
+        instrument="multimeter",
+        step=str(last.point.step),
+        hint="look at leads and contacts, and at what else happened then; all points are in the record. "
+        "expected.zero_drift_v of the bench file is what may drift",
+    )

@@ -1,0 +1,173 @@
+"""Results of the order of rates in a sweep: repeatability, hysteresis, drift of the zero."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from vcfbench.analysis.tails import t_of_largest
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.sweep.schedule import (
+    Order,
+    SweepSettings,
+    Zeros,
+    loop_directions,
+    no_whole_turn,
+    window_grid,
+)
+from vcfbench.procedures.shared.sweep.window_noise import WindowNoise
+from vcfbench.procedures.shared.sweep.windows import Sweep, zero_places
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from vcfbench.records.schema import Point
+
+Floats: TypeAlias = "NDArray[np.float64]"
+
+
+@dataclass(frozen=True, slots=True)
+class Repeatability:
+    """Scatter of a value from series to series, within one run: standard deviation `sd` with `dof`, and its `u`.
+
+    `noise` is the standard deviation that the readings and the flicker of the zero record alone explain.
+    """
+
+    name: str
+    unit: str
+    sd: float
+    u: float
+    dof: int
+    noise: float
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Hysteresis:
+    """The largest difference of the output between the ways up and down at one rate, of all in the loop."""
+
+    difference: Measurand
+    """Up less down at that rate, % of full scale: the scale factor times the largest rate, one-sided."""
+    rate_deg_s: float
+    by_noise_percent: float
+    """Limit of the largest of so many differences with 95 % where there is no hysteresis."""
+    seen: bool
+    """True if it is more than that."""
+    differences_percent: tuple[tuple[float, float], ...]
+    """Rate and difference, each rate of the loop, falling."""
+    holds_not: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepFound:
+    """Results of the order in which the rates were visited; None where it does not tell them."""
+
+    order: Order
+    zeros: Zeros
+    repeat: int
+    windows: int
+    """Number of windows at rates, zeros apart."""
+    zero_drift_v: float | None
+    """Last zero less the first; with a linear drift in between it is in no value."""
+    earth_rate_deg_s: float
+    """Rate of the Earth added to the rates."""
+    no_whole_turns: tuple[str, ...]
+    """Reasons for windows that are not of whole turns, where they were to be."""
+    repeatability: tuple[Repeatability, ...]
+    hysteresis: Hysteresis | None
+
+
+def sweep_found(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) -> SweepFound:
+    """Return the results of the order, the zeros and the repeats of a sweep."""
+    zeros = zero_places(points, sweep.step)
+    on_table = sweep.step != 4
+    short = sorted({abs(rate) for rate in settings.rates_deg_s}) if settings.whole_turns and on_table else []
+    return SweepFound(
+        order=settings.order,
+        zeros=settings.zeros,
+        repeat=settings.repeat,
+        windows=len(sweep.places),
+        zero_drift_v=points[zeros[-1]].output_v - points[zeros[0]].output_v if zeros else None,
+        earth_rate_deg_s=settings.earth_rate_deg_s,
+        no_whole_turns=tuple(no_whole_turn(settings, rate) for rate in short if not window_grid(settings, rate).turns),
+        repeatability=tuple(_repeatability(settings, points, sweep)) if settings.repeat > 1 else (),
+        hysteresis=_hysteresis(settings, points, sweep) if settings.order is Order.LOOP else None,
+    )
+
+
+def _line_weights(rate: Floats) -> tuple[Floats, Floats]:
+    """Return the weights of the outputs in slope and intercept of their least-squares line."""
+    off = rate - rate.mean()
+    slope = off / float(off @ off)
+    return slope, 1.0 / rate.size - rate.mean() * slope
+
+
+def _repeatability(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) -> Iterator[Repeatability]:
+    """Yield how slope and intercept scatter from series to series."""
+    size = len(sweep.points) // settings.repeat
+    rates = np.array([point.rate_deg_s for point in sweep.points]).reshape(settings.repeat, size)
+    outputs = np.array([point.output_v for point in points])
+    made = [_line_weights(each) for each in rates]
+    mixing = sweep.mixing.reshape(settings.repeat, size, len(points))
+    slopes = np.array([slope @ through for (slope, _), through in zip(made, mixing, strict=True)])
+    biases = np.array([bias @ through for (_, bias), through in zip(made, mixing, strict=True)])
+    noises = WindowNoise.of(settings, points, float((slopes @ outputs).mean()))
+    for name, unit, weights in (("scale_factor", "V/(deg/s)", slopes), ("bias", "V", biases)):
+        values, dof = weights @ outputs, settings.repeat - 1
+        steady = [name == "bias"] * settings.repeat
+        both = noises.by_readings(weights) + noises.by_flicker(weights, steady)
+        noise = math.sqrt(max(0.0, float(np.trace(both) - both.mean() * settings.repeat)) / dof)
+        sd = float(np.std(values, ddof=1))
+        yield Repeatability(name, unit, sd, sd / math.sqrt(2.0 * dof), dof, noise, tuple(values.tolist()))
+
+
+def _hysteresis(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) -> Hysteresis:
+    """Return the largest difference between up and down, with the noise of that difference."""
+    ways = np.tile(loop_directions(settings.rates_deg_s), settings.repeat)
+    nominal = np.tile(settings.series_deg_s, settings.repeat)
+    rates = sorted(set(settings.rates_deg_s), reverse=True)
+    weights = np.array([_up_less_down(nominal == rate, ways) for rate in rates]) @ sweep.mixing
+    slope, _ = _line_weights(np.array([point.rate_deg_s for point in sweep.points]))
+    outputs = np.array([point.output_v for point in points])
+    scale_factor = float(slope @ sweep.mixing @ outputs)
+    percent = 100.0 / (abs(scale_factor) * max(map(abs, rates)))
+    noise = WindowNoise.of(settings, points, scale_factor)
+    white, flicker = noise.by_readings(weights), noise.by_flicker(weights, [False] * len(weights))
+    differences = percent * (weights @ outputs)
+    u = percent * np.sqrt(np.diag(white + flicker))
+    most = int(np.abs(differences).argmax())
+    flicker_dof = None if math.isinf(noise.flicker_dof) else noise.flicker_dof
+    parts = [
+        UncertaintyPart("readings", percent * math.sqrt(white[most, most]), noise.dof),
+        UncertaintyPart("flicker", percent * math.sqrt(flicker[most, most]), flicker_dof),
+    ]
+    largest = measurand(float(differences[most]), "%", parts)
+    by_noise = t_of_largest(len(rates), math.inf) * float(u.max())
+    return Hysteresis(
+        largest,
+        rates[most],
+        by_noise,
+        abs(largest.value) > by_noise,
+        tuple(zip(rates, differences.tolist(), strict=True)),
+        tuple(_not_in_hysteresis(settings, noise)),
+    )
+
+
+def _up_less_down(here: NDArray[np.bool_], ways: NDArray[np.int_]) -> Floats:
+    up, down = here & (ways > 0), here & (ways < 0)
+    return np.asarray(up / up.sum() - down / down.sum())
+
+
+def _not_in_hysteresis(settings: SweepSettings, noise: WindowNoise) -> Iterator[str]:
+    if settings.zeros is Zeros.NONE:
+        yield "drift between the ways up and down reads as hysteresis: no zeros were taken (zeros)"
+    elif settings.zeros is Zeros.ENDS:
+        yield "drift that is not linear in time between the zeros reads as hysteresis"
+    if noise.flicker is None:
+        yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
+    yield "hysteresis that is over before the averaging begins (settle_s)"

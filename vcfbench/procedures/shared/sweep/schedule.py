@@ -1,0 +1,240 @@
+"""In which order a calibration visits its rates, where it takes zeros, how long it looks: pure functions of numbers.
+
+A drift of the zero reads as scale factor where rate and time go together: in the paper's falling order 1 mV a window is
+0.4 % of the scale factor. In `ABBA` each pair of rates is taken +, -, -, +, which a linear drift leaves as it is.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from enum import Enum
+from itertools import count
+from typing import Annotated, NamedTuple
+
+from msgspec import Meta
+
+from vcfbench.procedures.shared.flicker import KnownFlickerSettings
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import ProcedureSettings
+
+ABBA_SIGNS = (1.0, -1.0, -1.0, 1.0)
+"""A level and its opposite so that a linear drift cancels between them."""
+
+EARTH_DEG_S = 15.041067 / 3600.0
+"""The Earth's rate."""
+
+ZERO_TABLE, ZERO_DRIVEN, SEARCH = 5, 6, 7
+"""The numbers that points of zeros carry, table at rest with the generator off, and with the generator on at 0 V; and
+those of a search for V_Vc.
+"""
+
+
+class Order(Enum):
+    """In which order the rates are visited.
+
+    `PAPER`: as they are given. `ALTERNATE`: by size, + before -. `ABBA`: by size, each pair +, -, -, +. `LOOP`: from 0
+    up to the largest, down to the smallest, back to 0.
+    """
+
+    PAPER = "paper"
+    ALTERNATE = "alternate"
+    ABBA = "abba"
+    LOOP = "loop"
+
+
+class Zeros(Enum):
+    """Additional zeros: none, before and after each series, before and after each rate."""
+
+    NONE = "none"
+    ENDS = "ends"
+    BRACKET = "bracket"
+
+
+class KvcBy(Enum):
+    """Source of K_Vc in the four steps.
+
+    `ONE_POINT`: the match at one rate. `PLUS_MINUS`: half the difference of those at it and its opposite. `CURVE`: a
+    curve through matches at several rates of both signs.
+    """
+
+    ONE_POINT = "one-point"
+    PLUS_MINUS = "plus-minus"
+    CURVE = "curve"
+
+
+class Earth(Enum):
+    """Treatment of the Earth's rate: it stays in the bias, or is added to the rate of the table."""
+
+    BIAS = "bias"
+    RATE = "rate"
+
+
+class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
+    """Settings of procedures that visit rates: the defaults are the paper's."""
+
+    order: Annotated[
+        Order,
+        Meta(description="order of the rates; drift cancels in abba, a loop shows hysteresis", extra={"option": True}),
+    ] = Order.PAPER
+    zeros: Annotated[
+        Zeros,
+        Meta(
+            description="zeros about each series or each rate, their drift off; u grows by ends in the order paper",
+            extra={"option": "--zero"},
+        ),
+    ] = Zeros.NONE
+    whole_turns: Annotated[
+        bool, Meta(description="windows on the table last whole revolutions", extra={"option": True})
+    ] = False
+    longest_turn_s: Annotated[
+        float, Meta(ge=1.0, le=86_400.0, description="of whole_turns: slower rates have ordinary windows")
+    ] = 360.0
+    repeat: Annotated[int, Meta(ge=1, le=100, description="times that the series is taken", extra={"option": True})] = 1
+    earth: Annotated[
+        Earth,
+        Meta(description="the Earth's rate stays in the bias, or is added to the table's rate", extra={"option": True}),
+    ] = Earth.BIAS
+    axis_tilt_deg: Annotated[
+        float, Meta(ge=0.0, le=90.0, description="of the table's axis, limit; counts where earth is rate")
+    ] = 0.5
+
+    @property
+    def as_in_the_paper(self) -> bool:
+        """True if the rates are visited as the paper does it."""
+        plain = (Order.PAPER, Zeros.NONE, 1, False, Earth.BIAS)
+        return (self.order, self.zeros, self.repeat, self.whole_turns, self.earth) == plain
+
+    @property
+    def series_deg_s(self) -> tuple[float, ...]:
+        """The rates of one series in their order."""
+        return ordered(self.rates_deg_s, self.order)
+
+    @property
+    def visits_deg_s(self) -> tuple[float | None, ...]:
+        """All windows of a sweep in their order, None where a zero is taken."""
+        return visits(self.series_deg_s, self.zeros, self.repeat)
+
+    @property
+    def earth_rate_deg_s(self) -> float:
+        """Addition to the rate of the table, deg/s: the Earth's rate about its axis, or nothing."""
+        if self.earth is Earth.BIAS or self.station.latitude_deg is None:
+            return 0.0
+        return EARTH_DEG_S * math.sin(math.radians(self.station.latitude_deg))
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield the contradictions beyond the ranges."""
+        yield from super().contradictions()
+        if self.order is Order.ABBA and sorted(self.rates_deg_s) != sorted(-rate for rate in self.rates_deg_s):
+            expected = "each rate with both signs, equally often (order abba takes pairs)"
+            yield InvalidValue("rates_deg_s", expected, list(self.rates_deg_s))
+        if self.earth is Earth.RATE and self.station.latitude_deg is None:
+            yield InvalidValue("earth", "a latitude in the bench file (site.latitude_deg)", "rate")
+
+
+def ordered(rates_deg_s: Sequence[float], order: Order) -> tuple[float, ...]:
+    """Return one series: the rates in the order in which they are visited.
+
+    `PAPER` and `ALTERNATE` visit each as often as it is given, `ABBA` twice as often; `LOOP` visits each different rate
+    twice, once on a way up and once on a way down, and 0 three times.
+    """
+    if order is Order.ALTERNATE:
+        return tuple(sorted(rates_deg_s, key=lambda rate: (abs(rate), -rate)))
+    if order is Order.ABBA:
+        plus = sorted(rate for rate in rates_deg_s if rate > 0.0)
+        at_rest = [0.0] * (2 * sum(rate == 0.0 for rate in rates_deg_s))
+        return (*at_rest, *(sign * rate for rate in plus for sign in (1.0, -1.0, -1.0, 1.0)))
+    if order is Order.LOOP:
+        up, down, back = _loop(rates_deg_s)
+        return (*up, *down, *back)
+    return tuple(rates_deg_s)
+
+
+def loop_directions(rates_deg_s: Sequence[float]) -> tuple[int, ...]:
+    """Return how each window of a loop is reached: 1 on a way up, -1 on the way down."""
+    up, down, back = _loop(rates_deg_s)
+    return (*(1,) * len(up), *(-1,) * len(down), *(1,) * len(back))
+
+
+def _loop(rates_deg_s: Sequence[float]) -> tuple[list[float], list[float], list[float]]:
+    rising = sorted({rate + 0.0 for rate in rates_deg_s})
+    up = [rate for rate in rising if rate >= 0.0]
+    return up, rising[::-1], [rate for rate in rising if rate <= 0.0]
+
+
+def visits(series_deg_s: Sequence[float], zeros: Zeros, repeat: int) -> tuple[float | None, ...]:
+    """Return all windows of `repeat` series; None is a zero, and one between two windows serves both."""
+    if zeros is Zeros.NONE:
+        return tuple(series_deg_s) * repeat
+    if zeros is Zeros.ENDS:
+        return (None, *(*series_deg_s, None) * repeat)
+    return (None, *[each for rate in series_deg_s for each in (rate, None)] * repeat)
+
+
+class Grid(NamedTuple):
+    """The readings of a window: how many, one every `interval_s`, in so many whole `turns` of the table or in none."""
+
+    samples: int
+    interval_s: float
+    turns: int = 0
+
+
+def whole_turns(rate_deg_s: float, samples: int, interval_s: float, longest_s: float) -> Grid | None:
+    """Return the shortest window of whole revolutions with `samples` readings; None if one lasts more than `longest_s`.
+
+    A disturbance that goes once, or a few times, with each revolution (the Earth's horizontal rate on a tilted axis,
+    ripple of the table) has a mean of zero over evenly spaced readings whose number has no factor in common with that
+    of the turns. Readings are never closer than `interval_s`.
+    """
+    if rate_deg_s == 0.0 or 360.0 / abs(rate_deg_s) > longest_s:
+        return None
+    turn_s = 360.0 / abs(rate_deg_s)
+    for turns in count(max(1, math.ceil(samples * interval_s / turn_s - 1e-9))):
+        most = math.floor(turns * turn_s / interval_s + 1e-9)
+        if found := [number for number in range(samples, most + 1) if math.gcd(turns, number) == 1]:
+            return Grid(found[-1], turns * turn_s / found[-1], turns)
+    return None
+
+
+def window_grid(settings: ProcedureSettings, table_deg_s: float) -> Grid:
+    """Return the readings of a window at a rate of the table."""
+    ordinary = Grid(settings.samples, settings.sample_interval_s)
+    if not isinstance(settings, SweepSettings) or not settings.whole_turns:
+        return ordinary
+    return whole_turns(table_deg_s, *ordinary[:2], settings.longest_turn_s) or ordinary
+
+
+def no_whole_turn(settings: SweepSettings, rate_deg_s: float) -> str:
+    """Return the reason for a window without whole turns at a rate, with its length instead."""
+    instead = f"the window lasts {settings.samples * settings.sample_interval_s:g} s, as without whole_turns"
+    if rate_deg_s == 0.0:
+        return f"0 deg/s: the table does not turn, so what its heading does to the output stays in it; {instead}"
+    turn_s = 360.0 / abs(rate_deg_s)
+    return (
+        f"{abs(rate_deg_s):g} deg/s: one turn takes {turn_s:g} s, more than {settings.longest_turn_s:g} s "
+        f"(longest_turn_s); {instead}"
+    )
+
+
+def sweep_words(settings: SweepSettings) -> str:
+    """Say how the rates are visited where it is not the paper's way; empty where it is."""
+    if settings.as_in_the_paper:
+        return ""
+    zeros = {
+        Zeros.NONE: "no zeros between",
+        Zeros.ENDS: "a zero before and after each series",
+        Zeros.BRACKET: "a zero before and after each rate",
+    }[settings.zeros]
+    if settings.zeros is Zeros.ENDS and settings.order is Order.PAPER:
+        zeros += " (two zeros know a drift less well than rates that fall or rise count it: u grows; abba, bracket)"
+    words = [f"order {settings.order.value}", zeros]
+    words += ["whole turns"] if settings.whole_turns else []
+    words += [f"{settings.repeat} times"] if settings.repeat > 1 else []
+    words += ["the Earth's rate added to the table's"] if settings.earth is Earth.RATE else []
+    return ": " + ", ".join(words)
+
+
+def earth_left_deg_s(settings: ProcedureSettings) -> float | None:
+    """Return the limit of the Earth's rate left by a tilted axis, deg/s; None where that rate was not taken out."""
+    if not isinstance(settings, SweepSettings) or settings.earth is Earth.BIAS or settings.station.latitude_deg is None:
+        return None
+    level_deg_s = EARTH_DEG_S * math.cos(math.radians(settings.station.latitude_deg))
+    return level_deg_s * math.sin(math.radians(settings.axis_tilt_deg))
