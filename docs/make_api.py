@@ -14,6 +14,8 @@ from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vcfbench.faces import homes
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
@@ -61,11 +63,8 @@ def groups() -> Iterator[tuple[str, list[str]]]:
 
 
 def public_homes() -> dict[str, str]:
-    """Return the module of each public name, as the face of the package imports them."""
-    face = source_of("vcfbench")[1]
-    branch = next(node for node in face.body if isinstance(node, ast.If))
-    imports = (node for node in branch.body if isinstance(node, ast.ImportFrom))
-    return {alias.name: str(node.module) for node in imports for alias in node.names}
+    """Return the module of each public name, as the stub of the package imports them."""
+    return homes(str(PACKAGE / "__init__.py"))
 
 
 @cache

@@ -5,7 +5,7 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.reports.bench_state import BenchState
 from vcfbench.steps import ConfigureGenerator, EnableVvc, SetSine, SetVvc, VvcSetting, Window
 from vcfbench.steps.executor import Event, Executor, StepFinished, StepStarted
-from vcfbench.steps.wait import Done
+from vcfbench.steps.step import Done
 
 
 class States:

@@ -47,7 +47,7 @@ from vcfbench.steps.source import (
     SetVvc,
     VvcSetting,
 )
-from vcfbench.steps.step import Effect, Outcome, Plan, Reading, Step, StepResult
+from vcfbench.steps.step import Done, Effect, Outcome, Plan, Reading, Step, StepResult
 from vcfbench.steps.supply import (
     CheckRails,
     ConfigureRail,
@@ -65,7 +65,7 @@ from vcfbench.steps.v_vc import (
     VvcMeasured,
     VvcWindow,
 )
-from vcfbench.steps.wait import Done, NotChecked, Note, Settle
+from vcfbench.steps.wait import NotChecked, Note, Settle
 
 __all__ = [
     "AcMeasured",

@@ -8,8 +8,7 @@ from msgspec import Struct
 
 from vcfbench.clock import sleep
 from vcfbench.steps.operator import AskOperator
-from vcfbench.steps.step import Effect, Step, StepResult, problem
-from vcfbench.steps.wait import Done
+from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
 
 if TYPE_CHECKING:
     from vcfbench.station.limits import LimitChecks
@@ -59,11 +58,6 @@ class SetTemperature(Step, Struct, frozen=True):
         chamber.set_settled(self.window_k, self.soak_s)
         if not chamber.flow_enabled():
             chamber.enable_flow()
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that it is set."""
-        del gyro
         return Done()
 
 
@@ -130,11 +124,6 @@ class StopFlow(Step, Struct, frozen=True):
     def perform(self, context: Context) -> Done:
         """Stop it."""
         context.bench.chamber.disable_flow()
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that it is off."""
-        del gyro
         return Done()
 
 

@@ -12,11 +12,10 @@ from vcfbench.errors import ConfigError
 from vcfbench.interfaces import ReadsAcVoltage
 from vcfbench.records.schema import Point, fits_one_chunk
 from vcfbench.steps.scatter import NoiseSeen
-from vcfbench.steps.step import Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.step import Done, Effect, Reading, Step, StepResult, problem
 from vcfbench.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
 from vcfbench.steps.table import read_rate
 from vcfbench.steps.tally import Tally
-from vcfbench.steps.wait import Done
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -109,11 +108,6 @@ class ConfigureMeter(Step, Struct, frozen=True):
     def perform(self, context: Context) -> Done:
         """Select both."""
         context.bench.multimeter.configure_dc_voltage(self.range_v, self.nplc)
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that they are selected."""
-        del gyro
         return Done()
 
 

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from msgspec import Struct
 
-from vcfbench.steps.step import Effect, Step, StepResult, problem
-from vcfbench.steps.wait import Done
+from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
 
 if TYPE_CHECKING:
     from vcfbench.station.limits import LimitChecks
@@ -179,11 +178,6 @@ class SetVibration(SetSine, frozen=True):
         context.bench.vibration_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
         return Done()
 
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that V_Vc stays in the mean."""
-        del gyro
-        return Done()
-
 
 class EnableVibration(Step, Struct, frozen=True):
     """Switch the second generator's output on."""
@@ -204,11 +198,6 @@ class EnableVibration(Step, Struct, frozen=True):
             raise problem(source, "the output was switched on but reads back off")
         return Done()
 
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that V_Vc stays in the mean."""
-        del gyro
-        return Done()
-
 
 class DisableVibration(Step, Struct, frozen=True):
     """Switch the second generator's output off."""
@@ -227,9 +216,4 @@ class DisableVibration(Step, Struct, frozen=True):
         source.disable_output()
         if source.output_enabled():
             raise problem(source, "the output was switched off but reads back on")
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that V_Vc stays in the mean."""
-        del gyro
         return Done()

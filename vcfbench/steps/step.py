@@ -298,6 +298,10 @@ class StepResult:
         return ""
 
 
+class Done(StepResult, Struct, frozen=True):
+    """A step was performed and gave nothing to look at."""
+
+
 class Step:
     """Common base of all steps; each kind is its own frozen dataclass or msgspec struct.
 
@@ -332,8 +336,12 @@ class Step:
         raise NotImplementedError
 
     def predict(self, gyro: LinearGyro) -> StepResult:
-        """Return the result that the step would have with `gyro` on the bench; nothing is opened or sent."""
-        raise NotImplementedError
+        """Return the result that the step would have with `gyro` on the bench; nothing is opened or sent.
+
+        By default it is done, and there is nothing to look at.
+        """
+        del gyro
+        return Done()
 
     def within(self, limits: LimitChecks) -> None:
         """Raise LimitError when the step would leave the limits of the bench. One that sets nothing cannot."""

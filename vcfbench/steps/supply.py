@@ -9,8 +9,7 @@ from msgspec import Struct
 
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.interfaces import Regulation
-from vcfbench.steps.step import Effect, Step, StepResult, problem
-from vcfbench.steps.wait import Done
+from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
 
 if TYPE_CHECKING:
     from vcfbench.interfaces import PowerSupply
@@ -69,11 +68,6 @@ class ConfigureRail(Step, Struct, frozen=True):
         context.bench.power.configure_output(self.output, self.voltage_v, self.current_limit_a)
         return Done()
 
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that it is set."""
-        del gyro
-        return Done()
-
 
 class EnableSupply(Step, Struct, frozen=True):
     """Switch the supply outputs on."""
@@ -91,11 +85,6 @@ class EnableSupply(Step, Struct, frozen=True):
         context.bench.power.enable_outputs()
         return Done()
 
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that they are on."""
-        del gyro
-        return Done()
-
 
 class DisableSupply(Step, Struct, frozen=True):
     """Switch the supply outputs off."""
@@ -111,11 +100,6 @@ class DisableSupply(Step, Struct, frozen=True):
     def perform(self, context: Context) -> Done:
         """Switch off."""
         context.bench.power.disable_outputs()
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that they are off."""
-        del gyro
         return Done()
 
 

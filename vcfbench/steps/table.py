@@ -8,8 +8,8 @@ from msgspec import Struct
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.errors import InterlockError
-from vcfbench.steps.step import Effect, Step, StepResult, problem
-from vcfbench.steps.wait import Done, Settle
+from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
+from vcfbench.steps.wait import Settle
 
 if TYPE_CHECKING:
     from vcfbench.interfaces import RateTable
@@ -53,11 +53,6 @@ class EnableTable(Step, Struct, frozen=True):
         context.bench.rate_table.enable()
         return Done()
 
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that it is closed."""
-        del gyro
-        return Done()
-
 
 class DisableTable(Step, Struct, frozen=True):
     """Open the table's servo; the table is at rest."""
@@ -78,11 +73,6 @@ class DisableTable(Step, Struct, frozen=True):
     def perform(self, context: Context) -> Done:
         """Open the servo."""
         context.bench.rate_table.disable()
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that it is open."""
-        del gyro
         return Done()
 
 
@@ -119,11 +109,6 @@ class SetRate(Step, Struct, frozen=True):
     def perform(self, context: Context) -> Done:
         """Start the ramp."""
         context.bench.rate_table.set_rate(self.rate_deg_s, self.acceleration_deg_s2)
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that the ramp begins."""
-        del gyro
         return Done()
 
 

@@ -10,9 +10,8 @@ from msgspec.structs import replace
 from vcfbench.interfaces import BeginsReadings
 from vcfbench.records.schema import Point
 from vcfbench.steps.meter import Acquire, ConfigureMeter, Window
-from vcfbench.steps.step import Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.step import Done, Effect, Reading, Step, StepResult, problem
 from vcfbench.steps.tally import Tally
-from vcfbench.steps.wait import Done
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

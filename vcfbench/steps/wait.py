@@ -7,15 +7,10 @@ from typing import TYPE_CHECKING, ClassVar
 from msgspec import Struct
 
 from vcfbench.clock import sleep
-from vcfbench.steps.step import Effect, Step, StepResult
+from vcfbench.steps.step import Done, Effect, Step
 
 if TYPE_CHECKING:
-    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context
-
-
-class Done(StepResult, Struct, frozen=True):
-    """A step was performed and gave nothing to look at."""
 
 
 class Note(Step, Struct, frozen=True):
@@ -30,11 +25,6 @@ class Note(Step, Struct, frozen=True):
     def perform(self, context: Context) -> Done:
         """Do nothing."""
         del context
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict nothing."""
-        del gyro
         return Done()
 
 
@@ -58,11 +48,6 @@ class NotChecked(Step, Struct, frozen=True):
         del context
         return Done()
 
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict nothing."""
-        del gyro
-        return Done()
-
 
 class Settle(Step, Struct, frozen=True):
     """Wait for the bench to come to rest."""
@@ -79,11 +64,6 @@ class Settle(Step, Struct, frozen=True):
     def perform(self, context: Context) -> Done:
         """Wait."""
         sleep(context.bench.clock, self.seconds)
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that time passes."""
-        del gyro
         return Done()
 
     @property

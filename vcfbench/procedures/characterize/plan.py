@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from vcfbench.records.devices import NewEntry
     from vcfbench.reports.document import Report
     from vcfbench.specifications import VoltmeterSpecification
-    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.station.settings import PlacedInstrument
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context, StepResult
@@ -328,11 +327,6 @@ class BeginPart(Step, Struct, frozen=True):
     def perform(self, context: Context) -> Done:
         """Do nothing."""
         del context
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict nothing."""
-        del gyro
         return Done()
 
 

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
     from vcfbench.procedures.temperature.settings import TemperatureSettings
     from vcfbench.records.schema import Point
-    from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context
 
@@ -68,11 +67,6 @@ class AtTemperature(Step, Struct, frozen=True):
     def perform(self, context: Context) -> Done:
         """Do nothing."""
         del context
-        return Done()
-
-    def predict(self, gyro: LinearGyro) -> Done:
-        """Predict nothing."""
-        del gyro
         return Done()
 
 

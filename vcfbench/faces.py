@@ -1,0 +1,14 @@
+"""Public faces of packages: the stub beside ``__init__.py`` is the one list of their names."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+_IMPORT = re.compile(r"^from (\S+) import ([^(\n]+|\([^)]*\))", re.MULTILINE)
+
+
+def homes(init: str) -> dict[str, str]:
+    """Return the module of each public name, as the stub beside the file `init` imports them."""
+    text = Path(init).with_suffix(".pyi").read_text(encoding="utf-8")
+    return {name: module for module, names in _IMPORT.findall(text) for name in re.findall(r"(\w+) as \1", names)}
