@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from vcfbench.analysis.model_fit import ModelFit
     from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
@@ -29,6 +27,11 @@ _FLOOR = 0.6643
 """Floor of the Allan deviation over the bias instability."""
 _SHOWS = 3.0
 """An exponential below so many of its uncertainties is not seen, and has no time constant."""
+_PARAMETERS = 3
+_LONGEST = 3.0
+"""Longest time constant that is looked for, in lengths of the record: beyond, the creep is a line in it."""
+_TIME_CONSTANTS = 300
+"""Number of time constants that are tried."""
 _FIT_S = 10.0
 """The curve is fitted to means of so many seconds."""
 
@@ -116,16 +119,14 @@ def warmup_results(
 
     begin_s, end_s, means, u_scatter = _means(windows, interval_s)
     u_white = np.maximum(u_scatter, resolution_deg_s / math.sqrt(12.0))
-    fit = _fitted(begin_s, end_s, means, u_white, instability_deg_s) if creeps else None
-    bias, u_bias, chi_square, dof = _constant(begin_s, end_s, means, u_white, instability_deg_s)
-    seen = False
-    if fit is not None:
-        chi_square, dof = fit.chi_square, fit.dof
-        (fitted_bias, amplitude, tau_s), u = fit.parameters.tolist(), np.sqrt(np.diag(fit.covariance)).tolist()
-        u_fitted_bias, u_amplitude, u_tau = u
-        seen = abs(amplitude) > _SHOWS * u_amplitude and tau_s > _SHOWS * u_tau
-        if seen:
-            bias, u_bias = fitted_bias, u_fitted_bias
+    root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
+    bias, u_bias, chi_square = _constant(root, means)
+    dof, creep = means.size - 1, None
+    if creeps and means.size > _PARAMETERS:
+        found = _creep(begin_s, end_s, means, root, instability_deg_s)
+        if chi_square - found.chi_square > _SHOWS**2:
+            creep, (bias, u_bias) = found, found.bias
+            chi_square, dof = found.chi_square, means.size - _PARAMETERS
     window_s = float(begin_s[0]), float(end_s[-1])
     each = [(float(t_s.mean()), float(rate.mean()), float(np.std(rate, ddof=1)), rate.size) for t_s, rate in windows]
     return WarmupResult(
@@ -133,10 +134,10 @@ def warmup_results(
         turn_on_resolution_s=max((later[0] - t_s for (t_s, _), later in pairwise(log)), default=0.0),
         steady=steady,
         lasted_s=float(end_s[-1]),
-        bias_end=_bias_end(settings, scale, (bias, u_bias, seen), instability_deg_s, window_s),
-        amplitude=_of_fit(amplitude, u_amplitude, "deg/s") if seen else None,
-        time_constant=_of_fit(tau_s, u_tau, "s") if seen else None,
-        warm_up=_warm_up(fit, instability_deg_s) if seen else None,
+        bias_end=_bias_end(settings, scale, (bias, u_bias, creep is not None), instability_deg_s, window_s),
+        amplitude=None if creep is None else _of_fit(*creep.amplitude, "deg/s"),
+        time_constant=None if creep is None else creep.time_constant,
+        warm_up=None if creep is None else creep.warm_up,
         bias_instability_deg_s=instability_deg_s,
         chi_square=chi_square,
         dof=dof,
@@ -231,65 +232,76 @@ def _root_of_covariance(begin_s: Floats, end_s: Floats, u_white: Floats, instabi
     return np.asarray(np.linalg.cholesky(slow + np.diag(u_white**2)), dtype=np.float64)
 
 
-def _fitted(begin_s: Floats, end_s: Floats, means: Floats, u_white: Floats, instability_deg_s: float) -> Any:
-    """Fit b_inf + a exp(-t / tau), each mean the integral over its seconds, by generalised least squares.
+@dataclass(frozen=True, slots=True)
+class _Creep:
+    """Exponential b_inf + a exp(-t / tau) of the means."""
 
-    None: the means do not determine an exponential.
+    bias: tuple[float, float]
+    """b_inf and its standard uncertainty, deg/s."""
+    amplitude: tuple[float, float]
+    time_constant: Measurand
+    warm_up: Measurand
+    chi_square: float
+
+
+def _constant(root: Floats, means: Floats) -> tuple[float, float, float]:
+    """Return mean, its standard uncertainty and chi-square of means without an exponential."""
+    import numpy as np  # noqa: PLC0415
+
+    ones, white = np.linalg.solve(root, np.column_stack([np.ones(means.size), means])).T
+    weight = float(ones @ ones)
+    mean = float(ones @ white) / weight
+    return mean, 1.0 / math.sqrt(weight), float(((white - mean * ones) ** 2).sum())
+
+
+def _creep(begin_s: Floats, end_s: Floats, means: Floats, root: Floats, instability_deg_s: float) -> _Creep:
+    """Return the exponential of the means, each the integral over its seconds, weighed by its likelihood.
+
+    A time constant that noise has made short looks better known than it is, a long one worse: the slope of the fit at
+    what was found is no measure of its uncertainty. So every time constant counts by its best fit, any logarithm being
+    as likely beforehand, from a block's length to some records'.
     """
     import numpy as np  # noqa: PLC0415
 
-    from vcfbench.analysis.model_fit import fit_model  # noqa: PLC0415
-
-    root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
-
-    def residuals(parameters: Floats) -> Floats:
-        bias, amplitude, tau_s = parameters
-        tau_s = max(abs(tau_s), 1.0)
-        mean = tau_s * (np.exp(-begin_s / tau_s) - np.exp(-end_s / tau_s)) / (end_s - begin_s)
-        return np.asarray(np.linalg.solve(root, means - bias - amplitude * mean))
-
-    last, first = float(means[-(means.size // 3) :].mean()), float(means[: max(1, means.size // 20)].mean())
-    amplitude = first - last if first != last else float(u_white[0])
-    starts = [np.array([last, amplitude, share * float(end_s[-1])]) for share in (0.02, 0.08, 0.3)]
-    fits = []
-    for start in starts:
-        try:
-            fits.append(fit_model(residuals, start, "warm-up"))
-        except ConfigError:
-            continue
-    best = min(fits, key=lambda fit: fit.chi_square, default=None)
-    return None if best is None else _positive(best)
-
-
-def _positive(fit: ModelFit) -> ModelFit:
-    """Return a fit with its time constant positive: the search may end at either sign, which means the same."""
-    import numpy as np  # noqa: PLC0415
-
-    turn = np.array([1.0, 1.0, -1.0 if fit.parameters[2] < 0.0 else 1.0])
-    return replace(fit, parameters=fit.parameters * turn, covariance=fit.covariance * np.outer(turn, turn))
-
-
-def _constant(
-    begin_s: Floats, end_s: Floats, means: Floats, u_white: Floats, instability_deg_s: float
-) -> tuple[float, float, float, int]:
-    """Return mean, its standard uncertainty, chi-square and degrees of freedom of means without an exponential."""
-    import numpy as np  # noqa: PLC0415
-
-    root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
-    ones, white = np.linalg.solve(root, np.ones(means.size)), np.linalg.solve(root, means)
+    tau_s = np.geomspace(_FIT_S, _LONGEST * float(end_s[-1]), _TIME_CONSTANTS)
+    begun, ended = (np.exp(-np.outer(each, 1.0 / tau_s)) for each in (begin_s, end_s))
+    decays = tau_s * (begun - ended) / (end_s - begin_s)[:, None]
+    ones, white = np.linalg.solve(root, np.column_stack([np.ones(means.size), means])).T
+    decays = np.linalg.solve(root, decays)
     weight = float(ones @ ones)
-    mean = float(ones @ white) / weight
-    return mean, 1.0 / math.sqrt(weight), float(((white - mean * ones) ** 2).sum()), means.size - 1
+    mean, shares = float(ones @ white) / weight, ones @ decays / weight
+    white, decays = white - mean * ones, decays - np.outer(ones, shares)
+    squares = (decays**2).sum(axis=0)
+    amplitudes = white @ decays / squares
+    chi_square = float(white @ white) - amplitudes**2 * squares
+    likely = np.exp(-0.5 * (chi_square - chi_square.min()))
+    likely /= likely.sum()
+
+    def known(values: Floats, variances: Floats) -> tuple[float, float]:
+        middle = float(likely @ values)
+        return middle, math.sqrt(float(likely @ (variances + (values - middle) ** 2)))
+
+    warm_up_s = tau_s * np.log(np.maximum(np.abs(amplitudes) / instability_deg_s, 1.0))
+    by_amplitude, cools = np.zeros(tau_s.size), warm_up_s > 0.0
+    by_amplitude[cools] = (tau_s**2 / squares)[cools] / amplitudes[cools] ** 2
+    return _Creep(
+        known(mean - amplitudes * shares, 1.0 / weight + shares**2 / squares),
+        known(amplitudes, 1.0 / squares),
+        _stated(tau_s, likely, known(tau_s, 0.0 * tau_s)),
+        _stated(warm_up_s, likely, known(warm_up_s, by_amplitude)),
+        float(chi_square.min()),
+    )
 
 
-def _warm_up(fit: Any, instability_deg_s: float) -> Measurand:
-    from vcfbench.analysis.model_fit import propagated  # noqa: PLC0415
+def _stated(values_s: Floats, likely: Floats, found: tuple[float, float]) -> Measurand:
+    """Return a time, with the half width about it that holds 95 % of the likelihood as its U95."""
+    import numpy as np  # noqa: PLC0415
 
-    def warm_s(parameters: Floats) -> float:
-        return float(parameters[2] * math.log(abs(parameters[1]) / instability_deg_s))
-
-    time_s = warm_s(fit.parameters)
-    return _of_fit(time_s, propagated(warm_s, fit), "s") if time_s > 0.0 else _of_fit(0.0, 0.0, "s")
+    value, u = found
+    away = np.abs(values_s - value)
+    order = np.argsort(away)
+    half = float(away[order][np.searchsorted(np.cumsum(likely[order]), 0.95)])
+    return Measurand(value, u, "s", None, half / u if u else 0.0, half, (UncertaintyPart("fit", u),))
 
 
 def warmup_report(results: WarmupResult) -> Report:
