@@ -291,6 +291,18 @@ def self_calibration(seed: int, where: str) -> Iterator[Stated]:
     yield from stated("drift", found.drift.change_ppm, 0.0)
 
 
+def self_calibration_as_set(seed: int, where: str) -> Iterator[Stated]:
+    """K_Vc with V_Vc measured, then the gyroscope by itself, V_Vc believed as it is set, the ranges unknown."""
+    bench = drawn_bench(seed, told={"generator_ranges_v": None})
+    true = Truth.of(bench)
+    settings = {"warm_up_s": 1800.0, "dut": "G", "devices": f"{where}/devices"}
+    run("kvc", bench, 2 * seed, where, **settings)
+    found = run("self-calibration", another_day(bench), 2 * seed + 1, where, v_vc="set", **settings).results
+    yield from stated("bias", found.bias, true.bias_v)
+    yield from stated("scale_factor", found.scale_factor, true.scale_factor)
+    yield from stated("drift", found.drift.change_ppm, 0.0)
+
+
 def characterize(seed: int, where: str) -> Iterator[Stated]:
     """The session whose later parts are warm: values of its parts, and biases as the data sheet has them."""
     bench = drawn_bench(seed)
@@ -588,6 +600,7 @@ STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "kvc": kvc,
     "kvc-as-set": kvc_as_set,
     "self-calibration": self_calibration,
+    "self-calibration-as-set": self_calibration_as_set,
     "characterize": characterize,
     "bandwidth": bandwidth,
     "resonance": resonance,

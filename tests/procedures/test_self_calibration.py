@@ -25,6 +25,7 @@ from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, 
 from vcfbench.sim.builder import physical_parameters
 from vcfbench.station.parts import AcceptanceLimits
 from vcfbench.station.settings import PlacedInstrument
+from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
     from vcfbench.station.description import BenchDescription
@@ -204,6 +205,39 @@ def test_a_simulated_meter_without_a_number_is_the_same_at_the_same_seed(tmp_pat
     same, other = (run(tmp_path, LAB, settings, seed).drift.cancelled for seed in (1, 2))
     assert "the multimeter's gain (34401A at GPIB0::22::INSTR of lab, seed 1)" in same
     assert not [each for each in other if "multimeter" in each]
+
+
+def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator_s_ranges(tmp_path: Path) -> None:
+    errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
+    bench = structs.replace(LAB, simulation=structs.replace(LAB.simulation, errors=errors))
+    unknown = structs.replace(bench, uncertainty=structs.replace(bench.uncertainty, generator_ranges_v=None))
+    settings = {**calibrated(tmp_path, bench), "v_vc": "set"}
+    told, found = (run(tmp_path, each, settings) for each in (bench, unknown))
+    ranges = {part.source for part in told.scale_factor.parts if part.rectangular and "V range" in part.source}
+    assert len(ranges) == 8  # gain and offset of those that three levels and their zero are on
+    assert "gain of what V_Vc is known by, 3.16 V range" in ranges
+    for each in (told, found):
+        assert abs(each.drift.change_ppm.value) <= each.drift.change_ppm.expanded_u
+    assert (
+        0.005
+        < told.scale_factor.u / abs(told.scale_factor.value)
+        <= found.scale_factor.u / abs(found.scale_factor.value)
+    )
+
+
+def test_a_served_bench_tells_its_instruments_apart_by_its_seed(tmp_path: Path) -> None:
+    """A server does not say which of its instruments are drawn: all of another seed are others."""
+    cancelled = []
+    with serve_simulated(LAB, seed=1) as served:
+        settings = {**QUICK, "match_rates_deg_s": RATES, "dut": "G-1", "devices": str(tmp_path / "devices")}
+        vcfbench.run("kvc", served.on_wires(), settings=settings, runs=tmp_path)
+        del settings["match_rates_deg_s"]
+        for seed in (1, 2):
+            served.reset(seed)
+            found = vcfbench.run("self-calibration", served.on_wires(), settings=settings, runs=tmp_path).results
+            cancelled.append([each for each in found.drift.cancelled if "seed" in each])
+    assert any("the multimeter's gain" in each for each in cancelled[0])
+    assert not cancelled[1]
 
 
 def test_a_real_instrument_tells_its_number_where_the_bench_file_does_not() -> None:

@@ -617,17 +617,16 @@ def _key_of(description: BenchDescription) -> SigningKey | None:
 def _identified(prepared: Prepared, identities: Mapping[str, Identity], seed: int | None) -> Prepared:
     """Return the prepared run with the instruments told apart, by the serial numbers that they answered.
 
-    Simulated ones answer one and the same, whichever specimen the seed has drawn: there the seed tells.
+    Simulated ones answer one and the same, whichever specimen the seed has drawn: there the seed tells. What a server
+    draws of its bench it does not say, so all of its instruments go by its seed.
     """
     settings, description = prepared.settings, prepared.description
-    if description.simulation is not None:
-        errors = description.simulation.errors
+    if description.simulated:
+        simulation = description.simulation
         placed = {
-            role: each.drawn_by(seed) if "drawn" in getattr(errors, role, ()) else each
+            role: each.drawn_by(seed) if simulation is None or "drawn" in getattr(simulation.errors, role, ()) else each
             for role, each in settings.station.instruments.items()
         }
-    elif description.simulated:
-        return prepared
     else:
         placed = {
             role: each.answering(identities[role].serial) if role in identities else each

@@ -30,6 +30,7 @@ from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
 from vcfbench.procedures.shared.known.levels import K_VC_UNIT
 from vcfbench.procedures.shared.known.v_vc import (
     METER_GAIN,
+    RESOLUTION,
     V_VC_GAIN,
     V_VC_NOISE,
     V_VC_OFFSET,
@@ -155,7 +156,6 @@ _HOLDS_NOT = (
 READ_TABLE, READ_DRIVEN = "readings on the table", "readings with V_Vc"
 RATE, EARTH = "the table's rate", "the Earth's rate and the tilt of the axis"
 MISALIGNMENT = "misalignment of the gyroscope on the table"
-RESOLUTION = "steps of the generator"
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,11 +43,13 @@ from vcfbench.procedures.self_calibration.shape import (
 )
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.budget.at_rest import as_rate
+from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.known.certificate import Drift, drift_of, drift_parts, shares_of
 from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
 from vcfbench.procedures.shared.known.v_vc import (
     METER_GAIN,
     READINGS,
+    RESOLUTION,
     V_VC_GAIN,
     V_VC_NOISE,
     V_VC_OFFSET,
@@ -251,8 +253,8 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     without = missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": without, "ppm": ()}
     scale_factor, line, nonlinearity = (
-        measurand(float(value), unit, [_signed(part, of, place) for part, of in parts], missing[unit])
-        for place, (value, unit) in enumerate(zip(values, units, strict=True))
+        measurand(float(value), unit, of_value, missing[unit])
+        for value, unit, of_value in zip(values, units, parts, strict=True)
     )
     curve = seen.curve(coefficients, seen.v_vc_v, seen.output_v)
     rates = seen.rates(curve, seen.v_vc_v)
@@ -383,8 +385,8 @@ _Effect: TypeAlias = "tuple[str, Floats, float | None]"
 
 def _parts(
     settings: SelfCalibrationSettings, seen: _Measured, k: Floats, since: Sequence[UncertaintyPart]
-) -> list[tuple[_Effect, str | None]]:
-    """Return each source with its effects on the three estimates, its degrees of freedom, and whose it is."""
+) -> list[list[UncertaintyPart]]:
+    """Return the contributions to each of the three estimates."""
     v, y = seen.v_vc_v, seen.output_v
     by_output = _jacobian(lambda at: seen.estimates(k, v, at), y, np.full(y.size, 1e-4 * np.abs(y).max()))
     by_v = _jacobian(lambda at: seen.estimates(k, at, y), v, np.full(v.size, 1e-5 * np.abs(v).max()))
@@ -416,10 +418,24 @@ def _parts(
             continue
         whose = of or f"{settings.known.source}: {name}"
         found.append(((f"certificate: {name}", _u_of(by_k, covariance), dof), whose))
-    if not same_meter:
+    if not same_meter and settings.v_vc_role is not None:
         found.append(((V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None), error.owner))
         found.append(((V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None), error.owner))
-    return found
+    of_ranges = [_of_ranges(settings, v, by_v, place) for place in range(values.size)]
+    return [[_signed(*each, place) for each in found] + of_ranges[place] for place in range(values.size)]
+
+
+def _of_ranges(settings: SelfCalibrationSettings, v_vc_v: Floats, by_v: Floats, place: int) -> list[UncertaintyPart]:
+    """Return the contributions to one estimate of a generator whose setting is believed, of each of its ranges."""
+    if settings.v_vc_role is not None:
+        return []
+    levels, owner = known_levels((), settings.station.sources), v_vc_error(settings).owner
+    own_v = np.array([levels.u_besides_v(volts) for volts in v_vc_v])
+    parts = [UncertaintyPart(RESOLUTION, float(np.linalg.norm(by_v[place] * own_v)))]
+    for kind, where, covariance in levels.covariances(v_vc_v, by_v, place):
+        name, u = V_VC_GAIN if kind == "gain" else V_VC_OFFSET, math.sqrt(covariance[place, place])
+        parts.append(UncertaintyPart(f"{name}, {where}", u, None, owner, rectangular=True))
+    return parts
 
 
 def _jacobian(of: Callable[[Floats], Floats], at: Floats, sizes: Floats) -> Floats:

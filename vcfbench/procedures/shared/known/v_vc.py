@@ -41,6 +41,7 @@ V_VC_GAIN, V_VC_OFFSET, V_VC_NOISE = (
     "offset of what V_Vc is known by",
     "V_Vc's scatter",
 )
+RESOLUTION = "steps of the generator"
 """Sources of uncertainty that several procedures name, so that common errors cancel in differences."""
 
 
