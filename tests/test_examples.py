@@ -17,7 +17,7 @@ from simrack_tests.cells import few
 from tests.testing.test_plugin import run
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.fault_scripts import read_faults
-from vcfbench.studies.asked import read_study
+from vcfbench.studies.file import read_study
 from vcfbench.studies.one_run import PlannedRun, perform
 
 ROOT = Path(__file__).parents[1]

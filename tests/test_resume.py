@@ -25,7 +25,7 @@ from vcfbench.cli.main import app
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, PlanError
 from vcfbench.records.journal import read_journal
-from vcfbench.runs.asked import Asked, Checked
+from vcfbench.runs.request import Checked, Request
 from vcfbench.runs.resumed import broken_off
 from vcfbench.station.writing import bench_text
 
@@ -117,7 +117,7 @@ def test_a_break_on_a_real_bench_is_as_long_as_it_was(whole: Run, tmp_path: Path
     directory = cut(whole, tmp_path, 2)
     shift(directory, real)
     broken = broken_off(directory)
-    prepared = broken.prepare(Asked(broken.procedure), Checked())
+    prepared = broken.prepare(Request(broken.procedure), Checked())
     last = max(broken.record.steps, key=lambda line: line["n"])
     then = last["end_s"] + broken.record.header["began_s"]
     gone_s = utc_now() - datetime.fromisoformat(last["utc"])

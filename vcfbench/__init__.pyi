@@ -100,9 +100,9 @@ from vcfbench.reports.document import Series as Series
 from vcfbench.reports.document import Table as Table
 from vcfbench.reports.document import Text as Text
 from vcfbench.reports.text import text_of as text_of
-from vcfbench.runs.asked import DryRun as DryRun
-from vcfbench.runs.asked import dry_run as dry_run
 from vcfbench.runs.conduct import run as run
+from vcfbench.runs.request import DryRun as DryRun
+from vcfbench.runs.request import dry_run as dry_run
 from vcfbench.runs.resumed import resume as resume
 from vcfbench.runs.started import StartedRun as StartedRun
 from vcfbench.runs.started import start as start

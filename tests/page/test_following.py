@@ -11,7 +11,7 @@ from vcfbench.page.following import JournalFollower, RunFollower
 from vcfbench.page.view import BrowserPosition, View
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.journal import Journal, being_written
-from vcfbench.runs.asked import Beginning, dry_run
+from vcfbench.runs.request import Beginning, dry_run
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from vcfbench.errors import BenchError, ConfigError, LimitError, PlanError
-from vcfbench.studies.asked import read_study, study_of
+from vcfbench.studies.file import read_study, study_of
 
 if TYPE_CHECKING:
     from pathlib import Path

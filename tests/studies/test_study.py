@@ -19,8 +19,8 @@ from simrack_tests.ports import free_port
 
 import vcfbench
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
-from vcfbench.studies.asked import Study, read_study
 from vcfbench.studies.conduct import Quiet
+from vcfbench.studies.file import Study, read_study
 from vcfbench.studies.table import write_table
 
 if TYPE_CHECKING:

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from vcfbench.page.server import LivePage
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.reports.shielded import NoProgress
-    from vcfbench.runs.asked import Asked, Beginning, DryRun
     from vcfbench.runs.conduct import Preparing
     from vcfbench.runs.expected import Expectation
+    from vcfbench.runs.request import Beginning, DryRun, Request
     from vcfbench.safety.control import RunControl
     from vcfbench.safety.signals import StopSignals
     from vcfbench.station.layering import Layer
@@ -64,37 +64,37 @@ def conduct(
         _dry_run(procedure, settings, options)
         return
     from vcfbench.records.metadata import metadata_of  # noqa: PLC0415
-    from vcfbench.runs.asked import Asked, prepare  # noqa: PLC0415
+    from vcfbench.runs.request import Request, prepare  # noqa: PLC0415
 
     metadata = metadata_of(options.metadata)
-    asked = Asked(procedure, options.bench, options.seed, settings, options.runs, options.speed, metadata=metadata)
-    _carry_out(asked, prepare, options, ending)
+    request = Request(procedure, options.bench, options.seed, settings, options.runs, options.speed, metadata=metadata)
+    _carry_out(request, prepare, options, ending)
 
 
 def resume(name: str, procedure: Path | None, options: RunOptions, ending: SignalsWithoutBench | None = None) -> None:
     """Take up the run called `name`, or recorded in that directory; the rest as of :func:`conduct`."""
     from vcfbench.cli.person import agreed  # noqa: PLC0415
-    from vcfbench.runs.asked import Asked  # noqa: PLC0415
+    from vcfbench.runs.request import Request  # noqa: PLC0415
     from vcfbench.runs.resumed import broken_off  # noqa: PLC0415
 
     broken = broken_off(name, options.runs)
     beside = broken.directory.path.parent
     if procedure is None:
         broken.require_trust(options.yes or agreed)
-    asked = Asked(procedure or broken.procedure, options.bench, runs=beside, speed=options.speed)
+    request = Request(procedure or broken.procedure, options.bench, runs=beside, speed=options.speed)
     with broken.directory.alone():
-        _carry_out(asked, broken.prepare, options, ending)
+        _carry_out(request, broken.prepare, options, ending)
 
 
-def _carry_out(asked: Asked, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
+def _carry_out(request: Request, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
     from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
 
     control = _control(options)
     with (
         StopSignals() as signals,  # until all is written: a second Ctrl-C shall not cost the results
-        _page(asked, options, control) as page,
+        _page(request, options, control) as page,
     ):
-        run = _conducted(structs.replace(asked, control=control), preparing, options, signals, page)
+        run = _conducted(structs.replace(request, control=control), preparing, options, signals, page)
         if page is not None:
             page.ended(run)
         unwritten = given(lambda: _show(run, options))
@@ -118,13 +118,13 @@ def _control(options: RunOptions) -> RunControl | None:
     return RunControl()
 
 
-def _page(asked: Asked, options: RunOptions, control: RunControl | None) -> AbstractContextManager[LivePage | None]:
+def _page(request: Request, options: RunOptions, control: RunControl | None) -> AbstractContextManager[LivePage | None]:
     """Return the page of the run, which goes when it is left; None where none was asked for."""
     if not options.page or control is None:
         return nullcontext()
     from vcfbench.page.server import LivePage  # noqa: PLC0415  # few look at one
 
-    page = LivePage(asked.runs or options.runs, Path("devices"), options.port, control)
+    page = LivePage(request.runs or options.runs, Path("devices"), options.port, control)
     typer.echo(f"page: {page.address}", err=True)
     return page
 
@@ -153,17 +153,17 @@ def _keys(options: RunOptions, control: RunControl | None) -> Iterator[Keys | No
 
 
 def _conducted(
-    asked: Asked, preparing: Preparing, options: RunOptions, signals: StopSignals, page: LivePage | None
+    request: Request, preparing: Preparing, options: RunOptions, signals: StopSignals, page: LivePage | None
 ) -> Run:
     """Return the run, also one that an error ended."""
     from vcfbench.cli.person import agreed, at_the_terminal  # noqa: PLC0415
     from vcfbench.runs.conduct import conduct as conducted  # noqa: PLC0415
 
     try:
-        with _keys(options, asked.control) as keys:
+        with _keys(options, request.control) as keys:
             watched = structs.replace(
-                asked,
-                display=lambda beginning: _progress(options, beginning, page, asked.control),
+                request,
+                display=lambda beginning: _progress(options, beginning, page, request.control),
                 observers=() if page is None else (page,),
                 person=at_the_terminal(signals, keys, yes=options.yes),
                 options=structs.asdict(options),
@@ -232,12 +232,12 @@ def _show_text(run: Run, physical_minimum_s: float) -> None:
 
 def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> None:
     from vcfbench.records.metadata import metadata_of  # noqa: PLC0415
-    from vcfbench.runs.asked import Asked, Checked, prepare  # noqa: PLC0415
+    from vcfbench.runs.request import Checked, Request, prepare  # noqa: PLC0415
 
     try:
         metadata = metadata_of(options.metadata)
-        asked = Asked(procedure, options.bench, options.seed, settings, speed=options.speed, metadata=metadata)
-        planned = prepare(asked, Checked()).planned()
+        request = Request(procedure, options.bench, options.seed, settings, speed=options.speed, metadata=metadata)
+        planned = prepare(request, Checked()).planned()
     except BenchError as error:
         if options.json:
             print_json({"procedure": procedure.name, "dry_run": True, "error": str(error)})

@@ -56,8 +56,8 @@ def study(
     A study that was stopped, or killed, goes on where it was with the same command.
     """
     from vcfbench.files import shown  # noqa: PLC0415  # nothing heavy is imported before a command runs
-    from vcfbench.studies.asked import read_study  # noqa: PLC0415
     from vcfbench.studies.conduct import StudyOptions, conduct, plan_of  # noqa: PLC0415
+    from vcfbench.studies.file import read_study  # noqa: PLC0415
 
     asked = read_study(file)
     if trace is not None:

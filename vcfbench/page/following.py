@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from vcfbench.runs.asked import Beginning
+    from vcfbench.runs.request import Beginning
     from vcfbench.steps.executor import Event
 
 _AT_ONCE = 1 << 22

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from vcfbench.archive.run import Run
     from vcfbench.page.app import PageContent
-    from vcfbench.runs.asked import Beginning
+    from vcfbench.runs.request import Beginning
     from vcfbench.safety.control import RunControl
     from vcfbench.steps.executor import Event
 

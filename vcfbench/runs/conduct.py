@@ -22,8 +22,8 @@ from vcfbench.records.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.records.schema import Status
 from vcfbench.reports.kept import plain_report
 from vcfbench.runs.ambient import with_ambient
-from vcfbench.runs.asked import Asked, Beginning, Checked, blamed_on, prepare
 from vcfbench.runs.hands import operator_of, require_operator
+from vcfbench.runs.request import Beginning, Checked, Request, blamed_on, prepare
 from vcfbench.steps.executor import Executor, Paused, StepStarted
 from vcfbench.steps.step import LOOK_AT_SIGNALS
 from vcfbench.version import installed_versions
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from vcfbench.records.journal import Journal
     from vcfbench.records.signing import SigningKey
     from vcfbench.reports.shielded import Shielded
-    from vcfbench.runs.asked import DryRun, Prepared
     from vcfbench.runs.pausing import Pausing
+    from vcfbench.runs.request import DryRun, Prepared
     from vcfbench.safety.control import RunControl
     from vcfbench.safety.signals import StopSignals
     from vcfbench.safety.trust import Trust
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from vcfbench.steps.executor import Event, Execution, Observer
     from vcfbench.steps.step import Operator
 
-    Preparing = Callable[[Asked, Checked], Prepared]
+    Preparing = Callable[[Request, Checked], Prepared]
 
 _OVERTIME_S: Final = 60.0
 """By how much a step may take longer than twice its estimate, wall time."""
@@ -116,7 +116,7 @@ def run(
         "speed": speed,
         "settings": dict(settings or {}),
     }
-    asked = Asked(
+    request = Request(
         procedure,
         bench,
         seed,
@@ -131,7 +131,7 @@ def run(
         trust=trust,
     )
     with StopSignals() as signals:
-        return conduct(asked, signals)
+        return conduct(request, signals)
 
 
 def _words_for(bench: BenchDescription | Path | str | None) -> str | None:
@@ -140,10 +140,10 @@ def _words_for(bench: BenchDescription | Path | str | None) -> str | None:
     return None if bench is None else str(getattr(bench, "name", bench))
 
 
-def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) -> Run:
-    """Perform the request `asked`, made ready by `preparing`, while `signals` are watched; see :func:`run`."""
-    course = _Course(asked, preparing)
-    control = nullcontext() if asked.control is None else asked.control.of_run(signals)
+def conduct(request: Request, signals: StopSignals, preparing: Preparing = prepare) -> Run:
+    """Perform `request`, made ready by `preparing`, while `signals` are watched; see :func:`run`."""
+    course = _Course(request, preparing)
+    control = nullcontext() if request.control is None else request.control.of_run(signals)
     try:
         with control:
             _perform(course, signals)
@@ -164,20 +164,20 @@ def conduct(asked: Asked, signals: StopSignals, preparing: Preparing = prepare) 
 
 def _notify(course: _Course) -> None:
     """Tell the program that the bench file names; a failure of it does not change the outcome of the run."""
-    description, asked = course.checked.description, course.asked
-    if description is None or description.notify is None or (asked.runs is None and course.error is None):
+    description, request = course.checked.description, course.request
+    if description is None or description.notify is None or (request.runs is None and course.error is None):
         return
     from vcfbench.runs.notified import notify, outcome_of  # noqa: PLC0415  # few stations have one
 
     with suppress(Exception):
         if (failure := notify(description.notify, outcome_of(course.as_run()))) is not None:
-            asked.warn(f"nobody was notified: {failure}")
+            request.warn(f"nobody was notified: {failure}")
 
 
 class _Course(Struct):
     """State of a run under way, filled in as it becomes known; the unknown rest stays empty."""
 
-    asked: Asked
+    request: Request
     preparing: Preparing
     checked: Checked = field(default_factory=Checked)
     header: Mapping[str, Any] = field(default_factory=dict)
@@ -241,26 +241,26 @@ def _perform(course: _Course, signals: StopSignals) -> None:
     from vcfbench.runs.needs import roles_of  # noqa: PLC0415
     from vcfbench.safety.trust import require_library  # noqa: PLC0415
 
-    asked = course.asked
+    request = course.request
     with _PREPARING:
-        prepared = course.preparing(asked, course.checked)
-        require_library(prepared.description, asked.trust)
+        prepared = course.preparing(request, course.checked)
+        require_library(prepared.description, request.trust)
         planned = prepared.planned()
-        require_operator(asked, prepared.description, planned)
+        require_operator(request, prepared.description, planned)
         if prepared.description.simulated:
             _load_numpy()
-    _warn_of_calibrations(asked, prepared)
+    _warn_of_calibrations(request, prepared)
     record = _Record(course, prepared, planned)
-    course.observers = _shielded(asked.observers)
+    course.observers = _shielded(request.observers)
     directory = record.prepare()
     procedure, description = prepared.procedure, prepared.description
     kept = None if directory is None else directory.path
     beginning = Beginning(procedure, description, planned, kept, prepared.points())
-    display = Shielded(partial(asked.display, beginning))
+    display = Shielded(partial(request.display, beginning))
     try:
         with ExitStack() as watching:
             watchers = [watching.enter_context(each) for each in (display, *course.observers.values())]
-            seed, speed = course.checked.seed, asked.speed
+            seed, speed = course.checked.seed, request.speed
             needs = roles_of(prepared.procedure, prepared.description)
             now_s = prepared.now_s()
             opened = open_bench(
@@ -268,14 +268,14 @@ def _perform(course: _Course, signals: StopSignals) -> None:
                 seed=seed,
                 speed=speed,
                 signals=signals,
-                build=asked.build,
+                build=request.build,
                 needs=needs,
                 now_s=now_s,
                 trust=True,  # it was asked for
             )
             bench = watching.enter_context(opened)
             for each in sorted(set(bench.left_by.values())):
-                asked.warn(f"{each} died with this bench and nothing made it safe; its table stands now")
+                request.warn(f"{each} died with this bench and nothing made it safe; its table stands now")
             record.perform(bench, watchers, signals)
     except BaseException as error:
         course.take_error(_as_bench_error(error))
@@ -286,7 +286,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
         record.close(display.lost)
 
 
-def _warn_of_calibrations(asked: Asked, prepared: Prepared) -> None:
+def _warn_of_calibrations(request: Request, prepared: Prepared) -> None:
     """Say which of the instruments that the run opens are overdue, before anything else is said."""
     from vcfbench.runs.needs import roles_of  # noqa: PLC0415
     from vcfbench.safety.roles import needed_roles  # noqa: PLC0415
@@ -295,7 +295,7 @@ def _warn_of_calibrations(asked: Asked, prepared: Prepared) -> None:
     description = prepared.description
     roles = [each.name for each in needed_roles(description, roles_of(prepared.procedure, description))]
     for words in overdue_words(equipment_on(utc_now().date(), description, roles, {})):
-        asked.warn(words)
+        request.warn(words)
 
 
 def _load_numpy() -> None:
@@ -380,7 +380,7 @@ class _Record(Struct):
         from vcfbench.records.directory import create_run  # noqa: PLC0415
 
         self.key = _key_of(self.prepared.description)
-        runs = self.course.asked.runs
+        runs = self.course.request.runs
         if runs is not None:
             self.course.directory = create_run(runs, self.prepared.procedure.name)
         elif not self.prepared.description.simulated:
@@ -399,7 +399,7 @@ class _Record(Struct):
         began_s = bench.clock.now() if prepared.began_s is None else prepared.began_s
         with signals.undivided():
             journal = self._open_journal(bench.identities, began_s, bench.clock.now() - began_s)
-        operator = operator_of(course.asked, bench)
+        operator = operator_of(course.request, bench)
         self.watchdog = watchdog = bench.watchdog
         if watchdog is not None and course.directory is not None:
             watchdog.keep_in(course.directory.journal)
@@ -415,12 +415,12 @@ class _Record(Struct):
             course.take_error(execution.error)
 
     def _pausing(self, bench: Bench) -> Pausing | None:
-        asked = self.course.asked
-        if asked.control is None:
+        request = self.course.request
+        if request.control is None:
             return None
         from vcfbench.runs.pausing import Pausing  # noqa: PLC0415  # few runs are controlled
 
-        return Pausing.of(asked.control, bench, self.prepared, asked.speed)
+        return Pausing.of(request.control, bench, self.prepared, request.speed)
 
     def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0, done_s: float = 0.0) -> Journal:
         from vcfbench.records.journal import Journal, MemoryJournal, SimulatedJournal  # noqa: PLC0415
@@ -456,7 +456,7 @@ class _Record(Struct):
             "seed": course.checked.seed,
             "versions": installed_versions(),
             "identities": msgspec.to_builtins(identities),
-            "options": msgspec.to_builtins(course.asked.options, enc_hook=shown),
+            "options": msgspec.to_builtins(course.request.options, enc_hook=shown),
             "settings": msgspec.to_builtins(self.prepared.settings),
             "bench": _without_program(msgspec.to_builtins(description)),
             **times,

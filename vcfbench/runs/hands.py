@@ -8,12 +8,12 @@ from vcfbench.errors import PlanError
 
 if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
-    from vcfbench.runs.asked import Asked, DryRun
+    from vcfbench.runs.request import DryRun, Request
     from vcfbench.station.description import BenchDescription
     from vcfbench.steps.step import Operator
 
 
-def require_operator(asked: Asked, description: BenchDescription, planned: DryRun) -> None:
+def require_operator(request: Request, description: BenchDescription, planned: DryRun) -> None:
     """Raise PlanError when nobody is there for the plan's manual steps; known before anything is opened.
 
     Raises:
@@ -21,7 +21,7 @@ def require_operator(asked: Asked, description: BenchDescription, planned: DryRu
     """
     from vcfbench.steps import AskOperator  # noqa: PLC0415
 
-    if description.simulated or asked.operator is not None or asked.person is not None:
+    if description.simulated or request.operator is not None or request.person is not None:
         return
     requests = [each.step for each in planned.steps if isinstance(each.step, AskOperator)]
     if requests:
@@ -32,9 +32,9 @@ def require_operator(asked: Asked, description: BenchDescription, planned: DryRu
         )
 
 
-def operator_of(asked: Asked, bench: Bench) -> Operator:
+def operator_of(request: Request, bench: Bench) -> Operator:
     """Return the operator: the caller's own, on a simulated bench the simulation, else a person if any."""
     from vcfbench.bench.simulated_operator import simulated_operator  # noqa: PLC0415
     from vcfbench.steps.step import nobody  # noqa: PLC0415
 
-    return asked.operator or simulated_operator(bench) or asked.person or nobody
+    return request.operator or simulated_operator(bench) or request.person or nobody

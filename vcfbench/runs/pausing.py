@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
 
     from vcfbench.bench.bench import Bench
-    from vcfbench.runs.asked import Prepared
+    from vcfbench.runs.request import Prepared
     from vcfbench.safety.control import RunControl
     from vcfbench.steps import Window
     from vcfbench.steps.executor import Moved

@@ -13,7 +13,7 @@ from vcfbench.files import dotted, shown
 from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.metadata import metadata_from
 from vcfbench.records.schema import Status
-from vcfbench.runs.asked import Asked, Checked, DryRun, Prepared, blamed_on
+from vcfbench.runs.request import Checked, DryRun, Prepared, Request, blamed_on
 from vcfbench.station.description import CALIBRATION_KEYS
 from vcfbench.steps.step import Effect, Outcome
 from vcfbench.typed import typed
@@ -82,7 +82,7 @@ def resume(
     broken = broken_off(run, runs)
     if procedure is None:
         broken.require_trust(trust)
-    asked = Asked(
+    request = Request(
         broken.procedure if procedure is None else procedure,
         bench,
         runs=broken.directory.path.parent,
@@ -94,7 +94,7 @@ def resume(
         trust=trust,
     )
     with broken.directory.alone(), StopSignals() as signals:
-        return conduct(asked, signals, broken.prepare)
+        return conduct(request, signals, broken.prepare)
 
 
 def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
@@ -169,7 +169,7 @@ class BrokenOff:
             what = f"{self.directory.run} is of a procedure of its own, the program"
             require_trust(what, self.procedure, trust, f"--procedure {shown(self.procedure)}, ")
 
-    def prepare(self, asked: Asked, checked: Checked) -> Prepared:
+    def prepare(self, request: Request, checked: Checked) -> Prepared:
         """Check the request against the record; nothing is opened."""
         from vcfbench.bench.ground import checked_pace  # noqa: PLC0415
         from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
@@ -182,18 +182,18 @@ class BrokenOff:
         _require_shape(header, shown(self.directory.journal))
         checked.name = str(header.get("procedure"))
         checked.metadata = amended(metadata_from(header), amendments_of(self.record.lines))
-        chosen = procedure(asked.procedure) if isinstance(asked.procedure, str | Path) else asked.procedure
+        chosen = procedure(request.procedure) if isinstance(request.procedure, str | Path) else request.procedure
         if chosen.name != checked.name:
             raise ConfigError(f"{self.directory.run} is a run of {checked.name!r}, not of {chosen.name!r}")
         if chosen.in_one_piece:
             raise ConfigError(f"{self.directory.run} cannot be resumed: {chosen.in_one_piece}", hint="run it anew")
         settings = recorded_settings(chosen, header.get("settings"))
-        checked.description = description = self._bench(asked, settings)
+        checked.description = description = self._bench(request, settings)
         checked.seed = header.get("seed") if description.simulation is not None else None
-        checked_pace(description, asked.speed)
+        checked_pace(description, request.speed)
         require_needs(chosen, description)
         if others := other_versions(header):
-            asked.warn(f"{self.directory.run} began with other versions: {others}")
+            request.warn(f"{self.directory.run} began with other versions: {others}")
         try:
             taken = taken_over(self.record, self.directory.run)
             began_s = float(header.get("began_s", 0.0)) if taken else None
@@ -201,7 +201,7 @@ class BrokenOff:
             raise ConfigError(f"{shown(self.directory.journal)}: no record of this program: {error!r}") from error
         return Resumed(description, chosen, settings, began_s, earlier=self, taken=taken)
 
-    def _bench(self, asked: Asked, settings: ProcedureSettings) -> BenchDescription:
+    def _bench(self, request: Request, settings: ProcedureSettings) -> BenchDescription:
         """Return the bench of the record, or that which was asked for, if nothing that matters differs."""
         from msgspec import ValidationError, to_builtins  # noqa: PLC0415
         from msgspec.json import decode, encode  # noqa: PLC0415
@@ -217,7 +217,7 @@ class BrokenOff:
             description = replace(typed(header.get("bench"), BenchDescription), notify=None)  # a record names none
         except ValidationError as error:
             raise ConfigError(f"its bench is not that of this version: {error}") from None
-        station = asked.bench
+        station = request.bench
         if station is None and not description.simulated:  # its limits count, whatever the record says of them
             station = _file_of_station(header)
         if station is not None:

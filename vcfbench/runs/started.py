@@ -49,10 +49,10 @@ class StartedRun(RunControl):
         assert self._run is not None  # noqa: S101  # else there is an error
         return self._run
 
-    def _begin(self, *asked: Any, **more: Any) -> None:
+    def _begin(self, *request: Any, **more: Any) -> None:
         def work() -> None:
             try:
-                self._run = run(*asked, **more, control=self)
+                self._run = run(*request, **more, control=self)
             except BaseException as error:  # noqa: BLE001  # raised for whoever waits
                 self._error = error
 

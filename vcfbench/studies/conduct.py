@@ -14,7 +14,7 @@ from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import shown
 from vcfbench.station.strict import refusal
-from vcfbench.studies.asked import Study, read_study, study_of
+from vcfbench.studies.file import Study, read_study, study_of
 from vcfbench.studies.journal import Begun, kept, rows_of
 from vcfbench.studies.metrics import PARTS
 from vcfbench.studies.one_run import PlannedRun, perform

@@ -11,7 +11,7 @@ from vcfbench.errors import Aborted, BenchError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.studies.asked import Study
+    from vcfbench.studies.file import Study
 
 
 class PlannedRun(Struct, frozen=True):
@@ -51,11 +51,11 @@ def perform(work: PlannedRun) -> RunRow:
 
     case, study = work.study.cases[0], work.study
     try:
-        asked = structs.replace(study.asked(case, work.seed), runs=work.keep)
-        bench: Any = asked.bench  # it is described
-        asked = structs.replace(asked, bench=structs.replace(bench, notify=None))  # nobody wants a thousand of them
-        run = conduct(asked, StopSignals())  # not entered: signals are for whoever conducts the study
-        metrics = metrics_of(run, asked.bench, study.metrics)  # type: ignore[arg-type]  # it is described
+        request = structs.replace(study.request(case, work.seed), runs=work.keep)
+        bench: Any = request.bench  # it is described
+        request = structs.replace(request, bench=structs.replace(bench, notify=None))  # nobody wants a thousand of them
+        run = conduct(request, StopSignals())  # not entered: signals are for whoever conducts the study
+        metrics = metrics_of(run, request.bench, study.metrics)  # type: ignore[arg-type]  # it is described
     except Aborted:
         raise
     except BenchError as error:

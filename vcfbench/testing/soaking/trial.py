@@ -20,8 +20,8 @@ import vcfbench.clock
 import vcfbench.records.journal
 from vcfbench.errors import Aborted, BenchError, ConfigError
 from vcfbench.procedures.layers import asked_in_python
-from vcfbench.runs.asked import Asked, prepare
 from vcfbench.runs.conduct import conduct
+from vcfbench.runs.request import Request, prepare
 from vcfbench.runs.resumed import broken_off
 from vcfbench.safety.signals import StopSignals
 from vcfbench.sim.builder import SimulatedBench
@@ -291,7 +291,7 @@ def _conducted(draw: Draw, stage: _Stage, folder: Path, earlier: Path | None, si
     common: dict[str, Any] = {"observers": [stage], "build": stage.build, "warn": lambda _words: None}
     if earlier is None:
         settings = asked_in_python(draw.settings)
-        asked = Asked(draw.procedure, draw.bench(), 1 + draw.seed % 1000, settings, folder, **common)
+        asked = Request(draw.procedure, draw.bench(), 1 + draw.seed % 1000, settings, folder, **common)
         return conduct(asked, signals, prepare)
     broken = broken_off(earlier)
-    return conduct(Asked(broken.procedure, runs=folder, **common), signals, broken.prepare)
+    return conduct(Request(broken.procedure, runs=folder, **common), signals, broken.prepare)

@@ -1,4 +1,4 @@
-"""A study as it is asked for: the study file, read and checked wholly before anything runs."""
+"""Study files: read and checked wholly before anything runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.runs.asked import Asked, Prepared
+    from vcfbench.runs.request import Prepared, Request
     from vcfbench.station.description import BenchDescription
 
 _MOST_CASES = 10_000
@@ -133,12 +133,12 @@ class Study(Struct, frozen=True, kw_only=True):
         changed = any(key.startswith(each) or each.startswith(key) for each in _paths(self.change))
         return f"{self.source}: change." if changed else f"{self.bench}: "
 
-    def asked(self, case: Case, seed: int) -> Asked:
+    def request(self, case: Case, seed: int) -> Request:
         """Return one run of the study as :func:`vcfbench.runs.conduct.conduct` takes it; it keeps no record."""
-        from vcfbench.runs.asked import Asked  # noqa: PLC0415
+        from vcfbench.runs.request import Request  # noqa: PLC0415
 
         description, settings = self.described(case, seed)
-        return Asked(_loaded(self.procedure), description, seed, Layer(settings, self._naming), runs=None)
+        return Request(_loaded(self.procedure), description, seed, Layer(settings, self._naming), runs=None)
 
     def _naming(self, keys: tuple[str | int, ...]) -> str:
         path = dotted((SETTINGS, *keys))
@@ -165,10 +165,10 @@ class Study(Struct, frozen=True, kw_only=True):
         Raises:
             BenchError: it cannot be; the words name file, key and case.
         """
-        from vcfbench.runs.asked import Checked, prepare  # noqa: PLC0415
+        from vcfbench.runs.request import Checked, prepare  # noqa: PLC0415
 
         try:
-            prepared = prepare(self.asked(case, seed), Checked())
+            prepared = prepare(self.request(case, seed), Checked())
             prepared.planned()
         except BenchError as error:
             error.hint = "; ".join(filter(None, [error.hint, self._case_words(case, seed)]))
@@ -198,10 +198,10 @@ class Study(Struct, frozen=True, kw_only=True):
             yield case
 
     def _check_drawn(self, case: Case, seed: int) -> None:
-        from vcfbench.runs.asked import Checked, prepare  # noqa: PLC0415
+        from vcfbench.runs.request import Checked, prepare  # noqa: PLC0415
 
         try:
-            prepare(self.asked(case, seed), Checked())
+            prepare(self.request(case, seed), Checked())
         except BenchError as error:
             error.hint = "; ".join(filter(None, [error.hint, f"drawn for seed {seed}", self._case_words(case, seed)]))
             raise

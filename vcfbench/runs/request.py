@@ -54,7 +54,7 @@ def warned(words: str) -> None:
     warnings.warn(words, UserWarning, stacklevel=2)
 
 
-class Asked(Struct, frozen=True):
+class Request(Struct, frozen=True):
     """Request of a run; `settings` with the words for errors, `options` are its words that the record keeps.
 
     `operator` does what only hands can do, on any bench; `person` is asked where there are real hands only.
@@ -211,10 +211,10 @@ def dry_run(
     from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
 
     described, asked_of = metadata_of(metadata), asked_in_python(settings or {})
-    return prepare(Asked(procedure, bench, seed, asked_of, speed=speed, metadata=described), Checked()).planned()
+    return prepare(Request(procedure, bench, seed, asked_of, speed=speed, metadata=described), Checked()).planned()
 
 
-def prepare(asked: Asked, checked: Checked) -> Prepared:
+def prepare(request: Request, checked: Checked) -> Prepared:
     """Read the bench file and check the request against it; nothing is opened.
 
     Findings are put into `checked` as they become known.
@@ -226,18 +226,18 @@ def prepare(asked: Asked, checked: Checked) -> Prepared:
     from vcfbench.runs.ambient import require_ambient  # noqa: PLC0415
     from vcfbench.runs.needs import require_needs  # noqa: PLC0415
 
-    checked.name = getattr(asked.procedure, "name", str(asked.procedure))
-    checked.metadata = asked.metadata
-    checked.description = description = described(asked.bench)
-    chosen = procedure(asked.procedure)
+    checked.name = getattr(request.procedure, "name", str(request.procedure))
+    checked.metadata = request.metadata
+    checked.description = description = described(request.bench)
+    chosen = procedure(request.procedure)
     checked.name = chosen.name
-    checked.seed = _seed(description, asked.seed)
-    checked_pace(description, asked.speed)
+    checked.seed = _seed(description, request.seed)
+    checked_pace(description, request.speed)
     require_needs(chosen, description)
-    require_ambient(asked.metadata, description)
+    require_ambient(request.metadata, description)
     with blamed_on(chosen):
-        settings = settings_of(chosen, description, _with_device(asked, chosen), _source(asked.bench))
-    metadata = asked.metadata
+        settings = settings_of(chosen, description, _with_device(request, chosen), _source(request.bench))
+    metadata = request.metadata
     if None not in (metadata.dut, settings.named_device) and metadata.dut != settings.named_device:
         raise ConfigError(
             f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"
@@ -263,14 +263,14 @@ def blamed_on(procedure: AnyProcedure) -> Iterator[None]:
         raise
 
 
-def _with_device(asked: Asked, procedure: AnyProcedure) -> Layer | None:
+def _with_device(request: Request, procedure: AnyProcedure) -> Layer | None:
     """Return the requested settings, with the device for a procedure that uses the device's history."""
     from vcfbench.station.layering import Layer, merged  # noqa: PLC0415
 
-    of_device = {} if asked.metadata.dut is None else procedure.settings.keys_of_device(asked.metadata.dut)
-    if not of_device or asked.settings is None:
-        return Layer(of_device, dotted) if of_device else asked.settings
-    return Layer(merged(of_device, asked.settings.values), asked.settings.naming)
+    of_device = {} if request.metadata.dut is None else procedure.settings.keys_of_device(request.metadata.dut)
+    if not of_device or request.settings is None:
+        return Layer(of_device, dotted) if of_device else request.settings
+    return Layer(merged(of_device, request.settings.values), request.settings.naming)
 
 
 def _source(bench: BenchDescription | Path | str | None) -> str | None:
