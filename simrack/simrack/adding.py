@@ -42,7 +42,7 @@ class _Added(Struct, frozen=True):
 
     @property
     def source_ohm(self) -> float:
-        """What is in series, ohm: that of the first."""
+        """Series resistance of the first, ohm."""
         return self.first.source_ohm
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -50,7 +50,7 @@ class _Added(Struct, frozen=True):
         return self.first.at(times_s) + self.second.at(times_s)
 
     def piece(self, start_s: float, bend: Bend) -> Piece:
-        """Return what an input makes of both from `start_s` on."""
+        """Return both after the input's non-linearity, from `start_s`."""
         own, slope = self.first.piece(start_s, bend), bend[1]
         if isinstance(self.second, Drive):
             more = _linear(self.second, slope, own)
@@ -65,16 +65,16 @@ class _Added(Struct, frozen=True):
         )
 
     def divided(self, share: float) -> _Added:
-        """Return what both are together with a resistance that leaves `share` of the open voltage (Thevenin)."""
+        """Return both behind a resistance that leaves `share` of the open voltage (Thevenin)."""
         return _Added(self.first.divided(share), self.second.divided(share))
 
     def components(self) -> tuple[Component, ...]:
-        """Return what both are made of."""
+        """Return the components of both."""
         return *self.first.components(), *self.second.components()
 
 
 def _linear(drive: Drive, slope: float, beside: Piece) -> Piece:
-    """Return `slope` times what goes on for ever, over the time of another piece."""
+    """Return `slope` times a source that goes on for ever, over the time of another piece."""
     sines = (Sine(drive.amplitude_v, drive.frequency_hz, drive.phase_rad), *drive.overtones)
     terms = []
     for each in sines:

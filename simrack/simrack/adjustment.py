@@ -1,4 +1,4 @@
-"""What a part of the simulated bench lets be seen and changed from outside the wire."""
+"""Adjustments: parts of the simulated bench that can be seen and changed from outside the wire."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Adjustment(Struct, frozen=True):
 
 @runtime_checkable
 class Adjustable(Protocol):
-    """What offers adjustments of its own."""
+    """An object with adjustments of its own."""
 
     def adjustments(self) -> Iterable[Adjustment]:
-        """Return what can be seen and changed."""
+        """Return the adjustments."""
         ...

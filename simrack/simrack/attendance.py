@@ -1,4 +1,4 @@
-"""A clock that does not jump over what simulated devices do by themselves.
+"""A clock that does not jump over events of simulated devices.
 
 Simulated time jumps to whatever is waited for. A supply's ramp or a commanded output that falls due in between must
 still happen at its own instant, or the World would see it late; so the devices are looked in on as time passes.
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 
 class Attended(Protocol):
-    """What can be looked in on: every :class:`~simrack.device.Device`."""
+    """A device that can be attended: every :class:`~simrack.device.Device`."""
 
     def wake_at(self) -> float | None:
-        """Do what is due and return when something next happens by itself."""
+        """Do everything due and return when something next happens by itself."""
         ...
 
 

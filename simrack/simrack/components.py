@@ -1,4 +1,4 @@
-"""What a voltage is made of, for instruments behind a path of limited bandwidth.
+"""Components of a voltage, for instruments behind a path of limited bandwidth.
 
 A generator's waveform has edges of 13 ns and lasts for seconds: it cannot be sampled. So each of its components says
 what it does over stretches of time, however fast it is: its mean, and the mean of its square with what a path leaves of
@@ -38,7 +38,7 @@ class Component(Protocol):
 
     @property
     def pace_hz(self) -> float | None:
-        """The frequency at which it repeats, 0 of what stays as it is; None where it does not repeat."""
+        """The frequency at which it repeats, 0 of a constant; None where it does not repeat."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""A desk with four instruments and a circuit between them: what ``simrack serve`` and ``"@simrack"`` open."""
+"""A desk with four instruments and a circuit between them, opened by ``simrack serve`` and ``"@simrack"``."""
 
 from __future__ import annotations
 

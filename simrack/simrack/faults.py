@@ -1,4 +1,4 @@
-"""What can go wrong on a simulated bench: on a wire, at an instrument, at a bench time, from a script.
+"""Faults of a simulated bench: on a wire, at an instrument, at a bench time, from a script.
 
 A script is TOML; `vcfbench sim serve --faults FILE` and the test fixtures read the same files, and know all kinds::
 
@@ -147,7 +147,7 @@ class Fault(Struct, frozen=True):
             raise ValueError("a fault begins at 0 s or later, and lasts")
 
     def describe(self) -> str:
-        """Return in words what happens, from when on and for how long."""
+        """Return in words the fault, its beginning and how long it lasts."""
         own = {name: getattr(self, name) for name in self.__struct_fields__ if name in _OF_KIND.get(self.kind, ())}
         what = "".join(f", {name} {value}" for name, value in own.items())
         if self.kind in _AT_ONCE:
@@ -158,7 +158,7 @@ class Fault(Struct, frozen=True):
 
 
 class FaultScript(Struct, frozen=True):
-    """What goes wrong and when; `seed` is that of the noise."""
+    """Faults and their times; `seed` is that of the noise."""
 
     faults: tuple[Fault, ...]
     seed: int = 0
@@ -258,7 +258,7 @@ def _exchange(device: Any, fault: Fault) -> Callable[[], None]:
 
 
 def _restart(device: Any, _fault: Fault) -> Callable[[], None]:
-    """Switch off and on: what *RST sets, the queues empty, the masks cleared unless *PSC 0 keeps them, PON set."""
+    """Switch off and on: settings of *RST, queues empty, masks cleared unless *PSC 0 keeps them, PON set."""
     engine = device.engine
     engine.clear()
     device.reset()
@@ -327,13 +327,13 @@ def require_possible(device: Any, fault: Fault) -> None:
 
 
 def begin_on_bench(device: Any, fault: Fault) -> Callable[[], None]:
-    """Let a fault of the bench begin at `device`; return what ends it. Faults of a wire change nothing there."""
+    """Let a fault of the bench begin at `device`; return its end. Faults of a wire change nothing there."""
     begin = _ON_THE_BENCH.get(fault.kind)
     return (lambda: None) if begin is None else begin[1](device, fault)
 
 
 class Ongoing(Struct, eq=False):
-    """A fault that goes on: what ends it, when, and how many more answers it spoils (None: all)."""
+    """A fault under way: its end, when that is, and how many more answers it spoils (None: all)."""
 
     fault: Fault
     undo: Callable[[], None]
@@ -350,7 +350,7 @@ class Ongoing(Struct, eq=False):
 
 
 class FaultyDevice:
-    """A device, and what goes wrong with it.
+    """A device, and its faults.
 
     Args:
         device: what it stands around.
@@ -382,7 +382,7 @@ class FaultyDevice:
         self._advance()
 
     def clear_faults(self) -> None:
-        """End what goes on and forget what is planned."""
+        """End the faults under way and forget the planned ones."""
         self._planned.clear()
         while self._active:
             self._active.pop().undo()
@@ -397,7 +397,7 @@ class FaultyDevice:
             self.device.write(data, end=end)
 
     def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return what has arrived; ConnectionResetError when the link is lost."""
+        """Return the bytes that have arrived; ConnectionResetError when the link is lost."""
         self._require_link()
         if self._dead:
             return b"", False
@@ -414,7 +414,7 @@ class FaultyDevice:
         return part, end and not rest
 
     def wake_at(self) -> float | None:
-        """Do what is due; return when something next happens by itself."""
+        """Do everything due; return when something next happens by itself."""
         if not (self._planned or self._active or self._underway):  # as nearly always
             return self.device.wake_at()
         self._advance()
@@ -448,7 +448,7 @@ class FaultyDevice:
     # --- faults ---------------------------------------------------------------------------------------------------
 
     def _advance(self) -> None:
-        """Begin and end what is due, and spoil what the device has said.
+        """Begin and end faults that are due, and spoil the answers of the device.
 
         What it says while earlier words are under way comes after them, whether or not the fault is over.
         """
@@ -516,7 +516,7 @@ def _leave(_noise: random.Random, data: bytes, end: bool) -> tuple[bytes, bool]:
 
 
 def _garble(noise: random.Random, data: bytes, end: bool) -> tuple[bytes, bool]:  # noqa: FBT001
-    """Spoil one byte, not the terminator if there is another; what comes instead is never text."""
+    """Spoil one byte, not the terminator if there is another; the byte in its place is never text."""
     place = noise.randrange(max(1, len(data) - 2))
     return data[:place] + bytes([noise.randrange(0x80, 0x100)]) + data[place + 1 :], end
 
@@ -544,7 +544,7 @@ def spoils(fault: Fault) -> bool:
 
 
 def spoiled(faults: Iterable[Ongoing], noise: random.Random, data: bytes, *, end: bool) -> tuple[bytes, bool, float]:
-    """Return what `faults`, all of which spoil answers, leave of (a part of) one, its end, and how late that is, s."""
+    """Return (a part of) an answer after `faults`, all of which spoil answers, its end, and how late that is, s."""
     late_s, whole = 0.0, end
     for each in faults:
         if each.fault.kind == "late":
@@ -556,7 +556,7 @@ def spoiled(faults: Iterable[Ongoing], noise: random.Random, data: bytes, *, end
 
 
 class FaultInjector:
-    """The instruments of a bench, and what goes wrong with them; `devices` stand in for those that it was made of."""
+    """The instruments of a bench, and their faults; `devices` stand in for those that it was made of."""
 
     def __init__(self, devices: Mapping[str, Device], clock: Clock, seed: int = 0) -> None:
         self._clock = clock

@@ -1,4 +1,4 @@
-"""Flutter of the table: what its loop lets through of the noise of its torque.
+"""Flutter of the table: the noise of its torque as its loop lets it through.
 
 The controller holds the encoder's angle, so flutter is noise of the *angle*, which stays bounded however long the table
 turns. Through a loop of the second order white noise of the torque gives an angle that is flat below the loop's

@@ -1,4 +1,4 @@
-"""The leads between the PCB and what looks at it; they can be exchanged, reversed or pulled while the bench runs."""
+"""The leads between the PCB and the meters; they can be exchanged, reversed or pulled while the bench runs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Lead(Struct, frozen=True):
-    """Where a lead goes: a node of the PCB, None when it hangs free and reads 0 V; its way round, what it catches."""
+    """End of a lead: a node of the PCB, None when it hangs free and reads 0 V; its way round, its pick-up."""
 
     node: str | None
     reversed: bool = False
@@ -54,7 +54,7 @@ class _LeadWindow:
 
 
 def _seen(known: Trace | Capture, lead: Lead) -> list[Piece]:
-    """Return what is known of a node as it looks through a lead, oldest first."""
+    """Return the pieces known of a node through a lead, oldest first."""
     if lead.node is None:
         return []
     pieces = known.pieces(lead.node)
@@ -95,12 +95,12 @@ class _LeadCapture:
         return self._capture.whole(start_s, stop_s)
 
     def pieces(self, node: str) -> list[Piece]:
-        """Return what is known of input `node` up to now, oldest first."""
+        """Return the pieces known of input `node` up to now, oldest first."""
         return _seen(self._capture, self._leads[node])
 
 
 class _LeadRecording(_LeadCapture):
-    """What happens from a time on, seen through leads as they were then."""
+    """A recording from a time on, through leads as they were then."""
 
     __slots__ = ("_recording",)
 
@@ -109,11 +109,11 @@ class _LeadRecording(_LeadCapture):
         self._recording = recording
 
     def forget(self, before_s: float) -> None:
-        """Drop what was over before a time."""
+        """Drop everything that was over before a time."""
         self._recording.forget(before_s)
 
     def close(self) -> None:
-        """Keep what there is and take nothing more."""
+        """Keep the pieces so far and take nothing more."""
         self._recording.close()
 
 
@@ -127,7 +127,7 @@ class _LeadTrace:
         self._leads = leads
 
     def pieces(self, name: str) -> list[Piece]:
-        """Return what is known of input `name` up to now."""
+        """Return the pieces known of input `name` up to now."""
         return _seen(self._trace, self._leads.lead(name))
 
     def end(self) -> None:
@@ -167,7 +167,7 @@ class Leads:
         return self._leads[name]
 
     def connect(self, name: str, node: str | None) -> None:
-        """Put the lead of input `name` on another node, or leave it free; what is being measured already goes on."""
+        """Put the lead of input `name` on another node, or leave it free; measurements under way go on."""
         nodes = self._world.nodes
         if node is not None and node not in nodes:
             raise ValueError(f"{node!r} is none of {', '.join(nodes)}")
@@ -183,7 +183,7 @@ class Leads:
             self._hang(name)
 
     def load_node(self, who: Hashable, name: str, resistance_ohm: float) -> None:
-        """Hang a resistance on input `name`, which goes with its lead; as of the World, `who` being the input."""
+        """Hang a resistance on input `name`, which goes with its lead; as of the World, by the name of the input."""
         del who
         self._loads_ohm[name] = resistance_ohm
         self._hang(name)
@@ -225,7 +225,7 @@ class Leads:
 
 
 class LoadingLeads(Leads):
-    """The leads of a meter that the node feels: everybody sees what is left of its voltage, and the meter reads that.
+    """The leads of a meter that loads the node: everybody sees the loaded voltage, and the meter reads that.
 
     Args:
         load_ohm: what each input puts across its node; inf is nothing.
@@ -239,5 +239,5 @@ class LoadingLeads(Leads):
             self.load_node(role, name, load_ohm)
 
     def source_ohm(self, name: str) -> float:
-        """Return 0 for what is connected: the node's voltage is that with the meter on it already."""
+        """Return 0 for a connected input: the node's voltage is that with the meter on it already."""
         return math.inf if self.lead(name).node is None else 0.0

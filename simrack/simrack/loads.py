@@ -1,4 +1,4 @@
-"""What instruments and faults draw from the nodes of the PCB: resistances to ground, behind each node's own."""
+"""Loads on the nodes of the PCB by instruments and faults: resistances to ground, behind each node's own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class NodeLoads:
         """What is left of the open voltage of the PCB's outputs; of those that nothing loads nothing is said."""
 
     def put(self, who: Hashable, node: str, resistance_ohm: float) -> None:
-        """Put a resistance from `node` to ground in place of what `who` had put there; inf takes it off.
+        """Put a resistance from `node` to ground in place of the former one of `who`; inf takes it off.
 
         Raises:
             ValueError: it is not above 0 ohm.
@@ -48,7 +48,7 @@ class NodeLoads:
         return self._conductances_s.get(node, 0.0)
 
     def presented_ohm(self, node: str, own_ohm: float | None = None) -> float:
-        """Return what `node` presents to who is wired to it: its own resistance beside the loads; a rail has none."""
+        """Return the resistance that `node` presents: its own beside the loads; a rail has none."""
         own = self._sources_ohm.get(node, 0.0) if own_ohm is None else own_ohm
         return own / (1.0 + own * self.conductance_s(node))
 

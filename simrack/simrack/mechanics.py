@@ -1,4 +1,4 @@
-"""The mechanics of a rate table: what its shaft does beside what its controller wants."""
+"""Mechanics of a rate table: motion of its shaft beside its controller's commands."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ class RateSegment(Struct, frozen=True):
         return left if self.flutter is None else left + self.shaking_deg_s * self.flutter.angle_at(instant_s)
 
     def askew(self, share: float) -> RateSegment:
-        """Return what an axis at an angle sees of the rates, that share of each; of the angle it tells nothing."""
+        """Return the rates as an axis at an angle sees them, that share of each; of the angle it tells nothing."""
         return replace(
             self,
             rate_deg_s=share * self.rate_deg_s,
@@ -153,7 +153,7 @@ class _Profile(Struct, frozen=True):
 
 
 def _bent(piece: JerkSegment) -> tuple[float, tuple[tuple[complex, complex], ...]]:
-    """Return 1/2 jerk t^2 of a piece as a constant and exponentials, which is what a segment may have."""
+    """Return 1/2 jerk t^2 of a piece as a constant and exponentials, the terms that a segment may have."""
     if not piece.jerk_deg_s3:
         return 0.0, ()
     slow = _BENT / piece.lasts_s
@@ -201,7 +201,7 @@ class TableMotion:
         return self._servo_closed
 
     def add_ripple(self, *ripples: RateRipple) -> None:
-        """Let the table have more ripple from the next command on: what its motor does, beside the mechanics."""
+        """Let the table have more ripple, of its motor, from the next command on."""
         self._ripples += ripples
 
     def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float, jerk_deg_s3: float = math.inf) -> None:
@@ -342,7 +342,7 @@ class TableMotion:
         return self._clock.now() >= self._complete_s
 
     def _remember(self, now_s: float) -> None:
-        """Keep what a new command is about to replace, for those who look back."""
+        """Keep the segments that a new command is about to replace, for later looks at the past."""
         self.commands += 1
         self._past = [each for each in (*self._past, *self._segments) if now_s - MEMORY_S < each.stop_s]
         self._past = [each for each in self._past if each.start_s < now_s]

@@ -1,4 +1,4 @@
-"""What looks at a World over a time: averaging windows, captures, recordings. A World hands them its stretches."""
+"""Observers of a World over a time: averaging windows, captures, recordings. A World hands them its stretches."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class Capture:
         return sum(each.start_s < stop_s and each.stop_s > start_s for each in self._stretches) <= 1
 
     def pieces(self, node: str) -> list[Piece]:
-        """Return what is known of a node up to now, oldest first."""
+        """Return the pieces known of a node up to now, oldest first."""
         self._world.advance()
         return [piece_of(stretch, node) for stretch in self._stretches]
 
@@ -104,7 +104,7 @@ class Capture:
 
 
 class Recording(Capture):
-    """A capture without an end: what has passed can be looked at already. It leaves no mark in the World's course."""
+    """A capture without an end: the past can be looked at already. It leaves no mark in the World's course."""
 
     __slots__ = ("_open",)
 
@@ -113,11 +113,11 @@ class Recording(Capture):
         self._open = True
 
     def forget(self, before_s: float) -> None:
-        """Drop what was over before a time."""
+        """Drop everything that was over before a time."""
         self._stretches = [each for each in self._stretches if each.stop_s > before_s]
 
     def close(self) -> None:
-        """Keep what there is and take nothing more."""
+        """Keep the pieces so far and take nothing more."""
         self._world.advance()
         self._world.dismiss(self)
         self._open = False
@@ -129,7 +129,7 @@ class Recording(Capture):
 
 
 class Observed(ABC):
-    """A World that hands its stretches to who looks at it; it is taken through time by whoever asks."""
+    """A World that hands its stretches to its observers; each question takes it through time."""
 
     nodes: ClassVar[tuple[str, ...]]
 
@@ -202,12 +202,12 @@ class Observed(ABC):
                 bisect.insort(self._edges_s, edge)
 
     def dismiss(self, observer: Recording | Trace) -> None:
-        """Let go of what would otherwise look on for ever."""
+        """Let go of an observer that would otherwise look on for ever."""
         if observer in self._observers:
             self._observers.remove(observer)
 
     def _looking(self, now_s: float) -> list[Window | Capture | Trace]:
-        """Return what looks at the stretch that begins now."""
+        """Return the observers of the stretch that begins now."""
         return [each for each in self._observers if each.start_s <= now_s]
 
     def _next_edge_s(self) -> float:

@@ -1,4 +1,4 @@
-"""Ramps of a rate within an acceleration and a jerk: what the profile of a motion controller is made of.
+"""Ramps of a rate within an acceleration and a jerk, the parts of a motion controller's profile.
 
 The time-optimal way from one rate to another, which ends without acceleration: the acceleration grows by the jerk,
 stays at its limit where there is time, and goes by the jerk. Without a limit of the jerk it steps, and the ramp is
@@ -61,7 +61,7 @@ def ramp(
 
 
 def ramp_s(change_deg_s: float, most_deg_s2: float, jerk_deg_s3: float) -> float:
-    """Return what a change of the rate takes from constant rate to constant rate, s."""
+    """Return how long a change of the rate takes from constant rate to constant rate, s."""
     change = abs(change_deg_s)
     if change * jerk_deg_s3 < most_deg_s2**2:
         return 2.0 * math.sqrt(change / jerk_deg_s3)

@@ -1,4 +1,4 @@
-"""What generators and supplies put on the inputs of the PCB.
+"""Sources on the inputs of the PCB: generators and supplies.
 
 A generator's source is a :class:`Drive`, which goes on for ever in closed form, or something :class:`Played`: it can
 say its voltage at any instant, for pictures, and one piece after the other what a memoryless input makes of it, for
@@ -45,7 +45,7 @@ Bend = tuple[float, float, float, float]
 
 
 class Drive(Struct, frozen=True):
-    """What a generator puts out, open circuit.
+    """Output of a generator, open circuit.
 
     dc_v + amplitude_v sin(2 pi frequency_hz t + phase_rad), t in bench time, and `overtones`: the sidebands of a
     modulated one.
@@ -63,7 +63,7 @@ class Drive(Struct, frozen=True):
         return sines((Sine(self.amplitude_v, self.frequency_hz, self.phase_rad), *self.overtones), times_s) + self.dc_v
 
     def components(self) -> tuple[Component, ...]:
-        """Return what it is made of."""
+        """Return its components."""
         from simrack.components import Level, Tone  # noqa: PLC0415  (kept out of the import of the package)
 
         own = Sine(self.amplitude_v, self.frequency_hz, self.phase_rad)
@@ -76,7 +76,7 @@ class Drive(Struct, frozen=True):
         return replace(self, overtones=(*self.overtones, sine))
 
     def divided(self, share: float) -> Drive:
-        """Return what it is together with a resistance that leaves `share` of its open voltage (Thevenin)."""
+        """Return the source behind a resistance that leaves `share` of its open voltage (Thevenin)."""
         return replace(
             self,
             dc_v=self.dc_v * share,
@@ -101,7 +101,7 @@ class Played(Protocol):
 
     @property
     def source_ohm(self) -> float:
-        """What it has in series, ohm."""
+        """Series resistance, ohm."""
         ...
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -109,20 +109,20 @@ class Played(Protocol):
         ...
 
     def piece(self, start_s: float, bend: Bend) -> Piece:
-        """Return what an input makes of it from `start_s` on, up to `HIGHEST_HZ`."""
+        """Return the signal after the input's non-linearity, from `start_s`, up to `HIGHEST_HZ`."""
         ...
 
     def divided(self, share: float) -> Played:
-        """Return what it is together with a resistance that leaves `share` of its open voltage (Thevenin)."""
+        """Return the source behind a resistance that leaves `share` of its open voltage (Thevenin)."""
         ...
 
     def components(self) -> tuple[Component, ...]:
-        """Return what it is made of, open circuit, for who looks through a path of limited bandwidth."""
+        """Return its components, open circuit, for looks through a path of limited bandwidth."""
         ...
 
 
 class Ripple(Struct, frozen=True):
-    """What a supply leaves on its output of the rectified mains: a sine, its phase at bench time 0.
+    """Ripple of the rectified mains on a supply's output: a sine, its phase at bench time 0.
 
     `beside` is what else is on the output, harmonics and noise: sines of bench time, of which nothing goes further.
     """

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Piece(Struct, frozen=True):
-    """What a node did over [start_s, stop_s].
+    """Voltage of a node over [start_s, stop_s].
 
     Args:
         start_s, stop_s: bench time.
@@ -44,7 +44,7 @@ class Piece(Struct, frozen=True):
     beside: Sine | None = None
 
     def reversed(self) -> Piece:
-        """Return what is seen with the leads reversed."""
+        """Return the piece with the leads reversed."""
         sines = (
             None if self.sines is None else tuple(replace(sine, amplitude_v=-sine.amplitude_v) for sine in self.sines)
         )
@@ -55,7 +55,7 @@ class Piece(Struct, frozen=True):
         )
 
     def with_sine(self, sine: Sine) -> Piece:
-        """Return what is seen with a sine (of bench time) in series."""
+        """Return the piece with a sine (of bench time) in series."""
         here = replace(sine, phase_rad=sine.phase_rad + math.tau * sine.frequency_hz * self.start_s)
         sines = None if self.sines is None else (*self.sines, here)
         beside = None if self.source is None else sine
@@ -69,7 +69,7 @@ class Piece(Struct, frozen=True):
         return same and self.stop_s == other.start_s and self.beside == other.beside
 
     def components(self) -> tuple[Component, ...]:
-        """Return what it is made of, for who looks through a path of limited bandwidth."""
+        """Return its components, for looks through a path of limited bandwidth."""
         from simrack.components import Level, Sampled, Scaled, Tone  # noqa: PLC0415  (numpy only where needed)
 
         if self.sines is not None:
@@ -107,7 +107,7 @@ class ClosedForm(Protocol):
 
 
 class Stretch(Protocol):
-    """What every node of a World did over [start_s, stop_s]; what the World hands to who looks at it."""
+    """Voltages of every node of a World over [start_s, stop_s], as the World hands them to its observers."""
 
     @property
     def start_s(self) -> float:
@@ -130,17 +130,17 @@ class Stretch(Protocol):
         """Tell whether a node's voltage is put on it from outside the device."""
 
     def closed_form(self, node: str) -> ClosedForm | None:
-        """Return what a node carries as undamped sines; None where only `at` tells."""
+        """Return the voltage of a node as undamped sines; None where only `at` tells."""
 
     def source(self, node: str) -> tuple[Played, float] | None:
-        """Return what plays on a node, and what part of it is there; None where nothing does."""
+        """Return the source that plays on a node, and the part of it that is there; None where nothing plays."""
 
 
 class History(Protocol):
-    """The history of what an instrument is wired to."""
+    """The history of the nodes that an instrument is wired to."""
 
     def pieces(self, node: str) -> list[Piece]:
-        """Return what is known of a node up to now, oldest first."""
+        """Return the pieces known of a node up to now, oldest first."""
         ...
 
     def end(self) -> None:
@@ -177,7 +177,7 @@ class Trace:
             self._stretches.popleft()
 
     def pieces(self, node: str) -> list[Piece]:
-        """Return what is known of a node up to now, oldest first."""
+        """Return the pieces known of a node up to now, oldest first."""
         self._advance()
         return [piece_of(stretch, node) for stretch in self._stretches]
 
@@ -188,7 +188,7 @@ class Trace:
 
 
 def piece_of(stretch: Stretch, node: str) -> Piece:
-    """Return what a node did over a stretch."""
+    """Return the voltage of a node over a stretch."""
     known = stretch.closed_form(node)
     sines = None if known is None else tuple(_sine(size, exponent) for size, exponent in known.terms)
     constant = 0.0 if known is None else known.constant_v

@@ -1,4 +1,4 @@
-"""A World of wires: a supply's rails, a generator on `input`, a circuit, and what looks at `input` and `output`.
+"""A World of wires: a supply's rails, a generator on `input`, a circuit, and meters at `input` and `output`.
 
 The circuit is a device under test of your own: what it lets through of each frequency. Without one `output` is `input`.
 What changes at the input has settled at the output at once; sources feel the loads on their nodes.
@@ -51,7 +51,7 @@ class Circuit(ABC):
         """Return output over input at each frequency, in the shape of `frequency_hz`."""
 
     def current_a(self, rail: str, voltage_v: float) -> float:
-        """Return the magnitude of what it draws from "positive" or "negative" at a voltage, A: nothing."""
+        """Return the magnitude of its current from "positive" or "negative" at a voltage, A: nothing."""
         del rail, voltage_v
         return 0.0
 
@@ -76,14 +76,14 @@ class _Closed(Struct, frozen=True):
 
 
 class _Filtered(Struct, frozen=True):
-    """What a circuit makes of a source that plays."""
+    """A playing source behind a circuit."""
 
     circuit: Circuit
     source: Played
     share: float = 1.0
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return its volts at bench times, by the spectrum of what was there and for as long as it remembers before."""
+        """Return its volts at bench times, by the spectrum of its input over as long before as it remembers."""
         begin, end = float(times_s.min()) - self.circuit.memory_s, float(times_s.max())
         step = max((end - begin) / _MOST_POINTS, min(1e-6, (end - begin) / 1024)) or 1e-6
         grid = np.asarray(begin + step * np.arange(math.ceil((end - begin) / step) + 2), dtype=np.float64)
@@ -113,7 +113,7 @@ _Signal = Drive | _Filtered | _Rail
 
 
 class _Stretch(Struct, frozen=True):
-    """What the nodes carry while nothing changes."""
+    """Voltages of the nodes while nothing changes."""
 
     start_s: float
     stop_s: float
@@ -152,7 +152,7 @@ class _Stretch(Struct, frozen=True):
         return node in self.signals
 
     def closed_form(self, node: str) -> _Closed | None:
-        """Return what a node carries as sines, t from the start; None of what plays or moves."""
+        """Return the voltage of a node as sines, t from the start; None of signals that play or move."""
         signal = self.signals[node]
         if isinstance(signal, _Rail) and not signal.approach.terms:
             ripple = signal.sine()
@@ -163,7 +163,7 @@ class _Stretch(Struct, frozen=True):
         return _closed(signal.dc_v, (own, *signal.overtones), self.start_s)
 
     def source(self, node: str) -> tuple[Played, float] | None:
-        """Return what plays on a node."""
+        """Return the source that plays on a node."""
         signal = self.signals[node]
         return None if isinstance(signal, Drive | _Rail | _Filtered) else (signal, 1.0)
 
@@ -273,7 +273,7 @@ class WiredWorld(Observed):
         return own + abs(voltage_v) * conductance
 
     def drawing(self) -> Hashable:
-        """Return what the currents go by: how often a load has changed."""
+        """Return a key of the currents: how often a load has changed."""
         return self._changes
 
     def load_ohm(self, rail: str) -> float:
@@ -289,7 +289,7 @@ class WiredWorld(Observed):
         self._regulate()
 
     def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
-        """Hang a resistance on `node` in place of what `who` had put anywhere; inf takes it off."""
+        """Hang a resistance on `node` in place of any former one of `who`; inf takes it off."""
         self._require(node, NODES)
         self.advance()
         self._loads.put(who, node, resistance_ohm)
@@ -341,7 +341,7 @@ class WiredWorld(Observed):
 
 
 def _through(circuit: Circuit, source: Drive) -> Drive:
-    """Return what a circuit makes of levels and sines."""
+    """Return levels and sines behind a circuit."""
     own = Sine(source.amplitude_v, source.frequency_hz, source.phase_rad)
     sines = (own, *source.overtones)
     passed = circuit.transfer(np.array([0.0, *(each.frequency_hz for each in sines)]))

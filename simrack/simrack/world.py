@@ -31,7 +31,7 @@ class LeadEnd(Protocol):
 
 
 class LeadsOfRole(Protocol):
-    """What a person can do to the leads of one instrument; they look at the World, which only knows that there are."""
+    """Actions of a person on the leads of one instrument; they look at the World, which only knows that there are."""
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -76,10 +76,10 @@ class World(Protocol):
 
     @property
     def leads(self) -> dict[str, LeadsOfRole]:
-        """The leads of what looks at the World, by role."""
+        """Leads of the instruments, by role."""
 
     def drive(self, node: str, source: Drive | Played | None) -> None:
-        """Connect a generator to an input from now on; None is one whose relay is open."""
+        """Connect a generator to an input from now on; None is one with an open relay."""
 
     def move_rail(self, rail: str, approach: Approach) -> None:
         """Let the voltage on a supply pin go its way from now on, signed."""
@@ -94,7 +94,7 @@ class World(Protocol):
         """Return the magnitude of the current that would be drawn from `rail` now at `voltage_v`, A."""
 
     def drawing(self) -> Hashable:
-        """Return what the currents of the rails go by now: while it is equal, so are they; None while they change."""
+        """Return a key of the rails' currents: while it is equal, so are they; None while they change."""
 
     def load_ohm(self, rail: str) -> float:
         """Return the load on `rail` beside the device, ohm; inf is none."""
@@ -103,7 +103,7 @@ class World(Protocol):
         """Put a load on `rail` beside the device; inf takes it off."""
 
     def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
-        """Hang a resistance on `node` from now on in place of what `who` had put anywhere; inf takes it off."""
+        """Hang a resistance on `node` from now on in place of any former one of `who`; inf takes it off."""
 
     def source_ohm(self, node: str) -> float:
         """Return the resistance behind a node now, ohm."""
@@ -133,7 +133,7 @@ class World(Protocol):
         """Return a node's voltage now."""
 
     def glance_v(self, node: str) -> float:
-        """Return what a node's voltage may be now, for who looks from outside the bench; it leaves no mark."""
+        """Return the voltage that a node may have now, for looks from outside the bench; it leaves no mark."""
 
     def glance_current_a(self, rail: str) -> float:
         """Return the magnitude of the current drawn from `rail` now, A; it leaves no mark."""

@@ -1,4 +1,4 @@
-"""What leads catch of the mains: one sine each, in series with what they connect."""
+"""Pick-up of the mains by leads: one sine each, in series with their ends."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STREAM = 3
 
 
 class Mains(Struct, frozen=True):
-    """What is in the leads of the multimeters and in that of V_Vc; None where nothing is."""
+    """Mains in the leads of the multimeters and in that of V_Vc; None where nothing is."""
 
     in_meter_leads: Sine | None
     in_v_vc_lead: Sine | None
@@ -44,7 +44,7 @@ class Mains(Struct, frozen=True):
         return cls(*(sine(rms_v, float(phase)) for rms_v, phase in zip(in_leads, phases, strict=True)))
 
     def through_v_vc_lead(self, source: Drive | Played | None) -> Drive | Played | None:
-        """Return a generator together with what its lead catches; a lead that leads nowhere brings nothing."""
+        """Return a generator together with the pick-up of its lead; a lead that leads nowhere brings nothing."""
         if source is None or self.in_v_vc_lead is None:
             return source
         if isinstance(source, Drive):
@@ -60,7 +60,7 @@ class _Overlaid(Struct, frozen=True):
 
     @property
     def source_ohm(self) -> float:
-        """What it has in series, ohm."""
+        """Series resistance, ohm."""
         return self.source.source_ohm
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,19 +68,19 @@ class _Overlaid(Struct, frozen=True):
         return self.source.at(times_s) + self.sine.at(times_s)
 
     def piece(self, start_s: float, bend: Bend) -> Piece:
-        """Return what an input makes of it from `start_s` on."""
+        """Return the pick-up after the input's non-linearity, from `start_s`."""
         played, speed = self.source.piece(start_s, bend), math.tau * self.sine.frequency_hz
         size = -1j * cmath.rect(bend[1] * self.sine.amplitude_v, speed * played.start_s + self.sine.phase_rad)
         terms = (*played.terms, (size, 1j * speed))
         return Piece(played.start_s, played.stop_s, played.constant, played.slope_per_s, terms)
 
     def divided(self, share: float) -> _Overlaid:
-        """Return what it is together with a resistance that leaves `share` of its open voltage (Thevenin)."""
+        """Return the source behind a resistance that leaves `share` of its open voltage (Thevenin)."""
         sine = Sine(share * self.sine.amplitude_v, self.sine.frequency_hz, self.sine.phase_rad)
         return _Overlaid(self.source.divided(share), sine)
 
     def components(self) -> tuple[Component, ...]:
-        """Return what it is made of."""
+        """Return its components."""
         from simrack.components import Tone  # noqa: PLC0415  (kept out of the import of the package)
 
         return *self.source.components(), Tone(self.sine)

@@ -44,7 +44,7 @@ A_TEMPERATURE = _Range(least=-100.0, most=200.0)
 
 
 class Quantity(NamedTuple):
-    """What a parameter is: its unit, one line of meaning, where its value comes from, and what it may be."""
+    """Description of a parameter: its unit, one line of meaning, the source of its value, and its bounds."""
 
     unit: str
     meaning: str
@@ -69,7 +69,7 @@ class _Group(Struct, frozen=True):
 
     @classmethod
     def quantities(cls) -> dict[str, Quantity]:
-        """Return what each parameter is, by its name."""
+        """Return the description of each parameter, by its name."""
         return {name: quantity.__metadata__[0] for name, quantity in cls.__annotations__.items()}
 
 
@@ -195,7 +195,7 @@ class OutputStage(_Group, frozen=True):
 
 
 class Supply(_Group, frozen=True):
-    """What the PCB does with its rails."""
+    """Behaviour of the PCB on its rails."""
 
     nominal_v: Annotated[float, Quantity("V", "magnitude of both rails", f"{PAPER}, section 4.1", POSITIVE)]
     start_v: Annotated[float, Quantity("V", "weaker rail at which the drive loop starts", CHOSEN, POSITIVE)]
@@ -248,7 +248,7 @@ class NoiseSources(_Group, frozen=True):
 
 
 class PickUp(_Group, frozen=True):
-    """What the leads catch of the mains; its phases come from the seed."""
+    """Pick-up of the mains by the leads; its phases come from the seed."""
 
     mains_hz: Annotated[
         float, Quantity("Hz", "nominal line frequency", "the bench file: site.mains_hz", _Range(least=1.0))
@@ -269,7 +269,7 @@ class PickUp(_Group, frozen=True):
 
 
 class Thermal(_Group, frozen=True):
-    """Temperature of the gyro and what the bias does with it."""
+    """Temperature of the gyro and its effect on the bias."""
 
     ambient_c: Annotated[float, Quantity("degC", "air on the bench", f"{PAPER}, Table 1", A_TEMPERATURE)]
     reference_c: Annotated[

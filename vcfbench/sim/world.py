@@ -132,7 +132,7 @@ class World(Observed):
         return own + abs(voltage_v) * beside
 
     def drawing(self) -> Hashable:
-        """Return what the currents of the rails go by now: while it is equal, so are they; None while they change."""
+        """Return a key of the rails' currents: while it is equal, so are they; None while they change."""
         self._pass_events()
         return self._gyro.drawing()
 
@@ -155,7 +155,7 @@ class World(Observed):
         self._regulate()
 
     def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
-        """Hang a resistance on `node` from now on in place of what `who` had put anywhere; inf takes it off.
+        """Hang a resistance on `node` in place of any former one of `who`; inf takes it off.
 
         The PCB's outputs divide with their own resistance, V_Vc with the generator's; a rail has to supply it.
 
@@ -227,7 +227,7 @@ class World(Observed):
         return float(look.at(node, np.array([now]))[0])
 
     def glance_v(self, node: str) -> float:
-        """Return what a node's voltage may be now, for who looks from outside the bench; it leaves no mark.
+        """Return the voltage that a node may have now, for looks from outside the bench; it leaves no mark.
 
         An instrument that asks takes the world to now, and ends a step of the noise. A glance goes on from the last
         such step with noise of its own, glance after glance, until an instrument asks: what readings see later stays.
@@ -261,7 +261,7 @@ class World(Observed):
         return gyro
 
     def adjustments(self) -> Iterator[Adjustment]:
-        """Yield the physical parameters, for who looks from outside the bench; none can be changed."""
+        """Yield the physical parameters, for looks from outside the bench; none can be changed."""
         for row in self.parameters.rows():
             yield Adjustment(f"parameter.{row.path}", row.unit, row.meaning, partial(_constant, row.value))
 

@@ -83,7 +83,7 @@ def _setpoints() -> list[_Setpoint]:
 
 
 class _Settings(Struct):
-    """What can be set beside the setpoints."""
+    """Settings beside the setpoints."""
 
     number: int = 1
     low_c: float = _COLDEST_C
@@ -123,7 +123,7 @@ class TemptronicATS545Twin(ScpiTwin):
         self.engine = ScpiEngine(self, _TABLE, self._clock, dialect=_DIALECT, interface=kinds[interface])
 
     def write(self, data: bytes, *, end: bool = False) -> None:
-        """Take bytes; who has the front panel makes no difference here."""
+        """Take bytes; changes between panel and remote control make no difference here."""
         rest = _LOCAL.sub(b"", data)
         if rest or not data:
             ScpiTwin.write(self, rest, end=end)
@@ -171,7 +171,7 @@ class TemptronicATS545Twin(ScpiTwin):
         return min(_FASTEST_K_S, self.setpoint.ramp_k_min / 60.0) or _FASTEST_K_S
 
     def _watch(self, now_s: float) -> None:
-        """Note since when what is controlled has been within its window."""
+        """Note since when the controlled temperature has been within its window."""
         inside = self.flow and abs(self._controlled_c() - self.setpoint.temperature_c) <= self.setpoint.window_k
         self._inside_since_s = (self._inside_since_s if self._inside_since_s is not None else now_s) if inside else None
 
@@ -237,12 +237,12 @@ class TemptronicATS545Twin(ScpiTwin):
         return self._device_c() if self.settings.sensor else _NO_SENSOR_C
 
     def temperature_c(self) -> float:
-        """TEMP?: of what is controlled."""
+        """TEMP?: the controlled temperature."""
         self.service()
         return self.sensed_c() if self.settings.device_mode else self._air_c
 
     def adjustments(self) -> Iterable[Adjustment]:
-        """Return what can be changed by hand: the head, the sensor's plug is chosen by DSNS, faults."""
+        """Return the adjustments by hand: the head, the sensor's plug is chosen by DSNS, faults."""
 
         def move(value: Any) -> None:
             self.head_down = bool(value)

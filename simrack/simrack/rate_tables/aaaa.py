@@ -48,7 +48,7 @@ class AaaaTable(Interlocked, FrameDevice):
         self._stream = StatusStream(world.clock, _PERIOD_S, errors, noise_seed)
 
     def adjustments(self) -> Iterable[Adjustment]:
-        """Return what can be seen and changed of a served table from outside its wire."""
+        """Return the adjustments of a served table from outside its wire."""
         return [*super().adjustments(), *self._stream.adjustments()]
 
     def _advance(self) -> None:

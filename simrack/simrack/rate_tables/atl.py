@@ -152,7 +152,7 @@ class AtlTable(Interlocked, LineDevice):
         return take
 
     def _oscillate(self, value: float | None) -> str:
-        """Oscillate with what AMP, FRQ and CYC have told; no number of cycles is for ever."""
+        """Oscillate by AMP, FRQ and CYC; no number of cycles is for ever."""
         amplitude_deg, frequency_hz, cycles = self._sine["AMP"], self._sine["FRQ"], self._sine["CYC"]
         fastest = amplitude_deg * 2.0 * math.pi * frequency_hz
         if value is not None or not 0.0 < fastest <= _MAX_RATE_DEG_S or not self._powered():

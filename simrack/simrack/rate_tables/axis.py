@@ -44,7 +44,7 @@ class TrueMotion(Protocol):
 
     @property
     def commands(self) -> int:
-        """How many commands it has had: what follows from its profile holds until there is another."""
+        """Number of commands so far: conclusions from its profile hold until there is another."""
         ...
 
     @property
@@ -116,7 +116,7 @@ class TrueMotion(Protocol):
 
 
 class TableWorld(Protocol):
-    """What a simulated table needs of the World."""
+    """The part of the World that a simulated table needs."""
 
     @property
     def clock(self) -> Clock:
@@ -130,7 +130,7 @@ class TableWorld(Protocol):
 
 
 class TableErrors(Struct, frozen=True):
-    """Imperfections of the read-back of one specimen; zero switches each off. And what shuts it down by itself.
+    """Imperfections of the read-back of one specimen, zero switching each off, and its protection.
 
     Raises:
         ValueError: delay or estimate would look further back than the motion is remembered.
@@ -163,7 +163,7 @@ class TableErrors(Struct, frozen=True):
 
     @classmethod
     def none(cls) -> TableErrors:
-        """Return a read-back that says what is."""
+        """Return a read-back without errors."""
         return cls(0.0, 0.0, 0.0, 0.0)
 
     @classmethod
@@ -214,7 +214,7 @@ def _quantised(value: float, quantum: float) -> float:
 
 
 class PositionMoves:
-    """Brings the axis to an angle by ramps of the rate, correcting what is left until the encoder is satisfied.
+    """Brings the axis to an angle by ramps of the rate, then by corrections until the encoder is satisfied.
 
     :meth:`advance` must be called at `due_s`: the corners of the trapezoid are commands given then.
     """
@@ -315,7 +315,7 @@ class ServoAxis(TableAxis):
         return self._wired and bool(self.broken)
 
     def enable(self) -> bool:
-        """Switch the drive on, at rest, and forget what had shut it down; return whether it is on."""
+        """Switch the drive on, at rest, and forget the causes of a shutdown; return whether it is on."""
         if not self.barred:
             self.latched.clear()
             if not self.enabled:
@@ -345,11 +345,11 @@ class ServoAxis(TableAxis):
         self.advance()
 
     def clear_latched(self) -> None:
-        """Forget what had shut it down."""
+        """Forget the causes of a shutdown."""
         self.latched.clear()
 
     def advance(self) -> None:
-        """Do what is due of a move, and what must happen by itself."""
+        """Do everything due of a move, and everything that happens by itself."""
         self.moves.advance()
         if not self.enabled:
             return

@@ -128,7 +128,7 @@ class Dd16Table(Interlocked, FrameDevice):
         self._loaded[mode] = (position / _PER_DEG, rate / _PER_DEG, acceleration / _PER_DEG)
 
     def _run(self, data: bytes) -> None:
-        """Run what was loaded; another kind of run must have been stopped before."""
+        """Run the loaded values; another kind of run must have been stopped before."""
         mode = data[0] if self._number == 1 else data[4]
         if mode not in self._loaded or not self._axis.enabled or (self._running not in {0, mode}):
             return

@@ -145,7 +145,7 @@ class EspTable(Interlocked, LineDevice):
             self._errors.append(_BELOW_LIMIT)
 
     def _wait_for_stop(self, value: str) -> None:
-        """Let what follows wait until the axis stands, and milliseconds beyond that."""
+        """Let the following commands wait until the axis stands, and milliseconds beyond that."""
         self._waiting_s = _number(value or "0", 60_000.0) / 1e3
 
     def _units(self, value: str) -> str | None:

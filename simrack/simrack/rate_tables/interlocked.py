@@ -1,4 +1,4 @@
-"""What every simulated table offers from outside its wire: interlocks that can be broken, an axis that can be held."""
+"""Adjustments of every simulated table: interlocks that can be broken, an axis that can be held."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Interlocked:
-    """A table of one :class:`ServoAxis`; what shuts that down by itself comes to :meth:`_noticed`, once."""
+    """A table of one :class:`ServoAxis`; each cause of a shutdown comes to :meth:`_noticed`, once."""
 
     _axis: ServoAxis
     _noticed_before: tuple[str, ...] = ()
@@ -35,12 +35,12 @@ class Interlocked:
         self._watch()
 
     def adjustments(self) -> Iterable[Adjustment]:
-        """Return what can be seen and changed of a served table from outside its wire."""
+        """Return the adjustments of a served table from outside its wire."""
         axis = self._axis
         return interlock_adjustments(self, lambda: axis.broken, lambda: axis.jammed, lambda: axis.latched)
 
     def _watch(self) -> None:
-        """Bring the axis up to now, and tell what has shut it down since."""
+        """Bring the axis up to now, and tell the causes of a shutdown since."""
         self._axis.advance()
         latched = tuple(self._axis.latched)
         for cause in latched:

@@ -1,4 +1,4 @@
-"""What the simulated tables have in common on the wire: messages cut at a terminator, replies in the table's own time.
+"""Common base of the simulated tables' wires: messages cut at a terminator, replies in the table's own time.
 
 What characters take is the wire's: nothing on a socket, and on a serial line what
 :class:`~simrack.wires.serial_line.ThreeWireLine` makes of it.
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class SerialTiming(Struct, frozen=True):
-    """What a table's serial port is set to, and the controller's own time."""
+    """Settings of a table's serial port, and the controller's own time."""
 
     baud: float
     """Line speed, Bd (8N1)."""
@@ -57,12 +57,12 @@ class LineDevice:
 
     @property
     def frame(self) -> CharacterFrame:
-        """What its serial port is set to."""
+        """Character frame of its serial port."""
         return self._timing.frame
 
     @property
     def terminators(self) -> bytes:
-        """What ends a message; with nothing before it, it does nothing."""
+        """Ends of a message; with nothing before it, an end does nothing."""
         return self._terminators
 
     def write(self, data: bytes, *, end: bool = False) -> None:
@@ -94,7 +94,7 @@ class LineDevice:
         return part, not reply
 
     def wake_at(self) -> float | None:
-        """Do what is due; return when the next reply is complete or something happens by itself, None for never.
+        """Do everything due; return when the next reply is complete or something happens by itself, None for never.
 
         A reply that is complete and not read yet must not hide what happens later.
         """
@@ -135,7 +135,7 @@ class LineDevice:
         """Do nothing: a serial line has no group execute trigger."""
 
     def _take(self, part: bytes) -> None:
-        """Take what fits of a part of a message."""
+        """Take as much of a part of a message as fits."""
         room = self._longest - len(self._input)
         self._input += part[:room]
         self._overflowed = self._overflowed or len(part) > room
@@ -158,10 +158,10 @@ class LineDevice:
         self._output.append((max(now, started) + self._timing.processing_s, bytearray(reply)))
 
     def _advance(self) -> None:
-        """Bring what happens by itself up to now; whoever changes something from outside forgets the quiet first."""
+        """Bring everything that happens by itself up to now; changes from outside forget the quiet first."""
 
     def _only_asks(self, data: bytes) -> bool:
-        """Tell whether bytes are sure to change nothing of what happens by itself: a whole message that asks."""
+        """Tell whether bytes are sure to change nothing that happens by itself: a whole message that asks."""
         del data
         return False
 

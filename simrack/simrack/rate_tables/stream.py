@@ -1,4 +1,4 @@
-"""What the simulated tables with binary frames or unasked status have in common."""
+"""Common base of the simulated tables with binary frames or unasked status."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class StreamErrors(TableErrors, frozen=True):
     """Share of the statuses that never come, 0...1."""
 
     def __post_init__(self) -> None:
-        """Refuse what is beyond the bounds."""
+        """Refuse values beyond the bounds."""
         super().__post_init__()
         _jitter(self.stream_jitter_s)
         _share(self.stream_lost)
@@ -62,7 +62,7 @@ class FrameDevice(LineDevice):
         self._length = length
 
     def message_size(self, data: bytes | bytearray) -> int:
-        """Return the length of the first frame in `data`, or of what can be none; 0 while a frame is incomplete."""
+        """Return the length of the first frame in `data`, or of the bytes before any; 0 while a frame is incomplete."""
         begins = data.find(self._header[:1])
         if begins:
             return begins if begins > 0 else len(data)
@@ -118,7 +118,7 @@ class StatusStream:
         return None if self._random.random() < self._lost else status
 
     def adjustments(self) -> Iterable[Adjustment]:
-        """Return what can be changed while the table is served."""
+        """Return the adjustments of a served table."""
         late, lost = "by how much a status comes late at most", "share of the statuses that never come"
         yield Adjustment("stream.jitter_s", "s", late, lambda: self._jitter_s, self._set_jitter)
         yield Adjustment("stream.lost", "1", lost, lambda: self._lost, self._set_lost)

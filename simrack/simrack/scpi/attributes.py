@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Settings(Struct):
-    """Base of what an instrument is set to: its defaults are those of ``*RST``, and a field may hold further ones."""
+    """Base of an instrument's settings: the defaults are those of ``*RST``, and a field may hold further ones."""
 
     def take(self, other: Self) -> None:
         """Become equal to `other`, sharing nothing with it."""

@@ -54,7 +54,7 @@ RS232 = Interface("rs232", b"\r\n", message_exchange=False, break_byte=b"\x03")
 
 
 class Dialect(Struct, frozen=True):
-    """What the parser of a model has of its own.
+    """Peculiarities of a model's parser.
 
     Args:
         queue_depth: entries of the error queue.
@@ -91,7 +91,7 @@ class StreamedAnswer(Protocol):
         ...
 
     def take(self) -> bytes:
-        """Return what can be sent now, to be followed by what the query's reply is in the end."""
+        """Return the bytes that can be sent now; the query's reply follows at the end."""
         ...
 
 
@@ -131,7 +131,7 @@ class Pending:
 
 
 class ScpiModel(Protocol):
-    """What the engine asks of a model."""
+    """The part of a model that the engine calls."""
 
     engine: ScpiEngine
 
@@ -144,7 +144,7 @@ class ScpiModel(Protocol):
         ...
 
     def service(self) -> None:
-        """Bring what happens by itself (ramps, triggered sequences) up to `clock.now()`; called first."""
+        """Bring everything that happens by itself (ramps, triggered sequences) up to `clock.now()`; called first."""
         ...
 
     def next_event_s(self) -> float | None:
@@ -298,7 +298,7 @@ class ScpiEngine:
 
     @property
     def busy(self) -> bool:
-        """Whether a message is under way or waits for its turn; what the model does by itself does not count."""
+        """Whether a message is under way or waits for its turn; actions of the model by itself do not count."""
         return self._pending is not None or bool(self._queue)
 
     @property
@@ -307,7 +307,7 @@ class ScpiEngine:
         return self._pending is not None and self._pending.labour is not None
 
     def work(self) -> None:
-        """Work out a slice of what is under way; the parser goes on after the last."""
+        """Work out a slice of the pending reply; the parser goes on after the last."""
         pending = self._pending
         if pending is None or pending.labour is None:
             return
@@ -417,7 +417,7 @@ class ScpiEngine:
         self._deadlocked = False
 
     def _advance(self) -> None:
-        """Execute what can be executed now."""
+        """Execute all units that can be executed now."""
         if self._announce_completion:
             self._settle_completion()
         while True:
@@ -443,7 +443,7 @@ class ScpiEngine:
             self.status.note(self.status_now())
 
     def _complete(self) -> bool:
-        """Finish what is due, and what that leads to; False while something takes its time."""
+        """Finish the pending unit if it is due, and its consequences; False while something takes its time."""
         step = self._pending_step
         assert step is not None  # noqa: S101  (for the type checker)
         while (pending := self._pending) is not None:
@@ -553,7 +553,7 @@ class ScpiEngine:
             self._output.append(b"".join((*data.parts, terminator)))
 
     def _read_stream(self, limit: int) -> bytes:
-        """Return at most `limit` bytes of an answer that is sent while it comes about, with what comes before it."""
+        """Return at most `limit` bytes of an answer that is sent while it comes about, after the replies before it."""
         if self._pending is None or self._pending.stream is None:
             return b""
         if self._replies:
@@ -639,7 +639,7 @@ class ScpiTwin:
         raise NotImplementedError
 
     def service(self) -> None:
-        """Bring what happens by itself up to now; by default nothing does."""
+        """Bring everything that happens by itself up to now; by default nothing does."""
 
     def next_event_s(self) -> float | None:
         """Return when :meth:`service` next has something to do."""

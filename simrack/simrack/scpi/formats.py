@@ -66,7 +66,7 @@ def block(data: bytes, digits: int | None = None) -> bytes:
 
 
 def block_header(size: int, digits: int | None = None) -> bytes:
-    """Format what stands before the `size` bytes of a definite length block."""
+    """Format the header of a definite length block of `size` bytes."""
     length = str(size) if digits is None else f"{size:0{digits}d}"
     return b"#%d%b" % (len(length), length.encode())
 

@@ -37,7 +37,7 @@ _BASES = (16, 8, 2)
 
 
 class TokenKind(Enum):
-    """What a parameter looks like."""
+    """Kind of a parameter by its spelling."""
 
     NUMBER = "number"
     WORD = "word"
@@ -237,7 +237,7 @@ def _number(text: str, position: int) -> tuple[Token, int]:
 
 
 def _decimal(mantissa: str, exponent: str) -> float:
-    """Return the number; -123, -124 beyond what IEEE 488.2, 7.7.2.4 asks for. Infinity is only a word."""
+    """Return the number; -123, -124 beyond the limits of IEEE 488.2, 7.7.2.4. Infinity is only a word."""
     if len(exponent.lstrip("+-0")) > len(str(_LARGEST_EXPONENT)) or abs(int(exponent)) > _LARGEST_EXPONENT:
         raise ScpiError(-123)
     if len(mantissa.lstrip("+-0").replace(".", "")) > _LONGEST_MANTISSA:

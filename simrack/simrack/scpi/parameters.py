@@ -30,7 +30,7 @@ class Special(Enum):
 
 
 class Limits(NamedTuple):
-    """What a number may be, and what DEF means (None: DEF is not accepted)."""
+    """Bounds of a number, and the meaning of DEF (None: DEF is not accepted)."""
 
     minimum: float
     maximum: float
@@ -45,7 +45,7 @@ class Quantity(NamedTuple):
 
 
 class Violation(NamedTuple):
-    """A number beyond a limit: what the model makes of it. `value` None refuses the command."""
+    """A number beyond a limit, and the model's substitute. `value` None refuses the command."""
 
     value: float | None
     error: ScpiError
@@ -66,7 +66,7 @@ def clip(value: float, limits: Limits, word: str) -> Violation:
 
 
 class Parameter(Struct, frozen=True, kw_only=True):
-    """What every parameter has: whether it must be there, what stands for it when it is not, and a refusal."""
+    """Base of all parameters: whether it is required, its default when it is missing, and a refusal."""
 
     required: bool = True
     default: Any = None
@@ -154,13 +154,13 @@ class Number(Parameter, frozen=True, kw_only=True):
 
     @property
     def suffixes(self) -> Mapping[str, Quantity]:
-        """What the suffixes of its units stand for."""
+        """Factors and units of the suffixes."""
         names = (self.unit,) if isinstance(self.unit, str) else self.unit
         return {suffix: each for name in filter(None, names) for suffix, each in _suffixes(name).items()}
 
     @property
     def specials(self) -> Mapping[str, Any]:
-        """What its words stand for, long or short."""
+        """Values of its words, long or short."""
         pairs: list[tuple[str, Any]] = [*self.words.items()]
         if self.named and (self.limits is not None or self.deferred):
             pairs += [(special.value, special) for special in Special]
@@ -192,7 +192,7 @@ class Number(Parameter, frozen=True, kw_only=True):
         return limits
 
     def special(self, which: Special, model: Any) -> float:
-        """Return what MIN, MAX or DEF stands for now."""
+        """Return the present value of MIN, MAX or DEF."""
         bounds = self.bounds(model)
         value = {Special.MIN: bounds.minimum, Special.MAX: bounds.maximum, Special.DEF: bounds.default}[which]
         if value is None:

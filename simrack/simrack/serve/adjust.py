@@ -1,4 +1,4 @@
-"""What can be seen and changed of a served World from outside the wire.
+"""Adjustments of a served World, from outside the wire.
 
 A World or a device that has more to offer than is known here has a method `adjustments()` that returns
 :class:`Adjustment` values (:class:`Adjustable`): temperature, loads, swapped leads. Names are dotted; those of a

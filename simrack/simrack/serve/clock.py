@@ -83,7 +83,7 @@ class ServedClock:
         return self._anchor_s + (self._wall_now() - self._anchor_wall_s) * self._rate
 
     def catch_up(self, limit_s: float) -> float:
-        """Bring bench time up to the wall clock, unless that is past `limit_s`; return what the wall clock says."""
+        """Bring bench time up to the wall clock, unless that is past `limit_s`; return the wall clock's bench time."""
         reached = self._anchor_s + (self._wall_now() - self._anchor_wall_s) * self._rate
         if self._now < reached < limit_s:
             self._now = reached
@@ -97,7 +97,7 @@ class ServedClock:
 
     @property
     def jumps(self) -> bool:
-        """Whether time jumps to what a client waits for."""
+        """Whether time jumps to the instant that a client waits for."""
         return (self._lockstep or math.isinf(self._speed)) and not self._paused
 
     @property

@@ -68,7 +68,7 @@ _PATIENCE_S = 5.0
 
 
 class Refused(Exception):
-    """A request that cannot be fulfilled; the words go back to who asked."""
+    """A request that cannot be fulfilled; its words are the reply."""
 
 
 class _NotYet(Exception):
@@ -80,7 +80,7 @@ class _NotYet(Exception):
 
 
 class Controlled(Protocol):
-    """What can be controlled: a served bench."""
+    """A served bench as the control port sees it."""
 
     instruments: dict[str, ServedInstrument]
     loop: Loop
@@ -88,11 +88,11 @@ class Controlled(Protocol):
     passage: AttendedPassage
 
     def status(self) -> dict[str, Any]:
-        """Return bench time, how it passes, and who is connected to what."""
+        """Return bench time, its speed, and the connections of each instrument."""
         ...
 
     def listed(self, match: str = ...) -> list[dict[str, Any]]:
-        """Return what can be seen and changed whose name contains `match`."""
+        """Return the adjustments whose name contains `match`."""
         ...
 
     def get(self, name: str) -> Any:
@@ -108,11 +108,11 @@ class Controlled(Protocol):
         ...
 
     def end_faults(self, role: str | None = ...) -> None:
-        """End what goes wrong."""
+        """End faults."""
         ...
 
     def reset(self, seed: int | None = ...) -> None:
-        """Put the bench back to what it was first."""
+        """Put the bench back to its first state."""
         ...
 
     def begin_anew(self) -> None:
@@ -190,7 +190,7 @@ class _Control(Connection):
         self._control.connections.discard(self)
 
     def received(self, data: bytes) -> None:
-        """Answer the requests that are complete, if who asks may ask: who only connects costs nothing."""
+        """Answer the complete requests of a permitted client; a mere connection costs nothing."""
         if not self._welcome and not self._admitted():
             return
         idle = not self._requests
@@ -214,7 +214,7 @@ class _Control(Connection):
         self._soon()
 
     def _soon(self) -> None:
-        """Go on when what was sent to instruments before has been dealt with: it comes first."""
+        """Go on when the earlier bytes to instruments have been dealt with: they come first."""
         self.loop.call_last(self._work)
 
     def _work(self) -> None:
@@ -306,7 +306,7 @@ class _Control(Connection):
         return {"taken": client.taken, "said": client.said}
 
     def _await(self, instrument: str, address: Any, taken: int, said: int, until_s: float | None = None) -> int:
-        """Let time pass until more than `said` bytes were sent to a wire; what came from there comes first."""
+        """Let time pass until more than `said` bytes were sent to a wire; the bytes from there come first."""
         self._require_lead()
         client = self._wire(instrument, address)
         if client.taken < taken and not client.closed:
@@ -360,7 +360,7 @@ def _parsed(line: bytes) -> dict[str, Any]:
 
 
 def _plain(number: Any) -> Any:
-    """Return what a request is known by, if it is as simple as that."""
+    """Return the identity of a request, if it is as simple as that."""
     if isinstance(number, (str, int)):
         return number
     raise Refused("an id is a whole number or a string")

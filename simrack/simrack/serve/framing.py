@@ -25,7 +25,7 @@ NOTHING_EMPTY = re.compile(b"")
 def shortest_calls(
     device: Device,
 ) -> tuple[Callable[..., None], Callable[[int], tuple[bytes, bool]], Callable[[], Any]]:
-    """Return the device's write, read and wake_at, past what only passes them on."""
+    """Return the device's write, read and wake_at, without methods that only pass them on."""
     kind = type(device)
     if (kind.write, kind.read, kind.wake_at) == (ScpiTwin.write, ScpiTwin.read, ScpiTwin.wake_at):
         device = cast("Device", cast("ScpiTwin", device).engine)
@@ -42,7 +42,7 @@ def message_sizes(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Byt
 
 
 def empty_messages(device: Device) -> re.Pattern[bytes]:
-    """Return what finds the ends of empty messages for `device`, which it need not be told of."""
+    """Return the pattern of empty messages for `device`, which it need not be told of."""
     if isinstance(device, ScpiTwin):
         return _BLANK
     if isinstance(device, LineDevice) and not isinstance(device, FrameDevice):

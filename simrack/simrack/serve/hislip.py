@@ -117,7 +117,7 @@ class _Channel(Connection):
         self._skip -= dropped
 
     def _introduce(self, message: _Message) -> None:
-        """Take the first message, which says what this connection is."""
+        """Take the first message, which says the kind of this connection."""
         if message.kind == _INITIALIZE:
             self.server.begin(self, message)
         elif message.kind == _ASYNC_INITIALIZE:
@@ -182,7 +182,7 @@ class _Session(Client):
         self.leave()
 
     def start_anew(self) -> None:
-        """Forget what was under way."""
+        """Forget the message under way."""
         super().start_anew()
         self._unread = False
 
@@ -342,7 +342,7 @@ class _Session(Client):
         waiters.append(retry)
 
     def _try_lock(self, key: str) -> bool:
-        """Take an exclusive lock without a key (who shares one may), a shared one with it."""
+        """Take an exclusive lock without a key (a sharer may too), a shared one with it."""
         sharers = self._server.sharers(self.instrument)
         if self.instrument.lock is not None:
             return False

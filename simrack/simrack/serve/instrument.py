@@ -1,4 +1,4 @@
-"""One instrument behind many connections: whose message it executes, and who gets the answer.
+"""One instrument behind many connections: whose message it executes, and the client that gets the answer.
 
 An instrument has one parser and one output. Connections take turns, a message each, and while a query of one is
 being answered the messages of the others wait. Each message is executed with the personality of the connector it came
@@ -92,7 +92,7 @@ class Client:
 
     @property
     def listens(self) -> bool:
-        """Whether it takes what an instrument says unasked."""
+        """Whether it takes the instrument's unasked messages."""
         return self.pushes and not self.blocked
 
     def deliver(self, data: bytes, *, end: bool) -> None:
@@ -133,7 +133,7 @@ class Client:
             self.partial.clear()
 
     def _skip(self, data: bytes, *, end: bool, tag: Any) -> bytes:
-        """Drop the rest of a message that is too long, hand over its beginning; return what follows it."""
+        """Drop the rest of a message that is too long, hand over its beginning; return the bytes after it."""
         size = self.instrument.line_size(data)
         if not size and not end:
             return b""
@@ -142,7 +142,7 @@ class Client:
         return data[size:] if size else b""
 
     def start_anew(self) -> None:
-        """Forget what was under way."""
+        """Forget the messages under way."""
         self.backlog.clear()
         self.partial.clear()
         self.overlong = b""
@@ -178,12 +178,12 @@ class DelayingWire(Protocol):
         ...
 
     def go_on(self) -> None:
-        """Let arrive what has by now."""
+        """Let bytes arrive that are due by now."""
         ...
 
 
 class PassingTime(Protocol):
-    """What lets bench time pass, for an instrument that does something by itself."""
+    """Passing of bench time, for an instrument that does something by itself."""
 
     next_due_s: float
     """When the next of all instruments does something, inf for never."""
@@ -370,7 +370,7 @@ class ServedInstrument:
             self.execute(client, message, tag, asks=asks)
 
     def serve(self) -> None:
-        """Do what is due, deliver what is finished, let the next in."""
+        """Do everything due, deliver finished answers, let the next in."""
         self.device.wake_at()
         self._drain()
         self._deliver_late()
@@ -382,12 +382,12 @@ class ServedInstrument:
         self.touched()
 
     def _hand_over(self) -> None:
-        """Have what is long to work out done between the others' turns."""
+        """Have long work done between the others' turns."""
         if self.passage is not None and self not in self.passage.working:
             self.passage.working.append(self)
 
     def work(self) -> bool:
-        """Work out a slice of what is under way; return whether there is more."""
+        """Work out a slice of the pending reply; return whether there is more."""
         if self.engine is None or not self.engine.working:
             return False
         self.engine.work()
@@ -450,7 +450,7 @@ class ServedInstrument:
             client.queued = False
 
     def unlock(self) -> None:
-        """Give the lock back and let those who wait for it try again."""
+        """Give the lock back and let its waiters try again."""
         self.lock = None
         waiters, self.lock_waiters = self.lock_waiters, []
         for retry in waiters:
@@ -485,7 +485,7 @@ class ServedInstrument:
 
     @property
     def listened_to(self) -> bool:
-        """Whether somebody may wait for what it says unasked."""
+        """Whether somebody may wait for its unasked messages."""
         return self.speaks and any(client.listens for client in self.clients)
 
     def touched(self) -> None:
@@ -551,7 +551,7 @@ class ServedInstrument:
         return self.engine is not None and message.strip().upper() == _TRIGGER
 
     def _drain(self) -> None:
-        """Hand a pushing holder what there is; let go of it when there is nothing more to come."""
+        """Hand a pushing holder the ready bytes; let go of it when there is nothing more to come."""
         holder = self.holder
         if holder is None and self.engine is None:
             self._say_unasked()
@@ -566,7 +566,7 @@ class ServedInstrument:
             self.holder = None
 
     def _say_unasked(self) -> None:
-        """Hand what nobody has asked for to everybody who listens, as on one line; to the others it is lost."""
+        """Hand unasked messages to every listener, as on one line; to the others they are lost."""
         while True:
             data, end = self._read(WHOLE_RESPONSE)
             if not data:
@@ -582,7 +582,7 @@ class ServedInstrument:
             client.deliver(data, end=end)
 
     def _spoil(self, client: Client, data: bytes, *, end: bool) -> tuple[bytes, bool]:
-        """Return what faults leave of an answer that arrives now; one that is late is kept, and none overtakes it."""
+        """Return an answer that arrives now after its faults; one that is late is kept, and none overtakes it."""
         late_s = 0.0
         if self.fault is not None:
             data, end, late_s = self.fault(data, end)

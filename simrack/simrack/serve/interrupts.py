@@ -70,7 +70,7 @@ class InterruptChannel:
             self._lost()
 
     def close(self) -> None:
-        """End the channel; who waits for it to open is told that it does not."""
+        """End the channel; waiters for its opening are told that it does not open."""
         if self.closed:
             return
         self.closed = True

@@ -44,7 +44,7 @@ class LockstepPort:
 
     @property
     def device(self) -> LockstepPort:
-        """The other end is what this one writes to and reads from."""
+        """The other end, which this one writes to and reads from."""
         return self
 
     def connect(self) -> LockstepPort:
@@ -72,7 +72,7 @@ class LockstepPort:
         self._await()  # time goes no further before the instrument has it
 
     def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return what has been sent here by now."""
+        """Return the bytes that have been sent here by now."""
         waiting = self._await() - self._said
         data = self._wire.read(min(waiting, limit)) if waiting else b""
         if len(data) < min(waiting, limit):
@@ -110,7 +110,7 @@ def _opened(resource: str) -> Any:
 
 
 def _address(wire: Any, resource: str) -> Any:
-    """Return what the server knows the wire by; a socket is told to send at once."""
+    """Return the server's name of the wire; a socket is told to send at once."""
     connection = getattr(wire, "_socket", None)  # pyserial shows it in no other way
     if connection is None:
         return resource

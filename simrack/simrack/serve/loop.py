@@ -38,7 +38,7 @@ class _Poller(Protocol):
 
 
 class _SelectorPoller:
-    """What other systems have, in the shape of epoll.
+    """Poller of other systems, in the shape of epoll.
 
     A selector cannot watch a file for hanging up alone: one from which nothing is to be received for now is forgotten.
     """
@@ -136,7 +136,7 @@ class Loop:
         return self._running
 
     def watch(self, fd: int, handler: Callable[[int], None], mask: int = READ) -> None:
-        """Call `handler` with what `fd` is ready for."""
+        """Call `handler` with the events of `fd`."""
         self._handlers[fd] = handler
         self._poller.register(fd, mask)
 
@@ -145,7 +145,7 @@ class Loop:
         self._poller.modify(fd, mask)
 
     def look_at(self, fd: int) -> None:
-        """Read `fd` before what is done last, whether it says that it is ready or not.
+        """Read `fd` before the calls that are done last, whether it says that it is ready or not.
 
         What is written to a pseudo-terminal arrives a little later; reading from it waits for what is on its way.
         """
@@ -220,7 +220,7 @@ class Loop:
             _done(action)
 
     def _run_timers(self) -> float:
-        """Do what is due; return the seconds until the next."""
+        """Do everything due; return the seconds until the next."""
         while self._timers:
             remaining = self._timers[0][0] - self.wall.now()
             timer = self._timers[0][2]
@@ -237,7 +237,7 @@ class Loop:
 
 
 def _done(action: Callable[[], None]) -> None:
-    """Do `action`; what goes wrong there is told, and ends nothing."""
+    """Do `action`; an exception there is printed, and ends nothing."""
     try:
         action()
     except Exception:  # noqa: BLE001  (as in run)

@@ -1,4 +1,4 @@
-"""How bench time passes behind served wires, and who does something by itself meanwhile."""
+"""Passing of bench time behind served wires, and the instruments that do something by itself meanwhile."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class AttendedPassage:
                 self.working.remove(each)
 
     def _work_out(self) -> None:
-        """Let everybody come to the end of what it works out, before time jumps."""
+        """Let everybody finish its work, before time jumps."""
         while self.working:
             self._work()
 
@@ -110,7 +110,7 @@ class AttendedPassage:
         return self.clock.wall_until(self.next_due_s)
 
     def idle(self) -> None:
-        """Go on to the next status that comes unasked, if who leads the clock seems to wait for it."""
+        """Go on to the next unasked status, if the leader of the clock seems to wait for it."""
         due = self._next_unasked_s()
         if self.clock.jumps and due < _NOTHING:
             self.jump_to(due)
@@ -147,7 +147,7 @@ class AttendedPassage:
         return False
 
     def _arrive(self, due_s: float) -> None:
-        """Do what is due."""
+        """Do everything due."""
         self.clock.move(due_s)
         self._do_errands(due_s)
         for each in self.instruments:

@@ -1,4 +1,4 @@
-"""Who is at the other end of a connection within this host: TCP has no permissions, Linux tells whose a socket is."""
+"""User at the other end of a connection within this host: TCP has no permissions, Linux tells a socket's owner."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NOBODY = -1
 
 
 def is_welcome(connection: socket.socket) -> bool:
-    """Tell whether the user at the other end may control what this process serves; where it cannot be known, they may.
+    """Tell whether the user at the other end may control the server; where it cannot be known, they may.
 
     Welcome are the user who serves, root, and who has become root by sudo to serve.
     """
@@ -26,7 +26,7 @@ def is_welcome(connection: socket.socket) -> bool:
 
 
 def welcome_users() -> frozenset[int]:
-    """Return the users who may control what this process serves."""
+    """Return the users with permission to control the server."""
     users = {0, os.geteuid()} if hasattr(os, "geteuid") else set()
     if users == {0} and os.environ.get("SUDO_UID", "").isdecimal():
         users.add(int(os.environ["SUDO_UID"]))

@@ -55,7 +55,7 @@ class ByteStream(Client):
 
     @property
     def blocked(self) -> bool:
-        """Whether the other side does not take what it asked for."""
+        """Whether the other side does not take its answers."""
         return self._outbox.size > 0
 
     def relieved(self) -> None:
@@ -84,7 +84,7 @@ class ByteStream(Client):
             self._watch()
 
     def on_ready(self, mask: int) -> None:
-        """Receive, send what is left, or notice that the other side has gone."""
+        """Receive, send the rest, or notice that the other side has gone."""
         if mask & WRITE:
             self._flush()
             if mask == WRITE or self.closed:
@@ -114,7 +114,7 @@ class ByteStream(Client):
                 self._close()
 
     def start_anew(self) -> None:
-        """Forget what was under way."""
+        """Forget the message under way."""
         self._rest = b""
         super().start_anew()
         self._watch()
@@ -167,7 +167,7 @@ class ByteStream(Client):
         self._watch()
 
     def _acknowledge(self) -> None:
-        """Tell the sender at once that what gets no answer has arrived, if the transport would wait with it."""
+        """Tell the sender at once that a message without an answer has arrived, if the transport would wait with it."""
 
     def _flush(self) -> None:
         try:
@@ -224,7 +224,7 @@ class TcpStream(ByteStream):
 
 
 class Pty(ByteStream):
-    """A pseudo-terminal with the serial personality; `path` is what a client opens.
+    """A pseudo-terminal with the serial personality; a client opens `path`.
 
     The server keeps the client's end open too: a terminal whose last user has left would hang up for good.
     """
@@ -251,7 +251,7 @@ class Pty(ByteStream):
 
     @property
     def listens(self) -> bool:
-        """Whether somebody reads: what comes unasked must not pile up until the line is opened."""
+        """Whether somebody reads: unasked messages must not pile up until the line is opened."""
         return super().listens and self._unread() < _UNREAD
 
     def _unread(self) -> int:

@@ -58,7 +58,7 @@ class Unpacker:
 
 
 class Call(NamedTuple):
-    """A call: its number, what it calls, and its arguments."""
+    """A call: its number, program and procedure, and its arguments."""
 
     xid: int
     program: int

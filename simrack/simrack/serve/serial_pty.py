@@ -1,4 +1,4 @@
-"""A pseudo-terminal behind which RS-232 is what it is: time, a small buffer, a handshake, a speed to agree on.
+"""A pseudo-terminal with the properties of RS-232: time, a small buffer, a handshake, a speed to agree on.
 
 A pseudo-terminal has no pins and no parity. Its speed can be seen; it is the client's. The handshake is what such a
 terminal has: it is not read while the instrument's DTR is false, so that the client's writing comes to a halt.
@@ -49,7 +49,7 @@ class SerialPty(Pty):
         return self._line.under_way and not self.heard
 
     def go_on(self) -> None:
-        """Let arrive what has by now, at either end."""
+        """Let bytes arrive that are due by now, at either end."""
         self._exchange(b"")
 
     def deliver(self, data: bytes, *, end: bool) -> None:
@@ -62,7 +62,7 @@ class SerialPty(Pty):
         """Do nothing: the line knows whether more can be taken."""
 
     def start_anew(self) -> None:
-        """Forget what is on its way too."""
+        """Forget the bytes on their way too."""
         self._answers.clear()
         self._line = self._new_line()
         self._held_back = False
@@ -70,7 +70,7 @@ class SerialPty(Pty):
         super().start_anew()
 
     def take_answers(self) -> bytes:
-        """Return what the instrument has said."""
+        """Return the answers of the instrument."""
         answers = bytes(self._answers)
         self._answers.clear()
         return answers
@@ -103,7 +103,7 @@ class SerialPty(Pty):
         self.instrument.touched()
 
     def _frame(self) -> CharacterFrame:
-        """Return what the client has set, as far as a pseudo-terminal shows it."""
+        """Return the client's settings, as far as a pseudo-terminal shows them."""
         import termios  # noqa: PLC0415  (there is none on Windows)
 
         settings = termios.tcgetattr(self._slave)

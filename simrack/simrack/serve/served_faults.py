@@ -1,4 +1,4 @@
-"""What goes wrong on a served bench: begins and ends faults, on the wires of this server and at the instruments."""
+"""Faults of a served bench: their beginning and end, on the wires of this server and at the instruments."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ class ServedFaults:
             self._require_possible(fault)
 
     def begin(self) -> None:
-        """Plan what the script says."""
+        """Plan the faults of the script."""
         for role, noise in self._noise.items():
             noise.seed(f"{self._script.seed}/{role}")
         for fault in self._script.faults:
             self._plan(fault)
 
     def kinds(self, role: str) -> list[str]:
-        """Return what goes on at an instrument."""
+        """Return the kinds of faults under way at an instrument."""
         return [each.fault.kind for each in self._ongoing[role]]
 
     def add(self, fault: Fault) -> None:

@@ -49,7 +49,7 @@ _HIGHEST_PORT = 65_535
 
 
 class ServedBench(Struct, frozen=True):
-    """What is served: the World, the devices by role, and their models by role; all on one :class:`ServedClock`."""
+    """A bench to serve: the World, the devices by role, and their models by role; all on one :class:`ServedClock`."""
 
     world: World
     devices: Mapping[str, Device]
@@ -175,7 +175,7 @@ class BenchServer:
         self.close()
 
     def as_json(self) -> dict[str, Any]:
-        """Return what ``vcfbench sim serve --json`` prints."""
+        """Return the object printed by ``serve --json``."""
         return {
             "instruments": {role: wires.as_json() for role, wires in self.wires.items()},
             "control": {"host": _loopback(self.settings.host), "port": self.control.port},
@@ -278,7 +278,7 @@ class BenchServer:
     # --- what the control port offers ---------------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return bench time, how it passes, and who is connected to what."""
+        """Return bench time, its speed, and the connections of each instrument."""
         clock = self.clock
         return {
             "now_s": clock.now(),
@@ -298,7 +298,7 @@ class BenchServer:
         }
 
     def listed(self, match: str = "") -> list[dict[str, Any]]:
-        """Return what can be seen and changed whose name contains `match`."""
+        """Return the adjustments whose name contains `match`."""
         return [
             {"name": each.name, "unit": each.unit, "meaning": each.meaning, "writable": each.write is not None}
             for each in self._adjustable()
@@ -333,7 +333,7 @@ class BenchServer:
         self.faults.end(role)
 
     def reset(self, seed: int | None = None) -> None:
-        """Put the bench back to what it was when it was served first, of its first seed or another; connections stay.
+        """Put the bench back to its state when it was served first, of its first seed or another; connections stay.
 
         Raises:
             Refused: whoever made the server has not said how the bench is built.
@@ -375,7 +375,7 @@ def _loopback(host: str) -> str:
 
 
 def _address_for_clients(host: str) -> str:
-    """Return what clients put into resource strings: of a wildcard the address of this machine in its network."""
+    """Return the address in clients' resource strings: of a wildcard that of this machine in its network."""
     if host in {"0.0.0.0", "::"}:  # noqa: S104  (recognised, not chosen)
         host = _outward_address(host)
     return f"[{host}]" if ":" in host else host

@@ -91,12 +91,12 @@ class _Link(Client):
         self._aside.append((data, end))
 
     def start_anew(self) -> None:
-        """Forget what was under way; a read that waits goes on waiting."""
+        """Forget the message under way; a read that waits goes on waiting."""
         super().start_anew()
         self.drop()
 
     def drop(self) -> None:
-        """Forget what was not read."""
+        """Forget unread bytes."""
         self._aside.clear()
         self._offset = 0
 
@@ -114,7 +114,7 @@ class _Link(Client):
         return part, end
 
     def put_back(self, data: bytes, *, end: bool) -> None:
-        """Keep what lies behind a termination character."""
+        """Keep the bytes behind a termination character."""
         if self._offset:
             kept, kept_end = self._aside[0]
             self._aside[0] = (kept[self._offset :], kept_end)

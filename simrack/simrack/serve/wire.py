@@ -1,4 +1,4 @@
-"""What every protocol needs of a socket: listening, and sending without waiting."""
+"""Common base of the protocols on sockets: listening, and sending without waiting."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Listener:
 
 
 class Outbox:
-    """What a file did not take at once."""
+    """Bytes that a file did not take at once."""
 
     __slots__ = ("_parts", "size")
 
@@ -105,7 +105,7 @@ class Outbox:
                     return
 
     def _drop(self, sent: int) -> bool:
-        """Forget what was sent; tell whether that was whole parts."""
+        """Forget sent bytes; tell whether those were whole parts."""
         self.size -= sent
         while self._parts and sent >= len(self._parts[0]):
             sent -= len(self._parts[0])
@@ -116,7 +116,7 @@ class Outbox:
 
 
 class Connection:
-    """A client's connection; subclasses make sense of what is received.
+    """A client's connection; subclasses make sense of the received bytes.
 
     While the client does not take what it is sent, nothing more is received from it.
     """
@@ -134,11 +134,11 @@ class Connection:
 
     @property
     def blocked(self) -> bool:
-        """Whether the client does not take what it is sent."""
+        """Whether the client does not take its bytes."""
         return self._outbox.size > 0
 
     def on_ready(self, mask: int) -> None:
-        """Receive, send what is left, or notice that the other side has gone."""
+        """Receive, send the rest, or notice that the other side has gone."""
         if mask & WRITE:
             self._flush()
         if self.closed or not mask & ~WRITE:
@@ -161,7 +161,7 @@ class Connection:
                 self.loop.change(self._fd, 0 if held else READ)
 
     def receive(self) -> None:
-        """Deal with what has come."""
+        """Deal with received bytes."""
         try:
             data = self._socket.recv(self.chunk)
         except BlockingIOError:
@@ -214,7 +214,7 @@ class Connection:
         return self._socket
 
     def received(self, data: bytes) -> None:
-        """Make sense of what has come."""
+        """Make sense of received bytes."""
         raise NotImplementedError
 
     def relieved(self) -> None:

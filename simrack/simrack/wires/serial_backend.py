@@ -22,7 +22,7 @@ _HANDLERS = "simrack.wires.serial_handlers"
 
 
 class FarEnd(Protocol):
-    """What a port writes to and reads from: a `Device`, or the part of it that a port needs."""
+    """Far end of a port, to write to and read from: a `Device`, or the part of it that a port needs."""
 
     def write(self, data: bytes, /) -> None:
         """Take bytes."""
@@ -38,7 +38,7 @@ class FarEnd(Protocol):
 
 
 class Port(Protocol):
-    """What stands behind the name of a port."""
+    """The simulated end behind the name of a port."""
 
     @property
     def device(self) -> FarEnd:
@@ -80,7 +80,7 @@ class _Port(Struct, frozen=True):
         return self
 
     def disconnect(self) -> None:
-        """Do nothing: what the device has not sent yet stays with it."""
+        """Do nothing: unsent bytes of the device stay with it."""
 
     def wait(self, deadline_s: float | None) -> bool:
         wake_s = self.device.wake_at()
@@ -200,13 +200,13 @@ class SimulatedSerial(serial.SerialBase):
             clock.sleep_until(wake_s)
 
     def reset_input_buffer(self) -> None:
-        """Throw away what has arrived by now."""
+        """Throw away the bytes that have arrived by now."""
         self._require_open()
         self._pull()
         self._received.clear()
 
     def reset_output_buffer(self) -> None:
-        """Throw away what has not left yet."""
+        """Throw away the bytes that have not left yet."""
         self._require_open()
         if self._line is not None:
             self._line.drop_output()

@@ -54,7 +54,7 @@ class CharacterFrame(Struct, frozen=True):
         return (1 + self.data_bits + (self.parity != "none") + self.stop_bits) / self.baud
 
     def bits(self, byte: int) -> list[int]:
-        """Return what goes over the line for `byte` before the stop bits, start bit first."""
+        """Return the bits of `byte` on the line before the stop bits, start bit first."""
         data = [byte >> place & 1 for place in range(self.data_bits)]
         return [0, *data, *self._parity(data)]
 
@@ -62,7 +62,7 @@ class CharacterFrame(Struct, frozen=True):
         return [] if self.parity == "none" else [sum(data) % 2 ^ (self.parity == "odd")]
 
     def received(self, bits: list[int]) -> ReceivedCharacter:
-        """Return what `bits`, without start bit and with one stop bit, stand for."""
+        """Return the character of `bits`, without start bit and with one stop bit."""
         data, rest = bits[: self.data_bits], bits[self.data_bits :]
         byte = sum(bit << place for place, bit in enumerate(data))
         if not rest[-1]:
@@ -78,7 +78,7 @@ class ReceivedCharacter(NamedTuple):
 
 
 def heard(data: bytes, sender: CharacterFrame, receiver: CharacterFrame) -> list[ReceivedCharacter]:
-    """Return what `receiver` makes of `data` sent without a pause: it samples each bit in its middle, by its own clock.
+    """Return `data`, sent without a pause, as `receiver` reads it: it samples each bit in its middle, by its own clock.
 
     A second stop bit is not looked at, as in every receiver.
     """
@@ -97,7 +97,7 @@ def heard(data: bytes, sender: CharacterFrame, receiver: CharacterFrame) -> list
 
 
 def _edges(data: bytes, sender: CharacterFrame) -> list[tuple[float, int]]:
-    """Return the instants at which the line changes, and to what; it is high before and after."""
+    """Return the instants at which the line changes, and its new levels; it is high before and after."""
     edges: list[tuple[float, int]] = []
     for index, byte in enumerate(data):
         start_s = index * sender.character_s
@@ -161,7 +161,7 @@ class _Engine(Protocol):
 
 
 class FarInstrument(Protocol):
-    """What is at the far end: every simulated SCPI instrument."""
+    """Device at the far end: every simulated SCPI instrument."""
 
     @property
     def engine(self) -> _Engine:
@@ -186,10 +186,10 @@ class FarInstrument(Protocol):
 
 
 class FarTable(Protocol):
-    """What is at the far end of a plain line: every simulated rate table."""
+    """Device at the far end of a plain line: every simulated rate table."""
 
     def write(self, data: bytes) -> None:
-        """Take what has arrived."""
+        """Take bytes that have arrived."""
         ...
 
     def read(self, limit: int) -> tuple[bytes, bool]:
@@ -206,7 +206,7 @@ class FarTable(Protocol):
 
 
 class LineEnd:
-    """A :class:`~simrack.device.Device`: what is at the end of a serial line, seen from the controller.
+    """A :class:`~simrack.device.Device` at the end of a serial line, seen from the controller.
 
     Args:
         instrument: what is there.
@@ -269,7 +269,7 @@ class LineEnd:
         return len(self._to_instrument)
 
     def drop_output(self) -> None:
-        """Forget what the controller has not sent yet."""
+        """Forget the controller's unsent bytes."""
         self._advance()
         self._to_instrument.drop()
 
@@ -291,7 +291,7 @@ class LineEnd:
         self._require_link()
 
     def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return what has arrived by now; it never has an END."""
+        """Return the bytes that have arrived by now; they never have an END."""
         self._advance()
         self._require_link()
         part = bytes(self._arrived[:limit])
@@ -306,7 +306,7 @@ class LineEnd:
         return None if math.isinf(soonest) else soonest
 
     def clear(self) -> None:
-        """Drop what is on its way and what has arrived, and have the instrument drop its own."""
+        """Drop the bytes on their way and those that have arrived, and have the instrument drop its own."""
         self._clear()
         self._to_instrument.drop()
         self._arrived.clear()
@@ -321,13 +321,13 @@ class LineEnd:
     # --- what goes on -------------------------------------------------------------------------------------
 
     def _require_link(self) -> None:
-        """Tell the controller of a link that was lost: nobody else, who may be waiting when it is noticed."""
+        """Tell the controller of a link that was lost: nobody else waiting when it is noticed."""
         error, self._cut = self._cut, None
         if error is not None:
             raise error
 
     def _tell(self, data: bytes) -> None:
-        """Give the instrument what has arrived; without a link it is lost."""
+        """Give the instrument the bytes that have arrived; without a link they are lost."""
         try:
             self._far.write(data)
         except ConnectionResetError as error:
@@ -372,12 +372,12 @@ class LineEnd:
         raise NotImplementedError
 
     def _go_on(self, now_s: float) -> None:
-        """Let both ends begin to send what they have."""
+        """Let both ends begin to send."""
         raise NotImplementedError
 
 
 class ThreeWireLine(LineEnd):
-    """Three wires to what takes every character as it comes, whatever it is sending: a rate table.
+    """Three wires to a device that takes every character as it comes, also while it sends: a rate table.
 
     A character with an error is dropped (unverified of every table).
     """
@@ -436,7 +436,7 @@ class HandshakeLine(LineEnd):
         super()._clear()
 
     def _go_on(self, now_s: float) -> None:
-        """Hand the parser what it can take, the line what it has to say, and let both ends send on."""
+        """Hand the parser all that it can take, the line its replies, and let both ends send on."""
         self._fetch()
         while self._buffer and (message := self._next_message()):
             del self._buffer[: len(message)]

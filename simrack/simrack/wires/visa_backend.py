@@ -138,7 +138,7 @@ class _Session:
                 known[attribute] = convert(value)
 
     def learn_ends(self) -> None:
-        """Work out what ends a read, and a write."""
+        """Work out the ends of a read, and of a write."""
         known = self.attributes
         ends_at_character = known.get(ResourceAttribute.asrl_end_in) == constants.SerialTermination.termination_char
         enabled = known[ResourceAttribute.termchar_enabled] or ends_at_character
@@ -146,7 +146,7 @@ class _Session:
         self.sends_end = bool(known[ResourceAttribute.send_end_enabled]) and not self.stream
 
     def drop_buffer(self) -> None:
-        """Forget what was received and not yet read."""
+        """Forget received and unread bytes."""
         self.rest = b""
         self.offset = 0
         self.ended = False
@@ -212,7 +212,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     @classmethod
     def get_debug_info(cls) -> dict[str, str]:
-        """Return what `pyvisa-info` prints."""
+        """Return the lines of `pyvisa-info`."""
         return {"Backend": f"simulated instruments of {cls.maker}"}
 
     def _init(self) -> None:
@@ -326,7 +326,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         return data, status
 
     def _collect(self, opened: _Session, count: int, terminator: int | None) -> tuple[bytes, StatusCode]:
-        """Put a read together from what is there and what comes before the time-out."""
+        """Put a read together from the bytes there and those that come before the time-out."""
         deadline = opened.bench.clock.now() + opened.timeout_s
         parts: list[bytes] = []
         if not opened.rest and not self._await(opened, count, deadline):
@@ -342,7 +342,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     @staticmethod
     def _fetch(opened: _Session, count: int) -> bool:
-        """Take what the device says now; False when it says nothing."""
+        """Take the device's present bytes; False when there are none."""
         with opened.bench.lock:
             opened.rest, opened.ended = opened.place.device.read(count)
         opened.offset = 0
@@ -382,7 +382,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         return self._done(session)
 
     def clear(self, session: VISASession) -> StatusCode:
-        """Device clear; a SOCKET or serial session has none and only drops what was received."""
+        """Device clear; a SOCKET or serial session has none and only drops received bytes."""
         opened = self._session(session)
         self._check_owner(session, opened)
         if opened.stream:
@@ -439,7 +439,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     def lock(
         self, session: VISASession, lock_type: constants.Lock, timeout: int, requested_key: str | None = None
     ) -> tuple[str, StatusCode]:
-        """Take a lock, at once or not at all; all who ask for a shared one have it, whatever their key."""
+        """Take a lock, at once or not at all; a shared one is given to everybody, whatever their key."""
         del timeout
         opened = self._session(session)
         place = opened.place

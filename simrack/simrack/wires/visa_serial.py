@@ -1,4 +1,4 @@
-"""What VISA calls the settings and pins of a serial line (VPP-4.3, 5.1.9)."""
+"""Settings and pins of a serial line by their VISA names (VPP-4.3, 5.1.9)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def changed(line: HandshakeLine, attributes: Mapping[int, Any], attribute: int) 
 
 
 def pin(line: HandshakeLine, attribute: int) -> LineState | None:
-    """Return the state of a pin, None for what is none; the cable joins CTS to RTS, which is always true."""
+    """Return the state of a pin, None for other attributes; the cable joins CTS to RTS, which is always true."""
     states = {
         ResourceAttribute.asrl_dsr_state: line.dsr,
         ResourceAttribute.asrl_dtr_state: line.dtr,

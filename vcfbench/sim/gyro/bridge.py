@@ -172,7 +172,7 @@ class NoisePath:
         return self._spans[level, index]
 
     def _calm(self, span: _Span) -> _Span:
-        """Return a span without what flutter made in it."""
+        """Return a span without the part made by flutter."""
         if self._shaken is None:
             return span
         end, integral_v_s = self._shaken.added(span.end, span.integral_v_s, -1.0)
@@ -183,7 +183,7 @@ class NoisePath:
 
 
 def _halved(noisy: NoisyChain, span: _Span, random: np.random.Generator) -> tuple[_Span, _Span]:
-    """Return both halves of a span, the noise in the middle drawn: a free one, then what its end misses."""
+    """Return both halves of a span, the noise in the middle drawn: a free one, then the correction to its end."""
     half_s = span.duration_s / 2
     once = noisy.interval(half_s)
     first, second = random.standard_normal((2, len(once.factor))) @ once.factor.T
@@ -216,7 +216,7 @@ def _drawn(noisy: NoisyChain, span: _Span, random: np.random.Generator) -> _Wave
 def _fluctuation(
     noisy: NoisyChain, span: _Span, grown: NDArray[np.complex128], random: np.random.Generator
 ) -> NDArray[np.complex128]:
-    """Return what is gathered at each point of the grid, as it shows; `grown` says how modes go on by themselves."""
+    """Return the noise gathered at each point of the grid, as it shows; `grown` is the free growth of the modes."""
     count = len(grown) - 1
     once, whole = noisy.interval(span.duration_s / count), noisy.interval(span.duration_s)
     factor = _without_nothing(once.factor)
@@ -237,7 +237,7 @@ def _without_nothing(factor: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _weights(noisy: NoisyChain, duration_s: float, missed: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return Q^-1 of what was missed, Q the covariance gathered over the span; deficient directions get none."""
+    """Return Q^-1 of the missing part, Q the covariance gathered over the span; deficient directions get none."""
     covariance = noisy.covariance(duration_s)
     scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(scale == 0.0, 1.0, scale)

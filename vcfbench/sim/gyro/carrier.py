@@ -83,7 +83,7 @@ class CarrierModel:
         return CarrierRun(times, drive, sense, filtered, starts[-1])
 
     def _cycle(self, rate_rad_s: float, virtual_v: float) -> NDArray[np.float64]:
-        """Return what takes the state from the start of a cycle to each of its sampling instants."""
+        """Return the matrices from the state at the start of a cycle to each of its sampling instants."""
         from scipy.linalg import expm  # noqa: PLC0415  (only where a carrier-level run is wanted)
 
         count = self._samples * FINE_STEPS
@@ -136,7 +136,7 @@ class CarrierModel:
         matrices[:, row, -1] = force * volts / self._drive_rad_s * np.sin(phases + path.carrier_phase_rad)
 
     def _through(self, phases: NDArray[np.float64], virtual_v: float) -> NDArray[np.float64]:
-        """Return what of carrier and modulated V_Vc is in V_s without motion."""
+        """Return the part of carrier and modulated V_Vc in V_s without motion."""
         sense = self._bench.sense_path
         size = sense.carrier_feedthrough * sense.reference_amplitude_v + sense.v_vc_feedthrough * virtual_v
         return np.asarray(size * np.sin(phases + self._bench.virtual_path.carrier_phase_rad))

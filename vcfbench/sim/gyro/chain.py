@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class ChainState(Struct, frozen=True):
-    """What the chain remembers, in terms that outlive a change of its parameters.
+    """Memory of the chain, in terms that outlive a change of its parameters.
 
     `displacements`, `velocities`: complex envelopes of both sense modes, m and m/s. `filtered`: the filter's parts, V.
     """
@@ -128,7 +128,7 @@ class Response(Struct, frozen=True, dict=True):
 
 
 class Chain(Struct, frozen=True, dict=True):
-    """The sense chain with fixed parameters: eigenmodes, how each source forces them, what they show.
+    """The sense chain with fixed parameters: eigenmodes, their forcing by each source, their outputs.
 
     `coupling` and `turned_coupling` (times e^{2j th}) tell the filter's parts from its free motions. Sources: `rate`
     per rad/s, `virtual` per volt at the modulator's output, `quadrature` the constant force; `turned_*` act on the
@@ -156,7 +156,7 @@ class Chain(Struct, frozen=True, dict=True):
 
     @cached_property
     def lag(self) -> NDArray[np.complex128]:
-        """What the filter's free motions make of a steady force times e^{2j th}."""
+        """Response of the filter's free motions to a steady force times e^{2j th}."""
         return np.asarray(1 / (2j * self.drive_rad_s - self.eigenmodes[4:]))
 
     @cached_property
@@ -253,7 +253,7 @@ class Chain(Struct, frozen=True, dict=True):
         return acting[: len(own)] / (exponents - own), turned
 
     def _through(self, forcing: Forcing) -> tuple[complex, complex, NDArray[np.complex128]]:
-        """Return what is in the envelope of V_s without motion; of a rate there is nothing."""
+        """Return the envelope of V_s without motion; of a rate there is nothing."""
         sizes = [0j] * len(forcing.rate_terms) + [self.virtual_through * a for a, _ in forcing.virtual_terms]
         constant = self.carrier_through + self.virtual_through * forcing.virtual_v
         return constant, self.virtual_through * forcing.virtual_slope, np.array(sizes, complex)
@@ -270,13 +270,13 @@ def _moved(forced: NDArray[np.complex128], moved: NDArray[np.complex128]) -> NDA
 
 
 def _weighed(weights: NDArray[np.complex128], forced: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return what the forced motions show, one figure a term; see :func:`_moved`."""
+    """Return the outputs of the forced motions, one figure a term; see :func:`_moved`."""
     few = forced.shape[1] <= FEW_TERMS
     return np.asarray(weights @ forced if few else (weights[:, None] * forced).sum(axis=0))
 
 
 class ChainDesign:
-    """What of the chain depends neither on the temperature nor on the drive, worked out once; :func:`build_chain`."""
+    """Parts of the chain that depend neither on temperature nor on drive, worked out once; :func:`build_chain`."""
 
     def __init__(self, bench: BenchParameters) -> None:
         sense, virtual = bench.sense_path, bench.virtual_path

@@ -1,4 +1,4 @@
-"""What acts on the sense chain, one thing after another, and what the chain has come to.
+"""Course of the sense chain: its forcing, one after another, and its response.
 
 What acts is only noted. The chain's response is worked out when somebody looks, and no further back than the chain
 remembers: a start-up that nobody watches costs next to nothing, and so does a long way down to rest.
@@ -36,7 +36,7 @@ FORGOTTEN_NEPERS = 36.0
 
 
 class Acting(Struct, frozen=True):
-    """What acts on the chain from `since_s` on, the carrier's phase being `phase_rad` then."""
+    """Forcing of the chain from `since_s` on, the carrier's phase being `phase_rad` then."""
 
     since_s: float
     phase_rad: float
@@ -80,7 +80,7 @@ class Acting(Struct, frozen=True):
 
 
 class _Noted(Struct, frozen=True):
-    """What acts, with how fast the chain forgets meanwhile, and by how much it had decayed since the course began."""
+    """A forcing, the chain's rate of forgetting meanwhile, and its decay since the course began."""
 
     acting: Acting
     nepers_s: float
@@ -91,14 +91,14 @@ class _Noted(Struct, frozen=True):
 
 
 class _Followed(Struct, frozen=True):
-    """What acts, and the chain's response to it."""
+    """A forcing, and the chain's response to it."""
 
     acting: Acting
     response: Response
 
 
 class Course:
-    """The chain's course; it begins at rest, with what is noted first."""
+    """The chain's course; it begins at rest, with the first noted forcing."""
 
     def __init__(self, design: ChainDesign, bench: BenchParameters) -> None:
         path = bench.sense_path
@@ -112,11 +112,11 @@ class Course:
         """The last that was worked out; None is a chain at rest before the first that is noted."""
 
     def part(self) -> None:
-        """Have nothing in common any more with what this was copied from that would change there."""
+        """Detach from the original: copy shared mutable state."""
         self._noted = self._noted.copy()
 
     def note(self, acting: Acting) -> None:
-        """Note what acts from now on."""
+        """Note a forcing from now on."""
         modes = _resonances(acting.bench, acting.temperature_c)
         nepers_s = min(*[mode.natural_rad_s / (2 * mode.quality) for mode in modes], self._filter_nepers_s)
         decayed = 0.0 if self._latest is None else self._latest.decayed_by(acting.since_s)
@@ -125,7 +125,7 @@ class Course:
         self._forget(decayed)
 
     def response(self, from_s: float) -> Response:
-        """Return the chain's response to what was noted last, its time from when that began; exact from `from_s` on.
+        """Return the chain's response to the last noted forcing, its time from then; exact from `from_s` on.
 
         Raises:
             RuntimeError: nothing was noted.
@@ -139,13 +139,13 @@ class Course:
         return self._followed.response
 
     def _forget(self, decayed: float) -> None:
-        """Leave out what the chain does not remember by now: it might as well have been at rest."""
+        """Leave out forcings that the chain has forgotten by now: it might as well have been at rest."""
         while len(self._noted) > 1 and decayed - self._noted[1].decayed > FORGOTTEN_NEPERS:
             self._noted.popleft()
             self._followed = None
 
     def _follow(self, acting: Acting) -> _Followed:
-        """Work out the response to what acts, from what the chain has come to by then."""
+        """Work out the response to a forcing, from the chain's state by then."""
         turn, before = acting.turn, self._followed
         if before is None:
             chain = acting.chain(self._design)
@@ -160,7 +160,7 @@ class Course:
 
 
 class Answer:
-    """The chain's response to what was noted last, worked out when it is first asked for; nobody looks before `from_s`.
+    """The chain's response to the last noted forcing, worked out when asked for; nobody looks before `from_s`.
 
     A meter on a rail, or a picture of the drive, never asks.
     """
@@ -173,13 +173,13 @@ class Answer:
         self._response: Response | None = None
 
     def response(self) -> Response:
-        """Return the response, its time from when what acts began."""
+        """Return the response, its time from the start of the forcing."""
         if self._response is None:
             self._response = self._course.response(self._from_s)
         return self._response
 
     def part(self) -> None:
-        """Have what is asked later answered apart from the course, which goes on to something else."""
+        """Answer later questions apart from the course, which goes on to something else."""
         if self._response is None:
             self._course = copy.copy(self._course)
             self._course.part()

@@ -1,4 +1,4 @@
-"""A gyroscope of one's own: the parameters that give back what a data sheet says of it.
+"""A gyroscope of one's own: the parameters that give back the values of a data sheet.
 
 What a data sheet does not say is chosen as for the shipped sets and scaled: forces and loops with frequency and quality
 factor, the in-phase mode with the drive frequency, but never near the mode that measures.
@@ -25,7 +25,7 @@ _SECONDS = 3600.0
 
 
 class DataSheet(Struct, frozen=True, kw_only=True):
-    """What is known of a gyroscope.
+    """Data sheet of a gyroscope.
 
     Args:
         scale_factor_v_per_deg_s: of the output, signed. bias_deg_s: at rest, as a rate. range_deg_s: either way.
@@ -174,7 +174,7 @@ def peak_response(sheet: DataSheet) -> float:
 
 
 def settling_s(sheet: DataSheet) -> tuple[float, float]:
-    """Return how long the drive loop and the output take until what is left is below 1e-5, s."""
+    """Return the settling times of drive loop and output, to 1e-5, s."""
     drive_s = 20.0 * sheet.q_drive / (math.pi * sheet.drive_hz)
     sense_s = 12.0 * sheet.q_sense / (math.pi * sheet.drive_hz) + 3.0 / sheet.low_pass_hz
     return drive_s, sense_s

@@ -33,7 +33,7 @@ EARTH_RATE_DEG_S = 15.041067 / 3600.0
 
 
 class Targets(Struct, frozen=True):
-    """What computed gains must give: y = c0 + c1 r + c2 r^2 + c3 r^3, r the table rate in deg/s, V_Vc switch open."""
+    """Targets of the computed gains: y = c0 + c1 r + c2 r^2 + c3 r^3, r the table rate in deg/s, V_Vc switch open."""
 
     bias_v: float
     scale_factor_v_s_deg: float

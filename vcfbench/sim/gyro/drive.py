@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Supplied(NamedTuple):
-    """What the rails allow at a moment: the amplitude that the AGC holds, m, and the weaker rail, V."""
+    """Limits by the rails at a moment: the amplitude that the AGC holds, m, and the weaker rail, V."""
 
     amplitude_m: float
     rail_v: float
@@ -135,7 +135,7 @@ def start_up(
     phase_rad: float,
     supplied: Callable[[float], Supplied],
 ) -> list[DriveSegment]:
-    """Return the drive's motion from `parts` to lock, `supplied` telling what the rails allow at a bench time.
+    """Return the drive's motion from `parts` to lock, `supplied` telling the rails' limits at a bench time.
 
     The loop starts with empty integrators and its VCO at the free-running frequency. If it has not settled after
     `LONGEST_START_S`, it is taken as locked then.

@@ -22,7 +22,7 @@ BLOCKS_KEPT = 256
 
 
 class ElectronicNoise:
-    """Noise of a one-sided density, V/sqrt(Hz), up to `corner_hz`; `key` is what its random numbers come from."""
+    """Noise of a one-sided density, V/sqrt(Hz), up to `corner_hz`; its random numbers come from `key`."""
 
     __slots__ = ("_blocks", "_kernel", "_key", "_tick_s")
 

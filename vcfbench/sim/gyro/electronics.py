@@ -52,7 +52,7 @@ class Oscillation(Struct, frozen=True):
 
 
 class Pin(Struct, frozen=True):
-    """A supply pin: how its voltage goes on, and what ripples on it; `sign` is the polarity that the PCB takes.
+    """A supply pin: its voltage and its ripple; `sign` is the polarity that the PCB takes.
 
     Of the other polarity it counts as 0 V: the protection diodes block it.
     """
@@ -83,7 +83,7 @@ class Pin(Struct, frozen=True):
         return Oscillation(smooth.constant_v, [*smooth.terms, *rippling, *noisy])
 
     def rippling(self, now_s: float) -> list[tuple[complex, complex]]:
-        """Return the ripple from `now_s` on, without what is beside it; without a voltage there is none."""
+        """Return the ripple from `now_s` on, alone; without a voltage there is none."""
         ripple = self.ripple
         if ripple is None or not self.smooth_v(now_s):
             return []
@@ -118,7 +118,7 @@ class PlayedVoltage(Struct, frozen=True):
 
 
 class Passage(Struct, frozen=True):
-    """V_Vc and what the modulator makes of it, from `origin_s` to `stop_s`."""
+    """V_Vc and the modulator's output, from `origin_s` to `stop_s`."""
 
     origin_s: float
     stop_s: float
@@ -135,7 +135,7 @@ class Passage(Struct, frozen=True):
 
 
 def passage(source: Drive | Played | None, path: VirtualPath, now_s: float) -> Passage:
-    """Return what `source` does from `now_s` on; None leaves the input to the pull-down, the switch open."""
+    """Return the voltages of `source` from `now_s` on; None leaves the input to the pull-down, the switch open."""
     if source is None:  # an open switch lets nothing through, not even the modulator's leakage
         nothing = Oscillation(0.0, [])
         return Passage(0.0, math.inf, nothing, nothing)
@@ -153,12 +153,12 @@ def _written(piece: Piece) -> Oscillation:
 
 
 def node_voltage(open_circuit_v: float, source_ohm: float, path: VirtualPath) -> float:
-    """Return what a source puts on the V_Vc input, loaded by the pull-down."""
+    """Return the voltage of a source at the V_Vc input, loaded by the pull-down."""
     return open_circuit_v * path.pull_down_ohm / (path.pull_down_ohm + source_ohm)
 
 
 def source_voltage(source: Drive, path: VirtualPath) -> Oscillation:
-    """Return what a generator puts on the V_Vc input; its origin is bench time 0."""
+    """Return the voltage of a generator at the V_Vc input; its origin is bench time 0."""
     loaded = node_voltage(1.0, source.source_ohm, path)
     constant, terms = source.dc_v * loaded, list[tuple[complex, complex]]()
     sines: tuple[Drive | Sine, ...] = (source, *source.overtones)

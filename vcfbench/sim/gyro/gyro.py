@@ -1,4 +1,4 @@
-"""The gyro with its PCB: what it is in, and how that moves from one event to the next.
+"""The gyro with its PCB: its state, and the way from one event to the next.
 
 Between events (a rail, V_Vc, a corner of the table's motion, a segment of the drive's start-up, a band of
 temperature) the sense chain is linear with fixed parameters and Gaussian noise, and one step of any length is exact.
@@ -94,7 +94,7 @@ class Gyro:
         return other
 
     def part(self) -> None:
-        """Have nothing in common any more with what this was copied from that would change there."""
+        """Detach from the original: copy shared mutable state."""
         self._drive, self._bands = list(self._drive), list(self._bands)
         self._course = copy.copy(self._course)
         self._course.part()
@@ -182,7 +182,7 @@ class Gyro:
         return rail_current_a(self._bench.supply, voltage_v, min(max(lacking, 0.0), 1.0))
 
     def drawing(self) -> Hashable:
-        """Return what the rails' currents go by, until the next event or command; None while a rail moves."""
+        """Return a key of the rails' currents, until the next event or command; None while a rail moves."""
         moving = any(rail.terms for rail in self._rails)
         return None if moving else (self._pins, self._drive[0], self._running)
 
@@ -208,7 +208,7 @@ class Gyro:
         self._arrive(stop_s)
 
     def propagate(self, rate: RateSegment, stop_s: float) -> Stretch:
-        """Go to `stop_s`, not beyond the next event, and return what happened."""
+        """Go to `stop_s`, not beyond the next event, and return the stretch."""
         acting = self._act(rate)
         self._noise.bring_up(self.now_s)
         path, integral_v_s = self._noise.gone(stop_s, self._key)
@@ -218,11 +218,11 @@ class Gyro:
 
     @property
     def _key(self) -> tuple[int, ...]:
-        """What the random numbers of a picture come from: the seed and the instant."""
+        """Key of a picture's random numbers: the seed and the instant."""
         return self._seed, _LOOKS, round(self.now_s * 1e9)
 
     def _act(self, rate: RateSegment) -> Acting:
-        """Return what acts on the chain; where it has changed, it acts from now on."""
+        """Return the forcing of the chain; where it has changed, it acts from now on."""
         if rate is not self._rate:
             self._end_acting()
             self._rate = rate
@@ -244,7 +244,7 @@ class Gyro:
         return self._acting
 
     def _situation(self, acting: Acting) -> Situation:
-        """Return what holds while it acts; somebody looks."""
+        """Return the situation while a forcing acts; somebody looks."""
         if self._given is None:
             self._given = Situation(
                 acting.bench,
@@ -268,7 +268,7 @@ class Gyro:
         return output_limits(stage, positive.smooth_v(self.now_s), negative.smooth_v(self.now_s))
 
     def _end_acting(self) -> None:
-        """Have what acts on the chain so far end now, before something changes it."""
+        """End the present forcing of the chain now, before something changes it."""
         self._phase = self._phase_now()
         if self._given is not None:
             self._given.answer.part()
@@ -363,7 +363,7 @@ class Gyro:
         return AMPLITUDE_STEP / relative if relative else math.inf
 
     def _supplied(self) -> Callable[[float], Supplied]:
-        """Return what the rails will allow at a bench time, as they go on now."""
+        """Return a function of bench time for the limits by the rails, as they go on now."""
         ends = [rail.ends_s(self.now_s) for rail in self._rails if rail.terms]
         settled_s, goal_v = max(ends, default=-math.inf), max(min(self._rails[0].goal_v, -self._rails[1].goal_v), 0.0)
         settled = Supplied(self._amplitude_m(goal_v), goal_v)
@@ -377,7 +377,7 @@ class Gyro:
         return supplied
 
     def _amplitude_m(self, rail_v: float) -> float:
-        """Return the drive amplitude that the AGC holds on rails of `rail_v`, at most what its force can hold."""
+        """Return the drive amplitude that the AGC holds on rails of `rail_v`, limited by its largest force."""
         return min(self._wanted_m(rail_v), self._strongest_m(rail_v))
 
     def _wanted_m(self, rail_v: float) -> float:

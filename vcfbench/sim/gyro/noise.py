@@ -47,13 +47,13 @@ class FlickerNoise(Struct, frozen=True):
     def later(
         self, rates_rad_s: NDArray[np.float64], duration_s: float, random: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return what the rates have become after `duration_s`, nobody having looked at the chain."""
+        """Return the flicker rates after `duration_s`, nobody having looked at the chain."""
         kept = np.exp(-duration_s / self.times_s)
         return np.asarray(rates_rad_s * kept + np.sqrt(-np.expm1(-2 * duration_s / self.times_s)) * self.drawn(random))
 
 
 class NoiseState(Struct, frozen=True):
-    """What noise has made so far of the chain's eigenmodes (first product only) and of each flicker rate, rad/s.
+    """Part of the chain's eigenmodes (first product only) and of each flicker rate made by noise, rad/s.
 
     `made` has them as the matrices of a step take them: Re modal, Im modal, rates; `modes` is how many modes there are.
     """
@@ -79,7 +79,7 @@ class NoiseState(Struct, frozen=True):
         return self.made[2 * self.modes :]
 
     def plus(self, gathered: NDArray[np.float64]) -> NoiseState:
-        """Return it with a vector (Re modal, Im modal, flicker...) added; what follows in the vector is not its own."""
+        """Return it with a vector (Re modal, Im modal, flicker...) added; later elements are not its own."""
         return NoiseState(self.made + gathered[: len(self.made)], self.modes)
 
     def minus(self, other: NoiseState) -> NDArray[np.float64]:
@@ -88,7 +88,7 @@ class NoiseState(Struct, frozen=True):
 
 
 class Interval(Struct, frozen=True, dict=True):
-    """What an interval does to a noise state: decay, mean effect of the flicker, factor of what is added."""
+    """Effect of an interval on a noise state: decay, mean effect of the flicker, factor of the added noise."""
 
     decay: NDArray[np.complex128]
     fade: NDArray[np.float64]
@@ -98,7 +98,7 @@ class Interval(Struct, frozen=True, dict=True):
 
     @cached_property
     def whole(self) -> NDArray[np.float64]:
-        """What makes (Re modal, Im modal, flicker, integral) of (Re modal, Im modal, flicker, random numbers)."""
+        """Matrix from (Re modal, Im modal, flicker, random numbers) to (Re modal, Im modal, flicker, integral)."""
         n, k = len(self.decay), len(self.fade)
         whole = np.zeros((2 * n + k + 1, 4 * n + 2 * k + 1))
         modes, rates = np.arange(n), 2 * n + np.arange(k)
@@ -117,7 +117,7 @@ class Interval(Struct, frozen=True, dict=True):
         return float((self.integral @ np.concatenate((state.modal, state.rates_rad_s))).real)
 
     def later(self, state: NoiseState) -> NoiseState:
-        """Return what a state has become by itself."""
+        """Return a state after the interval, by itself."""
         modal = state.modal * self.decay + self.carried @ state.rates_rad_s
         return NoiseState.of(modal, state.rates_rad_s * self.fade)
 
@@ -181,7 +181,7 @@ class NoisyChain:
         return NoiseState(after[:-1], self._n), float(after[-1])
 
     def gathered(self, interval_s: float, random: np.random.Generator) -> NDArray[np.float64]:
-        """Return what a chain at rest has gathered after `interval_s`: Re modal, Im modal, flicker, integral."""
+        """Return the noise of a chain at rest after `interval_s`: Re modal, Im modal, flicker, integral."""
         once = self._kept_interval(interval_s)
         return once.factor @ random.standard_normal(len(once.factor))
 
@@ -194,7 +194,7 @@ class NoisyChain:
         return once
 
     def interval(self, interval_s: float) -> Interval:
-        """Return what an interval does to a state."""
+        """Return the effect of an interval on a state."""
         moving, n = self._exponents[:-1], self._n
         grown = np.exp(moving * interval_s)
         follow = self._output[:n, n:-1]
@@ -238,13 +238,13 @@ class NoisyChain:
         return NoiseState.of(modes[: self._n] + self._follow @ modes[self._n :], modes[self._n :].real)
 
     def freed_draws(self, drawn: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return what draws (rows: Re modal, Im modal, flicker, integral) add to the modes."""
+        """Return the contribution of draws (rows: Re modal, Im modal, flicker, integral) to the modes."""
         n = self._n
         rates = drawn[:, 2 * n : -1]
         return np.concatenate((drawn[:, :n] + 1j * drawn[:, n : 2 * n] - rates @ self._follow.T, rates), axis=1)
 
     def spread(self, time_s: float, duration_s: float, weights: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the covariance of what is gathered by `time_s` with a weighted sum of what is by `duration_s`."""
+        """Return the covariance of the noise gathered by `time_s` with a weighted sum of that by `duration_s`."""
         seen, left = self._seen(weights), duration_s - time_s
         plain = self._plain.over(time_s) @ (np.exp(self._exponents * left) * seen)
         turned = self._turned.over(time_s) @ (np.exp(self._exponents * left) * seen).conj()
@@ -277,7 +277,7 @@ class NoisyChain:
 
 
 class _Gathered(Struct, frozen=True):
-    """What modes gather together of their inputs: `strength` ab times the integral of exp(`speed` ab t)."""
+    """Joint sum of modes over their inputs: `strength` ab times the integral of exp(`speed` ab t)."""
 
     strength: NDArray[np.complex128]
     still: NDArray[np.bool_]
@@ -294,7 +294,7 @@ class _Gathered(Struct, frozen=True):
         return cls(inputs @ other(inputs).T, total == 0, np.where(total == 0, -1.0, total))
 
     def over(self, interval_s: float) -> NDArray[np.complex128]:
-        """Return what is gathered over an interval."""
+        """Return the sum gathered over an interval."""
         grown = np.where(self.still, interval_s, np.expm1(self.speed * interval_s) / self.speed)
         return np.asarray(self.strength * grown)
 

@@ -42,7 +42,7 @@ class _Passing(NamedTuple):
 
 
 class _Noted(Struct, frozen=True):
-    """What holds from `since_s` on; while the drive is not locked there is no chain, and only the flicker goes on."""
+    """Conditions from `since_s` on; while the drive is not locked there is no chain, and only the flicker goes on."""
 
     since_s: float
     passing: _Passing | None
@@ -71,7 +71,7 @@ class NoiseCourse:
         """What has changed since, in order."""
 
     def part(self, key: tuple[int, ...]) -> None:
-        """Have nothing in common any more with what this was copied from that would change there; `key` is a seed."""
+        """Detach from the original: copy shared mutable state; `key` is a seed."""
         self._noted = self._noted.copy()
         self._random = np.random.default_rng([*key, 0])
 
@@ -109,7 +109,7 @@ class NoiseCourse:
             self._now_s = now_s
 
     def _hand_over(self, noted: _Noted) -> None:
-        """Go on with another chain; what the noise has made so far stays."""
+        """Go on with another chain; the noise so far stays."""
         chain, modal = self._chain_of(noted), self._quiet
         if chain is not None and self._chain is not None:
             modal = self._chain.chain.handed_over(self._state.modal, 0j, chain.chain)
@@ -152,7 +152,7 @@ class NoiseCourse:
         return path, integral_v_s
 
     def _at(self, stop_s: float) -> tuple[NoiseState, float, Shaken | None]:
-        """Return the noise at `stop_s`, its integral from where it is, and what of both the table's flutter made."""
+        """Return the noise at `stop_s`, its integral until then, and the part of both made by the table's flutter."""
         if not self._noisy:
             return self._state, 0.0, None
         duration = stop_s - self._now_s
@@ -166,7 +166,7 @@ class NoiseCourse:
         return noise, integral, shaken
 
     def _shaken(self, chain: NoisyChain, duration_s: float) -> Shaken | None:
-        """Return what the table's flutter makes of the chain in a time from where the noise is."""
+        """Return the chain's response to the table's flutter in a time from the present noise."""
         rate = self._held.rate
         if rate is None or rate.flutter is None or not rate.shaking_deg_s:
             return None

@@ -1,4 +1,4 @@
-"""What the table's flutter makes of the chain: the answer to a sum of sines, exact over any interval.
+"""Response of the chain to the table's flutter: the answer to a sum of sines, exact over any interval.
 
 It is added to the noise, whose way through the chain it takes: by the demodulator's first product only, the second one
 would change its size by less than 1e-5, and with the parameters that the noise has. What is here is what a stretch of
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class _Interval(Struct, frozen=True):
-    """What an interval does: turns lines, leaves of free motions; what both put into the integral, V s each."""
+    """Effect of an interval: turns of lines, rests of free motions; the integrals of both, V s each."""
 
     turned: NDArray[np.complex128]
     left: NDArray[np.complex128]
@@ -51,7 +51,7 @@ class Shaking:
         self._intervals: dict[int, _Interval] = {}
 
     def shaken(self, rate: RateSegment, start_s: float, duration_s: float) -> Shaken | None:
-        """Return what the flutter of a segment of the motion does over an interval, None if it has none."""
+        """Return the response to the flutter of a segment of the motion over an interval, None if it has none."""
         if not rate.shaking_deg_s:
             return None
         turned = rate.shaking_deg_s * np.exp(1j * (self._speeds_rad_s * start_s))
@@ -63,7 +63,7 @@ class Shaking:
         return Shaken(self, sizes, rate.shaking_deg_s, free, gathered, integral_v_s)
 
     def interval(self, duration_s: float) -> _Interval:
-        """Return what an interval, to 1 ns, does to lines and eigenmodes; kept, since those of a plan come again."""
+        """Return the effect of an interval, to 1 ns, on lines and eigenmodes; kept, since plans repeat theirs."""
         key = round(duration_s * 1e9)
         if key not in self._intervals:
             make_room(self._intervals)
@@ -88,7 +88,7 @@ class Shaking:
 
 
 class Shaken(Struct, frozen=True, dict=True):
-    """What flutter makes of a chain at rest over an interval: modes `forced exp(exponents t)` less what rest asks for.
+    """Response of a chain at rest to flutter: modes `forced exp(exponents t)` less its free motion.
 
     `sizes` are those of the lines at its start, `free` those of the free motions. `gathered` is what they come to, Re
     modal and Im modal, and `integral_v_s` what they put into the integral.

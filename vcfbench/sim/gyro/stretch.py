@@ -33,7 +33,7 @@ PINS = ("rail_positive", "rail_negative")
 
 
 class Situation(Struct, frozen=True):
-    """What holds from one event to the next: the chain's answer, the drive, what is on V_Vc and the supply pins.
+    """Conditions from one event to the next: the chain's answer, the drive, the voltages on V_Vc and the supply pins.
 
     A PCB without enough power is not `alive`.
     """
@@ -51,7 +51,7 @@ class Situation(Struct, frozen=True):
 
 
 class Stretch(Struct, frozen=True):
-    """What every node did over [start_s, stop_s]; a dead PCB shows 0 V everywhere but at its inputs.
+    """Voltages of every node over [start_s, stop_s]; a dead PCB shows 0 V everywhere but at its inputs.
 
     The response began `responding_s` before the stretch did. `noise_integral_v_s` is the noise's part of the integral
     of the filtered signal, `noise` its path, drawn if somebody looks. `shares` says of loaded nodes how much of their
@@ -101,7 +101,7 @@ class Stretch(Struct, frozen=True):
         return self.shares.get(node, 1.0)
 
     def closed_form(self, node: str) -> Oscillation | None:
-        """Return what a node carries as sines, its origin at the start of the stretch; None where only `at` tells."""
+        """Return the voltage of a node as sines, its origin at the start of the stretch; None where only `at` tells."""
         source = self._source(node)
         if source is None:
             return None if self.given.alive else Oscillation(0.0, [])
@@ -114,14 +114,14 @@ class Stretch(Struct, frozen=True):
         return self._source(node) is not None
 
     def source(self, node: str) -> tuple[Played, float] | None:
-        """Return what plays on a node, and what part of it is there; None where nothing does."""
+        """Return the source that plays on a node, and the part of it that is there; None where nothing plays."""
         source = self._source(node)
         if not isinstance(source, PlayedVoltage):
             return None
         return source.source, source.share * self._share(node)
 
     def _source(self, node: str) -> Oscillation | PlayedVoltage | None:
-        """Return what a node of the PCB's inputs carries; None for its own nodes."""
+        """Return the voltage of one of the PCB's inputs; None for its own nodes."""
         if node == "v_vc":
             return self.given.passage.voltage(self.start_s)
         return self.given.pins[PINS.index(node)].voltage(self.start_s) if node in PINS else None
@@ -146,7 +146,7 @@ class Stretch(Struct, frozen=True):
         )
 
     def _rippling(self) -> Oscillation | None:
-        """Return what of the rails' ripple comes through to the output, None where nothing does.
+        """Return the rails' ripple in the output, None where nothing comes through.
 
         The approach of a rail to its level does not: the output knows the rails' level by its limits alone.
         """

@@ -1,4 +1,4 @@
-"""Temperature of the gyro: one exponential an event, and what it does to the modes."""
+"""Temperature of the gyro: one exponential an event, and its effect on the modes."""
 
 from __future__ import annotations
 

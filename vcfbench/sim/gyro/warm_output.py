@@ -1,4 +1,4 @@
-"""The output of a warm gyroscope as a closed form of its parameters: what a calibration without errors would find.
+"""Output of a warm gyroscope as a closed form of its parameters: the results of a calibration without errors.
 
 Drive at the temperature after the warm-up and on the rails, demodulated modes, feed-through, modulator and output
 amplifier, after docs/theory.md. The simulation itself does not use it: it propagates the modes in time.
@@ -49,7 +49,7 @@ def warm_output(
 
 
 class _Demodulated(NamedTuple):
-    """What comes out of the demodulator, V: per deg/s, per volt at the modulator, of quadrature and carrier at rest."""
+    """Output of the demodulator, V: per deg/s, per volt at the modulator, of quadrature and carrier at rest."""
 
     per_deg_s: float
     per_v: float
@@ -84,7 +84,7 @@ def _demodulated(bench: BenchParameters, weaker_rail_v: float) -> _Demodulated:
 
 
 def _drive_amplitude_m(bench: BenchParameters, drive_rad_s: float, rise_k: float, weaker_rail_v: float) -> float:
-    """Return what the AGC holds: its set amplitude on these rails, or as much as the largest force can hold."""
+    """Return the amplitude that the AGC holds: the set one on these rails, limited by the largest force."""
     loop, mode = bench.drive_loop, bench.drive_mode
     wanted = loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (weaker_rail_v - bench.supply.nominal_v))
     quality = mode.quality * (1 + mode.quality_coefficient_per_k * rise_k)

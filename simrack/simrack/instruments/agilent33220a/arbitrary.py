@@ -69,7 +69,7 @@ def crest(points: Sequence[float]) -> float:
 
 
 class ArbitraryMemory:
-    """What can be selected as USER waveform, each in -1...1.
+    """Waveforms that can be selected as USER, each in -1...1.
 
     Args:
         full_scale: codes of the converter for 1, to which points are rounded as they come out; 0 for none.

@@ -1,4 +1,4 @@
-"""What a generator plays, for instruments behind a path of limited bandwidth: by the lines of its spectrum.
+"""Signals of a generator behind a path of limited bandwidth, by the lines of their spectrum.
 
 Modulation is slow beside the time constants of such a path, 0.2 us, so the path does to each cycle what it does to a
 steady waveform of that frequency and duty. What it does where a burst begins and ends is worked out once.
@@ -49,7 +49,7 @@ class PlayedCycle(Protocol):
 
     @property
     def peak_v(self) -> float:
-        """What the waveform is multiplied by, open circuit."""
+        """Peak of the waveform, open circuit."""
 
     @property
     def waveform(self) -> Cycle:
@@ -61,11 +61,11 @@ class PlayedCycle(Protocol):
 
     @property
     def envelope(self) -> Envelope | None:
-        """What swings the amplitude."""
+        """Envelope of the amplitude, None without AM."""
 
     @property
     def width(self) -> WidthSwing | None:
-        """What swings the width."""
+        """Swing of the width, None without PWM."""
 
     def power_means(self, edges_s: Values, powers: Sequence[int], fast_hz: float) -> list[Values]:
         """Return the means of the waveform's powers between each two of the edges; above `fast_hz` those of a cycle."""
@@ -85,14 +85,14 @@ class Banded(Struct, frozen=True):
 
     @property
     def finest_s(self) -> float:
-        """A small part of its shortest cycle, or of what is narrow in it."""
+        """A small part of its shortest cycle, or of the narrowest feature in it."""
         playing = self.playing
         part = max(min(playing.waveform.narrowest / 2, _CYCLE_PART), _NARROWEST)
         rhythms_hz = sum(each.rhythm.hz for each in (playing.envelope, playing.width) if each is not None)
         return max(part / (playing.phase.highest_hz + rhythms_hz), SHORTEST_S)
 
     def means(self, edges_s: Values) -> Values:
-        """Return its means; breaks of the phase split what they hit."""
+        """Return its means; intervals with a break of the phase are split there."""
         breaks = self.playing.phase.breaks(float(edges_s[0]), float(edges_s[-1]))
         if not len(breaks) or isinstance(self.playing.phase, Bursts):
             return self._means(edges_s)
@@ -149,7 +149,7 @@ class Banded(Struct, frozen=True):
         return self._looked_up(hertz_then, lambda hertz: self._loss(path, hertz, most=_LINES_OF_MANY))
 
     def _burst_loss(self, path: Path, phase: Bursts) -> float:
-        """Return what the path keeps back while a burst goes on, with what its beginning and end make of that."""
+        """Return the loss of the path during a burst, its beginning and end included."""
         waveform, cycles = self.playing.waveform, min(phase.count, _BURST_CYCLES)
         lasts = cycles / phase.hz + _RINGING_S
         edges = np.asarray(np.arange(_BURST_POINTS + 1) * (lasts / _BURST_POINTS), dtype=np.float64)
@@ -162,7 +162,7 @@ class Banded(Struct, frozen=True):
         return steady + (float(kept_back) * phase.hz - cycles * steady) / phase.count
 
     def _looked_up(self, keys: Values, loss: Callable[[float], float]) -> Values:
-        """Return the loss by a table over what it depends on."""
+        """Return the loss, interpolated in a table."""
         low, high = float(keys.min()), float(keys.max())
         if high - low <= _ALIKE * high:
             return np.full_like(keys, loss(high))

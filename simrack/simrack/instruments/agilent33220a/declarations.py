@@ -1,4 +1,4 @@
-"""How the commands of a 33220A are declared: settings, modes, angles, names, and what they share."""
+"""Declarations of the 33220A's commands: settings, modes, angles, names."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def mode_switch(pattern: str, mode: str) -> Command:
 
 
 def frequency_limits(model: _Model) -> Limits:
-    """Return what the function can, Hz."""
+    """Return the frequency limits of the function, Hz."""
     return Limits(*model.kind.frequency_hz[model.state.function], default=1000.0)
 
 

@@ -1,4 +1,4 @@
-"""Modulation that swings amplitude or width of what a generator plays."""
+"""Modulation of the amplitude or the width of a waveform."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ _LONGEST_LINE = 15 * MOST_POINTS + 1024
 
 
 class GeneratorWorld(Protocol):
-    """What the generator needs of the World."""
+    """The part of the World that the generator needs."""
 
     @property
     def clock(self) -> Clock:
@@ -175,7 +175,7 @@ class SimulatedAgilent33220A(ScpiTwin):
     # --- settings that others depend on -----------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Make the settings fit each other, then put out what they say."""
+        """Make the settings fit each other, then update the output."""
         self.rules.fit()
         self.update()
 
@@ -234,12 +234,12 @@ class SimulatedAgilent33220A(ScpiTwin):
     # --- the output ---------------------------------------------------------------------------------------------------
 
     def take_phase_as_reference(self) -> None:
-        """PHASe:REFerence: call the present phase 0; what comes out stays as it is."""
+        """PHASe:REFerence: call the present phase 0; the output stays as it is."""
         self._player.absorb_phase()
         self.update()
 
     def update(self) -> None:
-        """Put on the World what the connector really carries, if that has changed."""
+        """Put the present output on the World, if it has changed."""
         now = self.engine.clock.now()
         source = self._player.source(self._started_s, now) if self.state.output else None
         if source != self._driven:

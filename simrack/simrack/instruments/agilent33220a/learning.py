@@ -1,4 +1,4 @@
-"""*LRN? of a 33220A: its settings as commands that bring them back. What a real one says there is unverified."""
+"""*LRN? of a 33220A: its settings as commands that bring them back. The reply of a real one is unverified."""
 
 from __future__ import annotations
 

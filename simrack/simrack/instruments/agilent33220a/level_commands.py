@@ -105,7 +105,7 @@ def _set_unit(model: _Model, unit: str) -> None:
 
 
 def _set_load(model: _Model, ohm: float) -> None:
-    """Change what is shown, not what comes out."""
+    """Change the load that voltages are shown for; the output stays."""
     model.state.load_ohm = ohm
     if math.isinf(ohm) and model.state.unit == "DBM":
         _set_unit(model, "DBM")

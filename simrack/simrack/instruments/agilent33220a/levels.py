@@ -48,7 +48,7 @@ class Levels:
         return 0.0 if self._settings.function == "DC" else float(self._settings.vpp) / 2.0
 
     def room_v(self) -> float:
-        """Return what the amplitude leaves for the offset, open circuit."""
+        """Return the room that the amplitude leaves for the offset, open circuit."""
         return MAX_PEAK_V - self.peak_v()
 
     def rounded(self, shown_v: float) -> float:

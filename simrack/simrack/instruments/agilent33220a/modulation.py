@@ -1,4 +1,4 @@
-"""From the settings of a 33220A to what it plays.
+"""Signals of a 33220A, made of its settings.
 
 Nothing is on its connectors Modulation In and Trig In: external AM is the carrier at half its amplitude, external FM,
 PM, PWM and FSK are the carrier alone, a gate is closed (NORMal) or open (INVerted), external triggers never come.
@@ -71,7 +71,7 @@ class Player:
         self._phase: Phase | None = None
 
     def source(self, started_s: float | None, now_s: float) -> Drive | Played:
-        """Return what is put out from `now_s` on.
+        """Return the output from `now_s` on.
 
         `started_s` is when a burst or sweep began or will begin, None while it waits for its trigger.
         """
@@ -214,7 +214,7 @@ class Player:
         return replace(self._phase, cycles=self._phase.cycles + added) if added else self._phase
 
     def _gate_open(self) -> bool:
-        """Tell whether it runs on: no burst at all, or one gated by what is low with nothing connected."""
+        """Tell whether it runs on: no burst at all, or one gated by an open input, which is low."""
         settings = self._settings
         gated = settings.burst_mode == "GAT" and settings.gate == "INV"
         return bool(settings.mode != "BURS" or gated)

@@ -74,7 +74,7 @@ class NoiseSource(Struct, frozen=True):
         return lambda wanted: np.asarray(all_v[wanted - begun])
 
     def _row_v(self, first: int, last: int) -> Values:
-        """Return all ticks of the 512s that some are in: what `_ticks_v` says of each."""
+        """Return the volts of all ticks in the 512s that contain `first` and `last`, as `_ticks_v` defines them."""
         volts = self._means_v(np.arange(first >> _LEVELS, (last >> _LEVELS) + 1)) / _SLOW_GAIN
         for level in reversed(range(_LEVELS)):
             begun = first >> _LEVELS << (_LEVELS - level - 1)
@@ -96,7 +96,7 @@ class NoiseSource(Struct, frozen=True):
         return _SLOW_GAIN * self.rms_v / math.sqrt(1 << _LEVELS) * gaussian(self.seed, _LEVELS, numbers)
 
     def piece(self, start_s: float, bend: Bend) -> Piece:
-        """Return what an input makes of it, from means over 18 us."""
+        """Return the pick-up after the input's non-linearity, from means over 18 us."""
         bin_s = _TICK_S * (1 << _LEVELS)
         first = math.floor(start_s / bin_s)
         means = self.offset_v + self._means_v(np.arange(first, first + _COARSE_BINS))
@@ -109,7 +109,7 @@ class NoiseSource(Struct, frozen=True):
         return Piece(start_s, start_s + lasts - since, constant, slope, turned)
 
     def divided(self, share: float) -> NoiseSource:
-        """Return what it is behind a load."""
+        """Return the source behind a load."""
         offset_v, rms_v = self.offset_v * share, self.rms_v * share
         return replace(self, offset_v=offset_v, rms_v=rms_v, source_ohm=self.source_ohm * share)
 
@@ -126,7 +126,7 @@ class NoiseSource(Struct, frozen=True):
 
     @property
     def finest_s(self) -> float:
-        """An eighth of the time in which what a path lets through turns."""
+        """An eighth of the shortest period that a path lets through."""
         return 2.5 * SHORTEST_S
 
     def means(self, edges_s: Values) -> Values:
@@ -137,7 +137,7 @@ class NoiseSource(Struct, frozen=True):
         return self.at(middles)
 
     def powers(self, edges_s: Values, path: Path) -> tuple[Values, Values]:
-        """Return its means over some 10 us, and the means of its square: of faster noise what is to be expected."""
+        """Return its means over some 10 us, and the means of its square: of faster noise the expected ones."""
         slow_v = self._means_v(_blocks((edges_s[1:] + edges_s[:-1]) / 2))
         rest = self.rms_v**2 * (_left(path) * _LEFT_BY_CLIPPING**2 - _SLOW_GAIN**2 / (1 << _LEVELS))
         means = self.offset_v + slow_v

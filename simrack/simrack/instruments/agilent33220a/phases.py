@@ -135,7 +135,7 @@ class Shifted(Struct, frozen=True):
 
     @property
     def highest_hz(self) -> float:
-        """The frequency, and what the slope of a sine adds."""
+        """The frequency, and the most that the slope of a sine adds."""
         return self.hz + (2 * math.pi * self.deviation_cycles + 1.0) * self.rhythm.hz
 
     def hz_at(self, times_s: Values) -> Values:
@@ -193,7 +193,7 @@ class Keyed(Struct, frozen=True):
         return _multiples(0.5 / self.rate_hz, start_s, stop_s)
 
     def run(self, time_s: float) -> SteadyRun:
-        """Return what is left of the half period; a hop less than 1e-9 of it away has been."""
+        """Return the rest of the half period; a hop less than 1e-9 of it away has been."""
         halves = math.floor(2 * self.rate_hz * time_s + 1e-9)
         cycles = float(self.at(np.array([time_s]))[0])
         return SteadyRun(self.hop_hz if halves % 2 else self.hz, cycles, (halves + 1) / (2 * self.rate_hz))
@@ -300,7 +300,7 @@ class Bursts(Struct, frozen=True):
         return both[(both > start_s) & (both < stop_s) & (both >= self.from_s)]
 
     def run(self, time_s: float) -> SteadyRun:
-        """Return what is left of a burst, or of the wait for the next; an edge less than 1 ps away has been."""
+        """Return the rest of a burst, or of the wait for the next; an edge less than 1 ps away has been."""
         since = time_s - self.from_s + 1e-12 * max(1.0, abs(time_s))
         cycles = float(self.at(np.array([time_s]))[0])
         if since < 0.0:

@@ -1,4 +1,4 @@
-"""What a function generator plays: an offset, and one waveform by a phase that goes on in its own way.
+"""Played signal of a function generator: an offset, and one waveform by a phase that goes on in its own way.
 
 `at` gives the volts of any instant. `piece` gives what a curved input makes of them below `HIGHEST_HZ`, by means over
 stretches of the phase, so that neither a fast carrier nor its edges are sampled:
@@ -73,7 +73,7 @@ class Playing(Struct, frozen=True):
         return np.asarray(volts + self.offset_v)
 
     def piece(self, start_s: float, bend: Bend) -> Piece:
-        """Return what an input makes of it from `start_s` on."""
+        """Return the signal after the input's non-linearity, from `start_s`."""
         if self.envelope is None and self.width is None:
             if self.phase.slowest_hz > FAST_HZ:
                 return Piece(start_s, math.inf, self._cycle_mean(bend))
@@ -85,7 +85,7 @@ class Playing(Struct, frozen=True):
         return Piece(start_s, stop, *cosines(self._bin_means(edges, bend), PIECE_S))
 
     def divided(self, share: float) -> Playing:
-        """Return what it is behind a load."""
+        """Return the signal behind a load."""
         offset_v, peak_v = self.offset_v * share, self.peak_v * share
         return replace(self, offset_v=offset_v, peak_v=peak_v, source_ohm=self.source_ohm * share)
 
@@ -109,7 +109,7 @@ class Playing(Struct, frozen=True):
         return self._straight(start_s, run, corners, bend) if often_hz < _OFTEN_HZ else None
 
     def _straight(self, start_s: float, run: SteadyRun, corners: tuple[float, ...], bend: Bend) -> Piece:
-        """Return what it is up to the next corner: a chord, and what the input bends it by as sines."""
+        """Return the piece up to the next corner: a chord, and the input's bend of it as sines."""
         place = run.cycles % 1.0
         soon = run.hz * _SHORTEST_S
         far = next((each for each in (*corners, 1.0 + corners[0]) if each > place + soon), 2.0)
@@ -153,7 +153,7 @@ class Playing(Struct, frozen=True):
         return np.asarray(bend[0] + bend[1] * (d + a * s1) + bend[2] * square + bend[3] * cube)
 
     def _bin_means(self, edges_s: Values, bend: Bend) -> Values:
-        """Return the mean of the bent volts between each two of `edges_s`; breaks of the phase split what they hit."""
+        """Return the mean of the bent volts between each two of `edges_s`, intervals split at breaks of the phase."""
         breaks = self.phase.breaks(float(edges_s[0]), float(edges_s[-1]))
         if not len(breaks):
             return self._part_means(edges_s, bend)
@@ -187,12 +187,12 @@ class Playing(Struct, frozen=True):
 
 
 def bent(volts: Values, bend: Bend) -> Values:
-    """Return what an input makes of volts."""
+    """Return volts after the non-linearity of an input."""
     return np.asarray(bend[0] + volts * (bend[1] + volts * (bend[2] + volts * bend[3])))
 
 
 def cosines(means: Values, lasts_s: float) -> tuple[float, float, tuple[tuple[complex, complex], ...]]:
-    """Return constant, slope and terms up to `HIGHEST_HZ` of what has these means over equal parts of `lasts_s`."""
+    """Return constant, slope and terms up to `HIGHEST_HZ` of a signal with these means of equal parts of `lasts_s`."""
     count = len(means)
     order = np.arange(1, int(2 * lasts_s * HIGHEST_HZ) + 1)
     spectrum = np.fft.rfft(np.concatenate((means, means[::-1])))

@@ -1,4 +1,4 @@
-"""Which settings of a 33220A go together: what is given up for what, and the -221 that says so.
+"""Conflicts between settings of a 33220A: which one gives way, and the -221 that says so.
 
 The words are general knowledge of the family (unverified), but for those that public drivers quote.
 """
@@ -72,7 +72,7 @@ class SettingRules:
     # --- functions and modes ----------------------------------------------------------------------------------------
 
     def select(self, function: str) -> None:
-        """Change the function; what it cannot do is reduced."""
+        """Change the function; settings beyond its abilities are reduced."""
         settings = self._settings
         left_dc = settings.function == "DC" and function != "DC"
         settings.function = function
@@ -209,7 +209,7 @@ class SettingRules:
         self._conflict("marker forced into sweep span")
 
     def _fit_connector(self) -> None:
-        """Trig In and Trig Out are one connector: what needs it as an input takes it."""
+        """Trig In and Trig Out are one connector: settings that need the input switch the output off."""
         settings = self._settings
         words = self._input_in_use()
         if settings.trigger_out and words:

@@ -1,4 +1,4 @@
-"""What a 33220A is set to: the *RST state, ranges of functions, imperfections of one specimen."""
+"""Settings of a 33220A, ranges of its functions, imperfections of one specimen."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FUNCTIONS = {
 
 
 class GeneratorKind(Struct, frozen=True):
-    """What one generator of the family can do, and another not.
+    """Abilities of one generator of the family.
 
     Args:
         frequency_hz: by function, lowest and highest.
@@ -201,7 +201,7 @@ class GeneratorErrors(Struct, frozen=True):
 
     @classmethod
     def none(cls) -> GeneratorErrors:
-        """Return a generator that puts out what it was told."""
+        """Return a generator that puts out exactly its settings."""
         return cls(tuple(OutputRange(upper, 0.0, 0.0) for upper in _RANGES_V), 0.0, 0.0, 0, 0)
 
     @classmethod

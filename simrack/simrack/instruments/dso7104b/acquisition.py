@@ -52,14 +52,14 @@ class Pace(Struct, frozen=True):
 
 
 class CapturedRecord(Struct, frozen=True):
-    """What was captured, and when the triggers were."""
+    """Captured signals, and the instants of the triggers."""
 
     signals: Signals
     triggers_s: tuple[float, ...]
 
 
 class Acquisition(Protocol):
-    """One armed acquisition: call :meth:`step` at :attr:`due_s` until it gives what it found."""
+    """One armed acquisition: call :meth:`step` at :attr:`due_s` until it gives a record."""
 
     screen: Screen
     due_s: float
@@ -78,7 +78,7 @@ class Acquisition(Protocol):
 
 
 class Arming(Struct, frozen=True):
-    """What an acquisition is armed with.
+    """Everything that an acquisition is armed with.
 
     Args:
         screen: the window.
@@ -102,7 +102,7 @@ def acquisition(world: ScopeWorld, arming: Arming) -> Acquisition:
 
 
 class _Armed:
-    """What both ways have in common."""
+    """Common base of both ways to acquire."""
 
     def __init__(self, world: ScopeWorld, arming: Arming) -> None:
         self._world = world
@@ -151,7 +151,7 @@ class _Swept(_Armed):
         self._signals = Signals(capture, self._views, self._past())
 
     def step(self) -> CapturedRecord | None:
-        """Return what was found once there is a complete record, else None (and a later `due_s`)."""
+        """Return the record once it is complete, else None (and a later `due_s`)."""
         if self._world.clock.now() < self.due_s:
             return None
         if self._found is None:
@@ -199,7 +199,7 @@ class _Patient(_Armed):
         self._recording.close()
 
     def step(self) -> CapturedRecord | None:
-        """Return what was found once there is a complete record, else None (and a later `due_s`)."""
+        """Return the record once it is complete, else None (and a later `due_s`)."""
         if self._world.clock.now() < self.due_s:
             return None
         if not self._complete:

@@ -1,4 +1,4 @@
-"""What :AUToscale makes of the inputs: channels with a signal on the screen, three periods of the first of them."""
+"""Settings by :AUToscale: channels with a signal on the screen, three periods of the first of them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LEAST_V = 0.01
 
 
 def fit(state: ScopeSettings, nodes: Mapping[int, str], capture: ChannelCapture, start_s: float) -> None:
-    """Set channels and time base up for what was captured from `start_s` on."""
+    """Set channels and time base up for the signals captured from `start_s` on."""
     times = start_s + np.linspace(0.0, LOOK_S, _POINTS)
     frequencies = []
     for channel in CHANNELS:

@@ -53,7 +53,7 @@ def counted_hz(signals: Signals, channel: int, comparator: Comparator, start_s: 
 
 
 def five_digits(frequency_hz: float) -> float:
-    """Return what the counter shows of a frequency."""
+    """Return a frequency with the digits of the counter."""
     return float(f"{frequency_hz:.{_DIGITS - 1}e}")
 
 

@@ -37,7 +37,7 @@ class Coupling:
             self._history = None
 
     def past(self, channels: Iterable[int]) -> dict[int, list[Piece]]:
-        """Return what is known of the nodes of some channels up to now, oldest first."""
+        """Return the past of the nodes of some channels up to now, oldest first."""
         if self._history is None:
             return {}
         nodes = {channel: self._nodes[channel] for channel in channels if channel in self._nodes}

@@ -60,5 +60,5 @@ def clipped(model: SimulatedDso7104B, value: float, low: float, high: float) -> 
 
 
 def nothing(_: SimulatedDso7104B, *arguments: object) -> None:
-    """Do what cannot be seen from outside."""
+    """Do nothing: the effect cannot be seen from outside."""
     del arguments

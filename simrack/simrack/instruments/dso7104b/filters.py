@@ -1,4 +1,4 @@
-"""What stands between an input of the DSO7104B and its converter: blocking capacitor, low-pass filters.
+"""Path between an input of the DSO7104B and its converter: blocking capacitor, low-pass filters.
 
 Each is of first order. Sums of sines go through in closed form; what can only be asked for its volts is run through,
 from so long before that the beginning is forgotten.
@@ -61,11 +61,11 @@ class Sines(Struct, frozen=True):
         return volts
 
     def low_passed(self, tau_s: float) -> Sines:
-        """Return what a settled low-pass leaves."""
+        """Return the sum behind a settled low-pass."""
         return replace(self, sines=tuple(_turned(each, _low(each.frequency_hz, tau_s)) for each in self.sines))
 
     def high_passed(self, tau_s: float) -> Sines:
-        """Return what a settled high-pass leaves."""
+        """Return the sum behind a settled high-pass."""
         sines = tuple(_turned(each, 1.0 - _low(each.frequency_hz, tau_s)) for each in self.sines)
         return replace(self, dc_v=0.0, sines=sines)
 
@@ -79,7 +79,7 @@ class Sines(Struct, frozen=True):
         return replace(self, origin_s=self.origin_s + delay_s)
 
     def reach_v(self) -> tuple[float, float]:
-        """Return between what voltages it stays."""
+        """Return the lowest and the highest voltage that it can reach."""
         swing = sum(abs(each.amplitude_v) for each in self.sines)
         return self.dc_v - swing, self.dc_v + swing
 
@@ -94,7 +94,7 @@ def _turned(sine: Sine, gain: complex) -> Sine:
 
 
 def closed_form(pieces: Sequence[Piece], start_s: float, stop_s: float) -> Sines | None:
-    """Return what goes on unchanged from before `start_s` to after `stop_s`; None where it does not."""
+    """Return constant and sines that go on unchanged from before `start_s` to after `stop_s`; None where others do."""
     within = [piece for piece in pieces if piece.stop_s > start_s and piece.start_s < stop_s]
     if not within or within[0].start_s > start_s + _SAME or within[-1].stop_s < stop_s - _SAME:
         return None
@@ -117,7 +117,7 @@ def _goes_on(first: Piece, later: Piece) -> bool:
 
 
 class LowPass:
-    """One pole, exact for what is straight between its samples."""
+    """One pole, exact for signals that are straight between their samples."""
 
     def __init__(self, start_v: float, tau_s: float) -> None:
         self._out = start_v
@@ -146,7 +146,7 @@ def low_passed(
     tau_s: float,
     finest_s: float,
 ) -> NDArray[np.float64]:
-    """Return what a low-pass leaves of a waveform at evenly spaced times.
+    """Return a waveform behind a low-pass at evenly spaced times.
 
     Args:
         read: the volts at times.
@@ -169,7 +169,7 @@ def low_passed(
 
 
 class _Settling(Struct, frozen=True):
-    """The capacitor while the signal is a sum of sines: what it comes to, and what is left of how it began."""
+    """Voltage of the capacitor while the signal is a sum of sines: the settled part, and the rest of its beginning."""
 
     sines: Sines
     start_s: float

@@ -1,4 +1,4 @@
-"""What an oscilloscope's inputs see of the World, before its converter."""
+"""Inputs of an oscilloscope, before its converter."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class ChannelCapture(Protocol):
         ...
 
     def pieces(self, node: str) -> list[Piece]:
-        """Return what is known of a node up to now, oldest first."""
+        """Return the pieces known of a node up to now, oldest first."""
         ...
 
 
@@ -49,16 +49,16 @@ class ChannelRecording(ChannelCapture, Protocol):
     """A stretch of time without an end yet."""
 
     def forget(self, before_s: float) -> None:
-        """Drop what was over before a time."""
+        """Drop everything that was over before a time."""
         ...
 
     def close(self) -> None:
-        """Keep what there is and take nothing more."""
+        """Keep the pieces so far and take nothing more."""
         ...
 
 
 class ScopeWorld(Protocol):
-    """What the oscilloscope needs of the World."""
+    """The part of the World that the oscilloscope needs."""
 
     @property
     def clock(self) -> Clock:
@@ -129,7 +129,7 @@ class ChannelView(Struct, frozen=True):
 
 
 class Signals:
-    """What converters and trigger circuits see: the channels, the mains, the empty EXTernal input.
+    """Signals at converters and trigger circuits: the channels, the mains, the empty EXTernal input.
 
     Args:
         capture: the stretch of time.
@@ -180,7 +180,7 @@ class Signals:
         return closed_form(self.capture.pieces(node), float(times_s[0]), float(times_s[-1]))
 
     def _blocked(self, channel: int, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the capacitor of an input keeps off."""
+        """Return the voltage of an input's blocking capacitor."""
         pieces = self.capture.pieces(node)
         if not pieces:  # the lead hangs free
             return np.zeros(len(times_s))
@@ -204,7 +204,7 @@ class Signals:
         return limited.scaled(view.shown_per_real).later(view.skew_s)
 
     def slow(self, channel: int, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what AC coupling takes off an input, displayed volts at bench times."""
+        """Return the voltage that AC coupling takes off an input, displayed volts at bench times."""
         view = self.views.get(channel)
         if view is None or view.node is None:
             return np.zeros(len(times_s))

@@ -1,4 +1,4 @@
-"""A measurement that stays on the screen of the DSO7104B, and what is answered where nothing can be measured."""
+"""A measurement that stays on the screen of the DSO7104B, and the answer where nothing can be measured."""
 
 from __future__ import annotations
 

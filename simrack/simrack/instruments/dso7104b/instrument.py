@@ -305,7 +305,7 @@ class SimulatedDso7104B(ScpiTwin):
         return {each: channel_view(self.state, each, self._nodes.get(each), limit_hz) for each in CHANNELS}
 
     def _past_of(self, views: Mapping[int, ChannelView], trigger: Trigger) -> Callable[[], dict[int, list[Piece]]]:
-        """Return what tells the past of the inputs that are seen through a blocking capacitor."""
+        """Return the function that tells the past of inputs seen through a blocking capacitor."""
         self._coupling.watch(self.state)
         coupled = {channel for channel, view in views.items() if view.ac}
         coupled |= {channel for channel, comparator in trigger.comparators.items() if comparator.ac}

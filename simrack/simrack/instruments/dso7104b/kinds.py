@@ -1,4 +1,4 @@
-"""What one oscilloscope of the InfiniiVision series has, and another not, as data."""
+"""Differences between oscilloscopes of the InfiniiVision series, as data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Math commands of the DSO7104B; what their settings make of a record says :mod:`.math_settings`.
+"""Math commands of the DSO7104B; their settings are evaluated in :mod:`.math_settings`.
 
 Formats and names are the 6000 series programmer's guide's, from memory (unverified), ranges and the default operation
 ADD as well.

@@ -1,4 +1,4 @@
-"""What the settings of the DSO7104B's math function mean: its trace of a record, and its scale.
+"""Evaluation of the DSO7104B's math settings: trace of a record, and scale.
 
 Unverified, from memory of the 6000 series programmer's guide: that a math trace has the points of the screen, at most
 1000. Range and offset that were never set follow the sources; so do span and centre of an FFT, which then shows all
@@ -107,7 +107,7 @@ def math_scale(state: ScopeSettings) -> tuple[float, float]:
 
 
 def _own_range(state: ScopeSettings) -> float:
-    """Return a range that holds what the sources' screens can give."""
+    """Return a range that holds every value that the sources' screens can give."""
     operation = state.function.operation
     one = _source_range(state, state.function.source[1])
     other = _source_range(state, state.function.source[2])

@@ -305,7 +305,7 @@ class MeasuredTrace:
         return None if nearest is None else nearest[1].middle_s - nearest[0].middle_s
 
     def _mean(self, values: NDArray[np.float64], *, cycle: bool) -> float | None:
-        """Return the mean of all samples, or of what is straight between them over exactly one cycle."""
+        """Return the mean of all samples, or over exactly one cycle with straight lines between them."""
         if self.clipped:
             return None
         if not cycle:

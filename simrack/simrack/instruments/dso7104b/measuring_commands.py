@@ -1,4 +1,4 @@
-"""Measurements of the DSO7104B: what is asked, of which traces, and the results that stay on the screen."""
+"""Measurements of the DSO7104B: commands, traces, and the results that stay on the screen."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _results(model: SimulatedDso7104B) -> Any:
 
 
 def _results_now(model: SimulatedDso7104B) -> str:
-    """Return what is installed: label, current, minimum, maximum, mean, deviation, count (ON), or one of these.
+    """Return installed measurements: label, current, minimum, maximum, mean, deviation, count (ON), or one of these.
 
     Statistics are of the one record, or of all segments once they have been analysed.
     """
@@ -202,7 +202,7 @@ def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
 
 
 def _definition(model: SimulatedDso7104B, what: str, source: str | None = None) -> str:
-    """Return what was defined; the standard thresholds are told as what they are (from memory, unverified)."""
+    """Return a definition; the standard thresholds as their percentages (from memory, unverified)."""
     del source
     if what == "DEL":
         return ",".join(("DEL", *map(signed_integer, model.state.measure.delay_edges)))
@@ -225,7 +225,7 @@ def _threshold_definition(model: SimulatedDso7104B, values: tuple[Any, ...]) -> 
 
 
 def _counter(model: SimulatedDso7104B, source: str | None) -> Any:
-    """Return what the hardware counter has counted at the end of its gate; it looks at channels alone."""
+    """Return the count of the hardware counter at the end of its gate; it looks at channels alone."""
     name = source or model.state.measure.sources[0]
     if name == "FUNC" or not model.state.is_shown(name):
         return model.nr3(INVALID)

@@ -1,4 +1,4 @@
-"""What an oscilloscope keeps of a stretch of time: samples with its errors, in any number of points."""
+"""Record of an oscilloscope: samples of a stretch of time with its errors, in any number of points."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ScopeErrors(Struct, frozen=True):
 
     @classmethod
     def none(cls) -> ScopeErrors:
-        """Return an oscilloscope that shows what is."""
+        """Return an oscilloscope without errors."""
         zero = (0.0, 0.0, 0.0, 0.0)
         return cls(zero, zero, zero, 0.0, 0.0, 0)
 
@@ -82,7 +82,7 @@ class Digitised(Struct, frozen=True):
 
 
 class AcquiredRecord(Struct, frozen=True):
-    """What an acquisition makes of the samples.
+    """Treatment of the samples by an acquisition.
 
     Args:
         number: of the record.
@@ -100,7 +100,7 @@ class AcquiredRecord(Struct, frozen=True):
 
 
 class Record:
-    """What an acquisition kept: it can be looked at with any number of points."""
+    """Record of an acquisition, which can be looked at with any number of points."""
 
     def __init__(
         self, signals: Signals, trigger_s: float, screen: Screen, errors: ScopeErrors, kept: AcquiredRecord
@@ -184,7 +184,7 @@ class Record:
         return view.range_v / 2**self.kept.bits if self.kept.bits else 0.0
 
     def _analogue(self, channel: int, points: int, start: int, count: int, share: int = 1) -> NDArray[np.float64]:
-        """Return what the converter sees at `count` of `points` sample times, from the `start`-th on.
+        """Return the converter's input at `count` of `points` sample times, from the `start`-th on.
 
         With a `share` each is the mean of so many samples about its time.
         """
@@ -222,7 +222,7 @@ class Record:
         return self.trigger_s + times_s / (1.0 + self._errors.time_base_error) - self._errors.skew_s[channel - 1]
 
     def _noise(self, channel: int, points: int) -> Callable[[int, int], NDArray[np.float64]]:
-        """Return what gives the noise of points from one on: a draw each, or what joins the draws of real samples."""
+        """Return a function for the noise of points from one on: a draw each, or draws of real samples joined."""
         draws = np.random.default_rng((self.number, channel, self._errors.noise_seed))
         samples = self.screen.range_s * _SAMPLE_RATE_HZ
         if samples >= points:

@@ -61,7 +61,7 @@ def memory_points(state: ScopeSettings, kind: ScopeKind) -> int:
 
 
 def sample_rate_hz(state: ScopeSettings, kind: ScopeKind) -> float:
-    """Return the sample rate: what fills the memory, but no more than the converters give."""
+    """Return the sample rate: the memory's over the screen, but no more than the converters give."""
     return min(memory_points(state, kind) / float(state.timebase.range_s), kind.rate_hz[_both_of_a_pair(state)])
 
 

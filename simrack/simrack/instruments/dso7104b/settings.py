@@ -52,7 +52,7 @@ class Acquiring(Struct):
 
 
 class EdgeTrigger(Struct):
-    """The edge trigger, and what all triggers have in common."""
+    """Edge trigger, and settings common to all triggers."""
 
     mode: str = "EDGE"
     sweep: str = "AUTO"

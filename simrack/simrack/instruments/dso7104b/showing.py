@@ -1,4 +1,4 @@
-"""What the DSO7104B shows: the records of the last acquisition, their traces, and what was sent of them."""
+"""Screen of the DSO7104B: the records of the last acquisition, their traces, and the data sent of them."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class ShownRecords:
         return self.trace(source, record)
 
     def trace(self, source: str, record: Record | None = None) -> MeasuredTrace:
-        """Return what was acquired of `source`, shown or not."""
+        """Return the acquired trace of `source`, shown or not."""
         shown = record or self.record
         found = self._traces.get((shown.number, source))
         if found is None:
@@ -98,7 +98,7 @@ class ShownRecords:
         self._traces.clear()
 
     def sent(self, asked: tuple[Any, ...], parts: Iterator[bytes]) -> Any:
-        """Return the record as :WAVeform:DATA? sends it, a block of `parts`, or what it was the last time."""
+        """Return the record as :WAVeform:DATA? sends it, a block of `parts`, or the block sent the last time."""
         kept = self._sent
         if kept is not None and kept[0] is self.record and kept[1] == asked:
             return kept[2]

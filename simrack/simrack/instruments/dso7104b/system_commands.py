@@ -198,7 +198,7 @@ def _display_learned(model: SimulatedDso7104B) -> str:
 
 
 def _system_learned(model: SimulatedDso7104B) -> str:
-    """Return the settings; of what a real one says there nothing is known."""
+    """Return the settings; the reply of a real one is not known."""
     state = model.state
     return f":SYST:LOCK {boolean(state.locked)};PROT:LOCK {boolean(state.protection_locked)}"
 

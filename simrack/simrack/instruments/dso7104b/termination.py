@@ -45,7 +45,7 @@ class Terminations:
         self._world.load_node((self, channel), self._nodes[channel], FIFTY_OHM if fifty else math.inf)
 
     def watch(self) -> None:
-        """Begin to look at what the terminated inputs get, unless that is under way."""
+        """Begin to look at the voltage of the terminated inputs, unless that is under way."""
         if self._fifty and self.due_s is None:
             now = self._world.clock.now()
             self.due_s = now + _LOOK_S

@@ -96,11 +96,11 @@ class _Follower:
         self._filter: LowPass | None = None
 
     def threshold_v(self, change: Change) -> float:
-        """Return what was crossed, in volts of the input."""
+        """Return the threshold of a change, in volts of the input."""
         return self.comparator.high_v if change.high else self.comparator.low_v
 
     def volts(self, signals: Signals, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what comes to the filter."""
+        """Return the voltage before the filter."""
         return signals.volts(self._channel, times, ac=self.comparator.ac)
 
     def changes(self, signals: Signals, times: NDArray[np.float64]) -> Iterator[Change]:
@@ -117,7 +117,7 @@ class _Follower:
         return (self._change(times, heights, int(place), high=bool(highs[place + 1])) for place in places)
 
     def sines(self, signals: Signals, start_s: float, stop_s: float) -> Sines | None:
-        """Return what a filter leaves, in closed form; None without a filter, or where it has none."""
+        """Return the filtered signal in closed form; None without a filter, or where it has none."""
         if not self.comparator.filter:
             return None
         known = signals.sines(self._channel, start_s, stop_s)
@@ -127,7 +127,7 @@ class _Follower:
         return known.low_passed(_TIME_CONSTANT_S) if rejects_high else known.high_passed(_TIME_CONSTANT_S)
 
     def finest_s(self, signals: Signals, start_s: float, stop_s: float) -> float:
-        """Return in what time nothing of what is compared slips through; inf where it never comes to the level."""
+        """Return the longest step that misses nothing of the compared signal; inf where it never comes to the level."""
         finest, comparator = signals.finest_s(self._channel), self.comparator
         if not comparator.filter:
             return finest
@@ -145,7 +145,7 @@ class _Follower:
         return self.comparator.ac or (view is not None and view.ac)
 
     def _heights(self, signals: Signals, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        """Return what is compared, and how long that is not settled."""
+        """Return the compared signal, and for how long it is not settled."""
         known = self.sines(signals, float(times[0]), float(times[-1]))
         if known is not None:
             heights = known.at(times)

@@ -78,7 +78,7 @@ _PULSE_TIME = Number(unit="S", limits=Limits(2e-9, 10.0))
 
 
 def _learned(model: SimulatedDso7104B) -> str:
-    """Return what all modes have in common, and the edge (siblings' guides; of other modes nothing is known)."""
+    """Return the settings common to all modes, and the edge (siblings' guides; of other modes nothing is known)."""
     state = model.state
     general = (
         f":TRIG:MODE {state.trigger.mode};SWE {state.trigger.sweep};NREJ {boolean(state.trigger.reject_noise)};"

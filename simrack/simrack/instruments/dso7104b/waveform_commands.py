@@ -167,7 +167,7 @@ def _data(model: SimulatedDso7104B) -> Any:
 
 
 def _asked(model: SimulatedDso7104B) -> tuple[Any, ...]:
-    """Return all that what :WAVeform:DATA? sends of a record depends on."""
+    """Return everything that the data of :WAVeform:DATA? depend on, beside the record."""
     state, waveform = model.state, model.state.waveform
     math_ = deepcopy(state.function) if waveform.source == "FUNC" else None
     sent = (waveform.source, waveform.format, waveform.unsigned, waveform.byte_order, state.acquire.type, math_)
@@ -175,7 +175,7 @@ def _asked(model: SimulatedDso7104B) -> tuple[Any, ...]:
 
 
 def _shown(model: SimulatedDso7104B) -> bool:
-    """Tell whether there is anything of the source: of what is off there are holes alone.
+    """Tell whether the source is shown: a source that is off has holes alone.
 
     PyMeasure's tests for a real DSOX1102G expect something that can be read; a hole is a place without data (5000
     series guide). That holes are what is sent is unverified.
@@ -207,7 +207,7 @@ def _cut(codes: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
 
 
 def _writing(model: SimulatedDso7104B) -> Callable[[NDArray[np.float64]], bytes]:
-    """Return what writes codes as numbers, as things are scaled now."""
+    """Return a function that writes codes as numbers, by the present scaling."""
     _, _, _, increment, origin, reference = _scaling(model)
     number = real(5, model.exponent_digits)
     if not _shown(model):
@@ -224,7 +224,7 @@ def _time_tag(model: SimulatedDso7104B) -> str:
 
 
 def _learned(model: SimulatedDso7104B) -> str:
-    """Return what is sent how, in the shape of the siblings' guides."""
+    """Return source, format and order of the data, in the shape of the siblings' guides."""
     state = model.state
     return (
         f":WAV:UNS {boolean(state.waveform.unsigned)};VIEW {state.waveform.view};BYT {state.waveform.byte_order};"

@@ -55,7 +55,7 @@ class _ChannelsOrWord(_Channels, frozen=True, kw_only=True):
     """A channel list, or MIN, MAX or DEF."""
 
     def parse(self, token: Token) -> Any:
-        """Return names, or what the word stands for."""
+        """Return names, or the special number of a word."""
         if token.kind is TokenKind.WORD:
             return Special[Choice(tuple(each.value for each in Special)).parse(token)]
         return super().parse(token)

@@ -85,7 +85,7 @@ class SimulatedE36312A(SimulatedE3631A):
         return self.switched[name]
 
     def restore(self, settings: Settings) -> None:
-        """Take what *RCL recalls; which outputs it switches on is unverified, here none."""
+        """Take settings that *RCL recalls; which outputs it switches on is unverified, here none."""
         self.switched = dict.fromkeys(self.switched, False)
         super().restore(settings)
 
@@ -96,7 +96,7 @@ class SimulatedE36312A(SimulatedE3631A):
         self.drive()
 
     def regulate(self) -> None:
-        """Find the working points, then trip what its protection does not allow."""
+        """Find the working points, then trip outputs whose protection does not allow theirs."""
         super().regulate()
         for name, output in self.outputs.items():
             cause = self._cause(name, limited=output.limited)

@@ -25,7 +25,7 @@ _FURTHEST = 0.05
 
 
 class CalibrationPoint(NamedTuple):
-    """What is known at a calibration point."""
+    """Values at a calibration point."""
 
     programmed: float
     measured: float
@@ -80,7 +80,7 @@ class SupplyCalibration(Struct):
     def take(
         self, output: str, quantity: str, point: CalibrationPoint
     ) -> tuple[CalibrationPoint, CalibrationPoint] | None:
-        """Note what was measured; return both points once they are there."""
+        """Note a measured point; return both points once they are there."""
         if self.subject != (output, quantity) or self.level is None:
             raise ScpiError(-221)
         self.points[self.level] = point
@@ -107,7 +107,7 @@ def _rated_v(output: SupplyOutput) -> float:
 
 
 def _lines(low: CalibrationPoint, high: CalibrationPoint, rated: float) -> tuple[Correction, Correction]:
-    """Return what has to be programmed for a measured value, and what has to be shown for a shown one."""
+    """Return corrections of programming (by measured values) and of display (by shown values)."""
     measured = (low.measured, high.measured)
     programming = Correction.through(measured, (low.programmed, high.programmed), rated, 712)
     return programming, Correction.through((low.shown, high.shown), measured, rated, 713)

@@ -54,7 +54,7 @@ def _take(
     programmed_and_shown: Callable[[SupplyOutput], tuple[float, float]],
     adjust: Callable[[SupplyOutput, CalibrationPoint, CalibrationPoint], None],
 ) -> None:
-    """Take what was measured outside of the selected output; the second point makes new constants."""
+    """Take a value measured outside of the selected output; the second point makes new constants."""
     _require_on(supply)
     supply.observe()
     programmed, shown = programmed_and_shown(supply.output)

@@ -1,4 +1,4 @@
-"""What a specimen of the E3631A has of errors, and the published accuracy that they are drawn from.
+"""Errors of a specimen of the E3631A, and the published accuracy that they are drawn from.
 
 Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 186).
 """
@@ -158,7 +158,7 @@ def _drawn_output(rng: np.random.Generator, kind: OutputKind, accuracy: OutputAc
 
 
 def _disturbed(rng: np.random.Generator, errors: OutputErrors) -> OutputErrors:
-    """Return the errors with what the mains leave on the output: ripple below its limit at any phase, line.
+    """Return the errors with the mains' part of the output: ripple below its limit at any phase, line.
 
     Harmonics and noise are parts of the ripple, and of what it leaves of the limit of all together.
     """

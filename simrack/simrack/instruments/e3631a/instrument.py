@@ -52,7 +52,7 @@ _FAN = 16
 
 
 class Settings(Struct, frozen=True):
-    """What *SAV stores (p. 96)."""
+    """Settings that *SAV stores (p. 96)."""
 
     selected: str
     levels: tuple[tuple[float, float], ...]
@@ -184,7 +184,7 @@ class SimulatedE3631A(ScpiTwin):
         return -math.inf if self.transfer_at_s is None else self.transfer_at_s
 
     def adjustments(self) -> list[Adjustment]:
-        """Return what can be changed from outside the wire."""
+        """Return the adjustments from outside the wire."""
         return [Adjustment("fan_failed", "", "whether its fan has stopped", self.fan_failed, self.fail_fan)]
 
     def fan_failed(self) -> bool:
@@ -234,7 +234,7 @@ class SimulatedE3631A(ScpiTwin):
         self.regulate()
 
     def open_circuit_v(self, name: str) -> float:
-        """Return what output `name` gives without load when it is on."""
+        """Return the voltage of output `name` without load when it is on."""
         output = self.outputs[name]
         volts = stepped(output.volts, output.kind.volt_step) if self.errors.quantised else output.volts
         gain, offset = output.errors.programming_gain, output.errors.programming_offset_v
@@ -272,12 +272,12 @@ class SimulatedE3631A(ScpiTwin):
         self.restore(self.stored.get(slot, DEFAULT_SETTINGS))
 
     def settings(self) -> Settings:
-        """Return what *SAV stores."""
+        """Return the settings that *SAV stores."""
         levels = tuple((output.volts, output.amps) for output in self.outputs.values())
         return Settings(self.selected, levels, self.output_on, self.tracking, self.trigger_source, self.trigger_delay_s)
 
     def restore(self, settings: Settings) -> None:
-        """Take what *RCL recalls."""
+        """Take settings that *RCL recalls."""
         self.selected = settings.selected
         self.output_on = settings.output_on
         self.tracking = settings.tracking

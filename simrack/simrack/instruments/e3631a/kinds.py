@@ -12,7 +12,7 @@ from simrack.scpi import Limits, Number
 
 
 class OutputKind(Struct, frozen=True):
-    """What an output is by design.
+    """Design of an output.
 
     Args:
         name: as in the commands. number: as in INSTrument:NSELect. sign: of its voltage.

@@ -1,4 +1,4 @@
-"""One output of the simulated E3631A: what it is set to, and the voltage and current that are really there.
+"""One output of the simulated E3631A: its settings, and its true voltage and current.
 
 Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 118, 186-187).
 """
@@ -133,7 +133,7 @@ class SupplyOutput:
         return (idle + (full - idle) * share) / _TO_1_PERCENT
 
     def level_v(self, now_s: float) -> float:
-        """Return what there would be without load."""
+        """Return the voltage without load."""
         return self._level_v if self.ramp is None else self.ramp.level_v(now_s)
 
     @property
@@ -234,7 +234,7 @@ class SupplyOutput:
         return math.inf if far == self.ramp.to_v else max(self.ramp.when_s(far), now_s) + _BEYOND_S
 
     def _sagged(self, voltage_v: float, current_a: float) -> float:
-        """Return what the current takes off the voltage."""
+        """Return the drop of the voltage by the current."""
         share = current_a / self.kind.rated_a
         return self.kind.sign * current_a * self.errors.resistance_ohm + voltage_v * self.errors.sag * share
 
@@ -263,12 +263,12 @@ class SupplyOutput:
         return low, min(limit, self._load_a(low))
 
     def voltage_reading(self) -> float:
-        """Return what the voltmeter of the output shows."""
+        """Return the reading of the output's voltmeter."""
         reading = self.voltage_v * (1.0 + self.errors.readback_gain) + self.errors.readback_offset_v
         return stepped(reading, self.kind.volt_step) if self.quantised else reading
 
     def current_reading(self) -> float:
-        """Return what the ammeter of the output shows; positive for every output (unverified for N25V)."""
+        """Return the reading of the output's ammeter; positive for every output (unverified for N25V)."""
         reading = self.current_a * (1.0 + self.errors.current_readback_gain) + self.errors.current_readback_offset_a
         return stepped(reading, self.kind.amp_step) if self.quantised else reading
 

@@ -1,4 +1,4 @@
-"""What the E3631A is told about its outputs, and its trigger.
+"""Commands of the E3631A's outputs and trigger.
 
 Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 84-96).
 """

@@ -50,7 +50,7 @@ _CREST_LIMITS = ((1.0, 5e-4), (math.sqrt(2.0), 0.0), (2.0, 5e-4), (3.0, 1.5e-3),
 
 
 class Detected(NamedTuple):
-    """What is behind the blocking capacitor: rms as the converter shows it, and the largest peak."""
+    """Signal behind the blocking capacitor: rms as the converter shows it, and the largest peak."""
 
     rms_v: float
     peak_v: float
@@ -84,7 +84,7 @@ class AcResponse(Struct, frozen=True):
 
     @property
     def gain(self) -> float:
-        """What it does to all frequencies."""
+        """Gain of all frequencies."""
         return 1.0 + self.errors.gain_error
 
     @property
@@ -93,13 +93,13 @@ class AcResponse(Struct, frozen=True):
         return _CORNER_HZ[self.filter_hz]
 
     def slow(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return what it does to low frequencies: blocking capacitor, filter."""
+        """Return the response to low frequencies: blocking capacitor, filter."""
         f = np.maximum(frequency_hz, 1e-6)
         own = 1.0 + self.errors.low_frequency_error * np.minimum(_LOW_HZ / f, 1.0) ** 4
         return np.asarray(own / (1.0 - 1j * _CORNER_HZ[self.filter_hz] / f))
 
     def fast(self, frequency_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return what it does to high frequencies: amplifier, input capacitance."""
+        """Return the response to high frequencies: amplifier, input capacitance."""
         x = frequency_hz / _TOP_HZ
         amplified = 1.0 / (1.0 + 1j * math.sqrt(2.0) * x - x**2)
         loaded = 1.0 / (1.0 + self.source_ohm * (1.0 / _INPUT_OHM + 2j * math.pi * frequency_hz * _INPUT_F))

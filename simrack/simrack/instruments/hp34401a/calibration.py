@@ -1,4 +1,4 @@
-"""Calibration of the 34401A: its memory, and what CALibration? does to readings (User's Guide p. 95-98, 146-147).
+"""Calibration of the 34401A: its memory, and the effect of CALibration? on readings (User's Guide p. 95-98, 146-147).
 
 The guide has the commands and leaves the procedure to the Service Guide, which was not at hand. Unverified are
 therefore: that a zero covers all ranges of the function, the bounds of values and corrections, which error each of them

@@ -1,4 +1,4 @@
-"""What calibrations of the 34401A have changed: corrections of readings, by function and range."""
+"""Corrections of the 34401A's readings by calibrations, by function and range."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class _Correction(NamedTuple):
 
 
 class Corrections:
-    """What calibrations have changed, by function and range; nothing to begin with."""
+    """Corrections by calibrations, by function and range; none to begin with."""
 
     def __init__(self) -> None:
         self._held: dict[tuple[str, float], _Correction] = {}
@@ -28,15 +28,15 @@ class Corrections:
         return reading if held is None else (reading - held.offset) * held.gain
 
     def shift(self, name: str, range_: float, reading: float) -> None:
-        """Make what now reads `reading` read 0."""
+        """Shift readings such that the present `reading` becomes 0."""
         held = self._held.get((name, range_), _Correction())
         self._held[name, range_] = _Correction(held.offset + reading / held.gain, held.gain)
 
     def stretch(self, name: str, range_: float, factor: float) -> None:
-        """Multiply what is read by `factor`."""
+        """Multiply readings by `factor`."""
         held = self._held.get((name, range_), _Correction())
         self._held[name, range_] = _Correction(held.offset, held.gain * factor)
 
     def tilt(self, factor: float) -> None:
-        """Multiply what is read at the frequency of the flatness calibration by `factor`, more above, less below."""
+        """Multiply readings at the frequency of the flatness calibration by `factor`, more above, less below."""
         self.flatness += (factor - 1.0) * (_FULL_FLATNESS_HZ / FLATNESS_HZ) ** 2

@@ -46,7 +46,7 @@ _FINEST_S = 1e-9
 
 
 class Counted(NamedTuple):
-    """What a gate has brought so far.
+    """Result of a gate so far.
 
     Args:
         frequency_hz: up to its last event, 0 with less than two.
@@ -60,7 +60,7 @@ class Counted(NamedTuple):
 def count(
     pieces: list[Piece], gate_s: tuple[float, float], known_s: float, response: AcResponse, least_v: float
 ) -> Counted:
-    """Return what a gate has brought of a signal that is known up to `known_s`; sines below `least_v` rms are none."""
+    """Return the result of a gate on a signal known up to `known_s`; sines below `least_v` rms are none."""
     known = merged(piece for piece in pieces if piece.stop_s > piece.start_s)
     if not known:
         return Counted(0.0, math.inf)
@@ -75,7 +75,7 @@ def _counted(events: int, first_s: float, last_s: float, closes_s: float) -> Cou
 
 
 class _Behind:
-    """What is behind the ac path, as far as one gate needs it."""
+    """Signal behind the ac path, as far as one gate needs it."""
 
     def __init__(self, pieces: list[Piece], start_s: float, stop_s: float, response: AcResponse) -> None:
         self._parts = [(piece.start_s, piece.stop_s, piece.components()) for piece in pieces]
@@ -86,7 +86,7 @@ class _Behind:
 
     @cached_property
     def _slow_v(self) -> tuple[Values, Values]:
-        """Return coarsely what is before the blocking capacitor, and what is across it."""
+        """Return coarsely the voltage before the blocking capacitor, and the voltage across it."""
         means = self._means(self._edges_s)
         before = means[self._middles_s < self._start_s]
         first_v = float((before if len(before) else means).mean())
@@ -109,7 +109,7 @@ class _Behind:
         return np.asarray(means - self.blocked_v(middles))
 
     def blocked_v(self, times_s: Values) -> Values:
-        """Return what is across the blocking capacitor."""
+        """Return the voltage across the blocking capacitor."""
         return np.asarray(np.interp(times_s, self._middles_s, self._slow_v[1]))
 
     def armed(self, instant_s: float, threshold_v: float) -> bool:
@@ -134,7 +134,7 @@ def _evenly(start_s: float, step_s: float, looks: int) -> Values:
 
 
 def _followed(means: Values, first_v: float, edges_s: Values, corner_hz: float) -> Values:
-    """Return what a capacitor has that follows volts through a resistance; it has `first_v` to begin with."""
+    """Return the voltage of a capacitor behind a resistance, from `first_v` on."""
     step = math.tau * corner_hz * float(edges_s[1] - edges_s[0])
     grown = np.exp(step * np.arange(len(means)))
     taken = -math.expm1(-step) * math.exp(step) * np.cumsum(means * grown)
@@ -144,7 +144,7 @@ def _followed(means: Values, first_v: float, edges_s: Values, corner_hz: float) 
 def _paced(
     behind: _Behind, piece: Piece, gate_s: tuple[float, float], known_s: float, threshold_v: float
 ) -> Counted | None:
-    """Return what is counted of a signal of which one component repeats and decides alone; None if it is not so."""
+    """Return the count of a signal with one periodic component that decides alone; None if it is not so."""
     components = piece.components()
     paces = [each.pace_hz for each in components]
     if any(pace is None for pace in paces):
@@ -170,7 +170,7 @@ def _paced(
 
 
 def _cycle(behind: _Behind, components: Sequence[Component], hertz: float, start_s: float, *, blocked: bool) -> Values:
-    """Return a cycle of what repeats from an instant on, behind the amplifier, and behind the capacitor too."""
+    """Return a cycle of the periodic components from an instant on, behind the amplifier, and the capacitor too."""
     finest = min(each.finest_s for each in components)
     looks = min(max(_CYCLE_LOOKS, 2 ** math.ceil(math.log2(1.0 / (hertz * finest)))), _BLOCK)
     edges = _evenly(start_s, 1.0 / (looks * hertz), looks)
@@ -184,7 +184,7 @@ def _cycle(behind: _Behind, components: Sequence[Component], hertz: float, start
 
 
 def _repeated(events_s: Values, hertz: float, stop_s: float, known_s: float) -> Counted:
-    """Return what is counted by the events of a first cycle, which all come again."""
+    """Return the count by the events of a first cycle, which all come again."""
     if not len(events_s):
         return Counted(0.0, math.inf)
     first, each = float(events_s[0]), len(events_s)
@@ -221,7 +221,7 @@ class _Disturbed:
         self._threshold_v = threshold_v
 
     def counted(self, gate_s: tuple[float, float], known_s: float) -> Counted:
-        """Return what a gate has brought; its cycles are counted from the same phase on."""
+        """Return the count of a gate; its cycles are counted from the same phase on."""
         begun_s = gate_s[0] - 1.0 / self._hertz
         early = self._events(begun_s)
         later = math.floor((min(gate_s[1], known_s) - begun_s) * self._hertz - 2.0)
@@ -251,7 +251,7 @@ class _Gate:
         self._threshold_v = threshold_v
 
     def counted(self) -> Counted:
-        """Return what it has brought so far."""
+        """Return the count so far."""
         lasts = self._stop_s - self._start_s
         step = min(self._behind.finest_s(self._start_s, self._stop_s), lasts / _FEWEST_LOOKS)
         if lasts / step > _MOST_LOOKS:

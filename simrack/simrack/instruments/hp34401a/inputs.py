@@ -1,4 +1,4 @@
-"""What the 34401A's input stage makes of what is wired to it: a reading of any function, with the specimen's errors."""
+"""Input stage of the 34401A: a reading of any function, with the specimen's errors."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class MeterReading(Struct, frozen=True):
 
 
 class MeasuringConditions(Struct, frozen=True):
-    """What a reading depends on beside function and setup.
+    """Conditions of a reading beside function and setup.
 
     Args:
         autozero: whether a zero is taken with each reading.
@@ -79,7 +79,7 @@ class MeasuringConditions(Struct, frozen=True):
 
 
 class _Scale(Struct, frozen=True):
-    """A range, how far beyond it readings go, the resolution, and what a short integration adds to the noise, rms."""
+    """A range, its over-range, the resolution, and the noise that a short integration adds, rms."""
 
     range: float
     over_range: float
@@ -182,12 +182,12 @@ class Inputs:
         return _fitting(function, range_, abs(self._world.value_v(self._node)))
 
     def frequency_hz(self) -> float:
-        """Return the frequency of what the ac path saw in the last second, 0 without a signal."""
+        """Return the frequency of the ac path's signal in the last second, 0 without a signal."""
         now, response = self._world.clock.now(), self._response(20.0)
         return counter.count(self._pieces(), (now - 1.0, now), now, response, _LEAST_AC_V).frequency_hz
 
     def _ohms_range(self, function: Function, range_: float) -> float:
-        """The test current goes with the range, so what it shows is looked at range by range."""
+        """Return the range of ohms; the test current goes with the range, so each range is tried."""
         if self._sense_open(function):
             return function.ranges[-1]
         node_v, source_ohm = self._world.value_v(self._node), self._world.source_ohm(self._node)
@@ -257,7 +257,7 @@ class Inputs:
         return self._integrated(function, begun + conditions.delay_s, setup, conditions)
 
     def loading(self, range_: float, *, high_impedance: bool) -> float:
-        """Return what the input resistance leaves of the node's open voltage (p. 53)."""
+        """Return the part of the node's open voltage that the input resistance leaves (p. 53)."""
         if math.isinf(self._errors.input_ohm) or (high_impedance and range_ <= 10.0):
             return 1.0
         return self._errors.input_ohm / (self._errors.input_ohm + self._source_ohm)

@@ -1,4 +1,4 @@
-"""Simulated 34401A multimeter: what its functions are set to, and how a reading comes about.
+"""Simulated 34401A multimeter: settings of its functions, and how a reading comes about.
 
 Source: HP 34401A User's Guide 34401-90004, ed. 4, 1996 (p. 51-101 functions, 105-147 commands, 173-182 errors,
 216-227 specifications). What the guide leaves open is marked *unverified*. The parts: `functions` what there is to
@@ -122,7 +122,7 @@ class SimulatedHp34401A(ScpiTwin):
         self.reset()
 
     def data_sheet(self) -> VoltmeterSpecification:
-        """Return what is published of the direct voltages of the model."""
+        """Return the data sheet of the model's direct voltages."""
         return HP_34401A
 
     def made_trigger_system(self) -> TriggerSystem:
@@ -168,7 +168,7 @@ class SimulatedHp34401A(ScpiTwin):
             self.engine.report(ScpiError(705))
 
     def write(self, data: bytes, *, end: bool = False) -> None:
-        """Take bytes; in another language only the way back is understood (what else would be, is not simulated)."""
+        """Take bytes; in another language only the way back is understood (the rest is not simulated)."""
         if self.language != _SCPI and _WAY_BACK.search(data):
             self.language = _SCPI
         elif self.language == _SCPI:

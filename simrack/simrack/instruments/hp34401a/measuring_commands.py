@@ -41,7 +41,7 @@ def _require_remote(meter: SimulatedHp34401A) -> None:
 
 
 def _running(meter: SimulatedHp34401A, sequence: TriggerSequence, finish: Callable[[], Any]) -> Pending:
-    """Return what keeps the parser busy until `sequence` is through."""
+    """Return a wait of the parser until `sequence` is through."""
     return Pending(lambda: meter.clock.now() if meter.triggering.sequence is not sequence else None, finish)
 
 

@@ -51,7 +51,7 @@ def limits(range_ohm: float) -> OhmsAccuracy:
 
 
 def resistance_ohm(node_v: float, source_ohm: float, range_ohm: float) -> float:
-    """Return what the meter makes of a node of `source_ohm` at `node_v`; a node without a path is an overload."""
+    """Return the reading of a node of `source_ohm` at `node_v`; a node without a path is an overload."""
     current = TEST_CURRENT_A[range_ohm]
     if math.isinf(source_ohm):
         return OVERLOAD

@@ -1,4 +1,4 @@
-"""What a function of the 34401A is set to, and how CONFigure chooses it (User's Guide p. 53-61, 111-117)."""
+"""Settings of a function of the 34401A, and how CONFigure chooses them (User's Guide p. 53-61, 111-117)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Setup(Struct):
-    """What one function is set to. `resolution` is a fraction of the range, `nplc` and `aperture_s` go with it."""
+    """Settings of one function. `resolution` is a fraction of the range, `nplc` and `aperture_s` go with it."""
 
     range: float
     auto: bool = True

@@ -22,7 +22,7 @@ _ARMING_S = 0.02
 
 
 class TriggerSequence(Struct):
-    """A running measurement: what is left of it and what it has given.
+    """A running measurement: the rest of it and its readings so far.
 
     Args:
         triggers: triggers still to come, infinity for ever. samples: readings left of the present trigger.

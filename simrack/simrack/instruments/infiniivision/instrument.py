@@ -46,7 +46,7 @@ class XSeriesErrors(ScopeErrors, frozen=True):
 
     @classmethod
     def none(cls) -> XSeriesErrors:
-        """Return an oscilloscope that shows what is."""
+        """Return an oscilloscope without errors."""
         return _two_digits(cls, ScopeErrors.none())
 
     @classmethod

@@ -1,4 +1,4 @@
-"""What the simulated 2000 and DMM6500 have in common: ranges, integration, relative values, specimens."""
+"""Common parts of the simulated 2000 and DMM6500: ranges, integration, relative values, specimens."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str, 
 
 
 def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
-    """Take what nothing on the bench takes notice of."""
+    """Take a command without any effect on this bench."""
     del meter, values
 
 
 def once_idle(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
-    """Return what `outcome` returns, once the measurement is at its end."""
+    """Return the value of `outcome`, once the measurement is at its end."""
     if meter.triggering.sequence is None:
         return outcome()
     return Pending(lambda: meter.clock.now() if meter.triggering.sequence is None else None, outcome)

@@ -98,7 +98,7 @@ def _take(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
 
 
 def _trace(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
-    """TRACe:TRIGger: make readings; what comes after waits for them."""
+    """TRACe:TRIGger: make readings; later commands wait for them."""
     _take(meter, buffer)
     return once_idle(meter, lambda: None)
 

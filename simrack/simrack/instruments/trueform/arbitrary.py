@@ -21,7 +21,7 @@ def bare_name(name: str) -> str:
 
 
 def path(name: str) -> str:
-    """Return what ``FUNC:ARB?`` calls a waveform."""
+    """Return the name of a waveform in ``FUNC:ARB?``."""
     return f"{_FOLDER}{name}.ARB" if name in BUILT_IN else name
 
 

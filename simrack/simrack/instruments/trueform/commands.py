@@ -141,7 +141,7 @@ def _selected(model: _Model) -> str:
 
 
 def _apply_dc(model: _Model, frequency: Any, amplitude: Any, offset: Any) -> None:
-    """Take the offset; what stands for frequency and amplitude is ignored."""
+    """Take the offset; the parameters for frequency and amplitude are ignored."""
     del frequency, amplitude
     model.state.mode, model.state.trigger, model.state.range_auto = "", "IMM", True
     model.rules.select("DC")
@@ -198,7 +198,7 @@ def _switch_limits(model: _Model, state: object) -> None:
 
 
 def _set_load(model: _Model, ohm: float) -> None:
-    """Change what is shown; not while limits are on, whose load would not be known (guide p. 62)."""
+    """Change the shown load; not while limits are on, whose load would not be known (guide p. 62)."""
     if model.state.limit_on:
         raise conflict("output termination cannot be changed while voltage limits are enabled")
     model.state.load_ohm = ohm

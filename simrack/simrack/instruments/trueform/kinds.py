@@ -1,4 +1,4 @@
-"""What differs within the Trueform series, as data.
+"""Differences within the Trueform series, as data.
 
 Highest frequencies are those that the models are sold by; ranges of ramps, pulses and sample rates, and edges of a
 pulse are general knowledge of the data sheets, unverified but for the 33600A's edges at power-on (users' record).
@@ -70,7 +70,7 @@ SERIES_33600A = TrueformSeries(
 
 
 def kind(series: TrueformSeries, highest_hz: float) -> GeneratorKind:
-    """Return what a model of `series` can do whose sines go up to `highest_hz`."""
+    """Return the abilities of a model of `series` whose sines go up to `highest_hz`."""
     square_hz = min(highest_hz, series.square_hz)
     highest = {
         "SIN": highest_hz,

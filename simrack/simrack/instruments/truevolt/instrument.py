@@ -114,7 +114,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
         )
 
     def data_sheet(self) -> VoltmeterSpecification:
-        """Return what is published of the direct voltages of the model."""
+        """Return the data sheet of the model's direct voltages."""
         return self.kind.sheet
 
     def made_trigger_system(self) -> TriggerSystem:
@@ -179,7 +179,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
         setup.auto = False
 
     def forget(self) -> None:
-        """A setting changes: the measurement ends, and what it has given is forgotten."""
+        """End the measurement and forget its readings, because a setting changes."""
         self.triggering.abort()
         self.triggering.memory = []
 

@@ -1,4 +1,4 @@
-"""What differs between the 34461A and the 34465A, as data (Truevolt Series Operating and Service Guide).
+"""Differences between the 34461A and the 34465A, as data (Truevolt Series Operating and Service Guide).
 
 Capacitance, temperature and the options DIG and MEM are not simulated.
 """
@@ -45,7 +45,7 @@ class MeterKind(Struct, frozen=True):
     apertures_s: tuple[float, float] | None = None
 
     def functions(self) -> Mapping[str, Function]:
-        """Return the measurement functions by name: those of the 34401A but for what the model does finer."""
+        """Return the measurement functions by name: those of the 34401A with the finer resolutions of the model."""
         fractions = {nplc: part for nplc, part in self.sheet.resolution.items() if nplc >= _DIGITISING}
         fine = MappingProxyType(fractions)
         return MappingProxyType(

@@ -11,7 +11,7 @@ _LOW, _HIGH = 1 << 11, 1 << 12
 
 
 class Null(Struct):
-    """What is taken off every reading of a function; in automatic the first reading becomes it."""
+    """Null value, taken off every reading of a function; in automatic it is the first reading."""
 
     on: bool = False
     value: float = 0.0
@@ -52,7 +52,7 @@ class Statistics(Struct):
         self.minimum = self.maximum = self.mean = math.nan
 
     def switch(self, *, on: bool) -> None:
-        """Switch it; going on forgets what was."""
+        """Switch it; switching on clears it."""
         self.on = on
         if on:
             self.clear()

@@ -57,7 +57,7 @@ def forgetting(command: Command) -> Command:
 
 
 def _finished(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
-    """Return what `outcome` returns, once the measurement is at its end."""
+    """Return the value of `outcome`, once the measurement is at its end."""
     if meter.triggering.sequence is None:
         return outcome()
     return Pending(lambda: meter.clock.now() if meter.triggering.sequence is None else None, outcome)
@@ -111,7 +111,7 @@ def _last(meter: SimulatedTruevolt) -> str:
 
 
 def commands(kind: MeterKind) -> tuple[Command, ...]:
-    """Return what a model understands of measuring."""
+    """Return the measuring commands of a model."""
     of_functions = (
         each for function in kind.functions().values() for each in measurement_commands(function, _read, {"AUTO": AUTO})
     )

@@ -114,7 +114,7 @@ _NULL = "[SENSe:]VOLTage[:DC]:NULL"
 
 
 def commands(kind: MeterKind) -> tuple[Command, ...]:
-    """Return what a model understands of ranges and integration."""
+    """Return the commands of a model for ranges and integration."""
     functions = kind.functions()
     apertures = kind.apertures_s
     settings = (

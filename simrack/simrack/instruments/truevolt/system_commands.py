@@ -27,13 +27,13 @@ def _preset_status(meter: SimulatedTruevolt) -> None:
 
 
 def _identities(kind: MeterKind) -> tuple[str, ...]:
-    """Return what SYSTem:IDENtify takes (p. 270)."""
+    """Return the words of SYSTem:IDENtify (p. 270)."""
     older = ("HP34401A", "AT34461A") if kind.model == "34461A" else ("HP34401A", "AT34410A", "AT34411A")
     return ("DEFault", *older)
 
 
 def commands(kind: MeterKind) -> tuple[Command, ...]:
-    """Return what a model understands of itself."""
+    """Return the system commands of a model."""
     return (
         attribute("DISPlay[:STATe]", Boolean(), "display_on", boolean),
         attribute("DISPlay:TEXT[:DATA]", Text(), "display_text", quoted, convert=lambda text: text[:_TEXT_LIMIT]),

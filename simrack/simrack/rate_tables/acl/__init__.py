@@ -1,4 +1,4 @@
-"""The simulated ACUTROL3000: its language, what it is told and asked, and what it does of itself."""
+"""The simulated ACUTROL3000: its language, commands and queries, and its motion."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 class DemandCommands:
-    """Demand and all below it; what the present mode uses acts at once."""
+    """Commands of Demand; a demand of the present mode acts at once."""
 
     def __init__(self, demand: Demand, profiler: Profiler, states: StateFormat) -> None:
         self._demand = demand
@@ -52,7 +52,7 @@ class DemandCommands:
         self._inputs = [0.0] * 12
 
     def commands(self) -> dict[str, Action]:
-        """Return what can be demanded."""
+        """Return the commands of the demand."""
         return {
             "Demand:Rate": self._rate,
             "Demand:Position": self._position,
@@ -65,7 +65,7 @@ class DemandCommands:
         }
 
     def queries(self) -> dict[str, Query]:
-        """Return what can be asked about the demand."""
+        """Return the queries of the demand."""
         demand, of_axis = self._demand, self._states.of_axis
         return {
             "Demand:Rate": lambda a: of_axis(a, (demand.rate_deg_s, RATE)),
@@ -139,7 +139,7 @@ class DemandCommands:
 
 
 class InterlockCommands:
-    """Interlock and all below it; `advance` does what is due of the whole controller."""
+    """Commands of Interlock; `advance` does everything due of the whole controller."""
 
     def __init__(self, drive: AclDrive, protection: Protection, status: AclStatus, advance: Callable[[], None]) -> None:
         self._drive = drive
@@ -148,11 +148,11 @@ class InterlockCommands:
         self._advance = advance
 
     def commands(self) -> dict[str, Action]:
-        """Return what can be told about the servo."""
+        """Return the commands of the servo."""
         return {"Interlock:Close": self._close, "Interlock:Open": self._open, "Interlock:Reset": self._reset}
 
     def queries(self) -> dict[str, Query]:
-        """Return what can be asked about the servo."""
+        """Return the queries of the servo."""
         return {"Interlock": self._ask}
 
     def _close(self, arguments: Arguments) -> None:
@@ -200,7 +200,7 @@ class LimitCommands:
         self._profiler = profiler
 
     def commands(self) -> dict[str, Action]:
-        """Return what can be told about limits."""
+        """Return the commands of limits."""
         return {
             "Limit": self._set,
             "Limit:Global": self._set_overall,
@@ -209,7 +209,7 @@ class LimitCommands:
         }
 
     def queries(self) -> dict[str, Query]:
-        """Return what can be asked about limits."""
+        """Return the queries of limits."""
         return {
             "Limit": self._ask,
             "Limit:Absolute": lambda a: listed(a, *FACTORY.values(), *FACTORY_OVERALL.values()),
@@ -317,7 +317,7 @@ class Readback:
         self._states = states
 
     def queries(self) -> dict[str, Query]:
-        """Return what can be read."""
+        """Return the queries of readings."""
         of_axis = self._states.of_axis
         return {
             "Read:Position": lambda a: of_axis(a, self._position()),
@@ -407,14 +407,14 @@ class Registers:
         return (direction > 0) << 2 | (direction < 0) << 3
 
     def _limited(self) -> int:
-        """Return the bits of what keeps the axis from its demand: rate limits and ends of travel."""
+        """Return the bits of limits that keep the axis from its demand: rate limits and ends of travel."""
         profiler, demanded = self._profiler, self._demand.rate_deg_s
         complete = self._drive.motion.profile_complete()
         limited = profiler.regulates_rate and complete and demanded != profiler.profiled_rate_deg_s()
         return limited << (4 if demanded > 0 else 5) | (profiler.at_end > 0) << 6 | (profiler.at_end < 0) << 7
 
     def _profiling(self) -> int:
-        """Return the bits of what profiler and synthesizer have come to."""
+        """Return the bits of the state of profiler and synthesizer."""
         complete, swings = self._drive.motion.profile_complete(), self._drive.motion.oscillating
         arrived = self._profiler.mode in {"Position", "Track"} and complete and not self._drive.moves.active
         return arrived << 8 | (complete and not swings) << 9 | (swings and complete) << 10 | swings << 11
@@ -426,7 +426,7 @@ class Registers:
 
 
 def system_queries() -> dict[str, Query]:
-    """Return what can be asked about the controller itself."""
+    """Return the queries of the controller itself."""
     return {
         "*IDN": lambda _: "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a",
         "Query:System": lambda _: "1,1",

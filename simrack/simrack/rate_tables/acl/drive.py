@@ -23,7 +23,7 @@ _HELD_DEG_S2 = 1e4
 
 
 class AclDrive:
-    """The servo of the axis with what it measures, and how it is shut down.
+    """Servo of the axis with its read-back, and its ways to shut down.
 
     `motion` is the true one, `axis` the measured one, `moves` the move to a position that is under way.
     """
@@ -104,7 +104,7 @@ class AclDrive:
         self.motion.open_servo()
 
     def lock(self) -> None:
-        """Come to rest against what holds the axis; the servo stays closed until then."""
+        """Come to rest against an obstacle; the servo stays closed until then."""
         self._give_up()
         self.locked = True
         self.motion.demand_rate(0.0, _HELD_DEG_S2)

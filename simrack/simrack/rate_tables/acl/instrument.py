@@ -75,7 +75,7 @@ class AclTable(LineDevice):
         self._commands, self._queries = self._tables(oscillator)
 
     def _tables(self, oscillator: Oscillator) -> tuple[dict[str, Action], dict[str, Query]]:
-        """Return what the controller can be told, and what it can be asked, by path."""
+        """Return the commands and the queries of the controller, by path."""
         states = StateFormat()
         both = (
             DemandCommands(self._demand, self._profiler, states),
@@ -122,7 +122,7 @@ class AclTable(LineDevice):
         self._advance()
 
     def adjustments(self) -> Iterable[Adjustment]:
-        """Return what can be seen and changed of a served table from outside its wire."""
+        """Return the adjustments of a served table from outside its wire."""
         protection = self._protection
         return interlock_adjustments(self, protection.broken, lambda: protection.jammed, protection.shut_down_by)
 

@@ -147,7 +147,7 @@ _COMMAND = re.compile(r"(?P<header>\*?[A-Za-z:][A-Za-z0-9:]*)(?P<query>\s*\?)?(?
 
 
 def parse_message(text: str) -> list[AclRequest | BadCommand]:
-    """Return the requests of one message in order; what does not parse stands in its place as a `BadCommand`.
+    """Return the requests of one message in order; a command that does not parse is a `BadCommand` in its place.
 
     A leading colon starts from the root, ``;`` stays at the level of the command before, ``;:`` goes back to the
     root (TM-8004-C 2.3). A failed command leaves the level as it was (unverified).
@@ -157,7 +157,7 @@ def parse_message(text: str) -> list[AclRequest | BadCommand]:
 
 @lru_cache(maxsize=_MESSAGES_KEPT)
 def _parsed(text: str) -> tuple[AclRequest | BadCommand, ...]:
-    """Return what a message asks for; kept, since a controller is asked the same again and again."""
+    """Return the requests of a message; kept, since a controller is asked the same again and again."""
     level, requests = _ROOT, list[AclRequest | BadCommand]()
     for command in text.split(";"):
         stripped = command.strip()
@@ -257,7 +257,7 @@ def integer(text: str, low: int, high: int) -> int:
 
 
 def check_within(value: float, high: float) -> None:
-    """Refuse what is negative or above `high`."""
+    """Refuse values that are negative or above `high`."""
     # zero is taken, and inhibits every change of motion: the manual only says "should never be commanded"
     if not 0.0 <= value <= high:
         raise Refusal(OUT_OF_RANGE)
@@ -321,11 +321,11 @@ class StateFormat:
         return f"#{len(length)}{length}" + block.decode("latin-1")
 
     def commands(self) -> dict[str, Action]:
-        """Return what can be told about the format."""
+        """Return the commands of the format."""
         return {"Utility:Format": self._choose}
 
     def queries(self) -> dict[str, Query]:
-        """Return what can be asked about the format."""
+        """Return the queries of the format."""
         return {"Utility:Format": lambda _: "BINARY" if self._binary else "FLOAT"}
 
     def _choose(self, arguments: Arguments) -> None:

@@ -146,7 +146,7 @@ class Oscillator:
         return (2 * math.pi * frequency_hz) ** power
 
     def _amplitude_deg(self, magnitude: float, frequency_hz: float) -> float:
-        """Return the amplitude that the limits of SYNTHESIS mode leave of what was demanded, deg."""
+        """Return the demanded amplitude within the limits of SYNTHESIS mode, deg."""
         limits, turning = self._limits.of("Synthesis"), 2 * math.pi * frequency_hz
         most = min(limits.rate_deg_s / turning, limits.acceleration_deg_s2 / turning**2)
         return max(-most, min(most, magnitude / self._per_degree(frequency_hz)))
@@ -156,7 +156,7 @@ class Oscillator:
         return {"Configure:Oscillator": self._configure}
 
     def queries(self) -> dict[str, Query]:
-        """Return what can be asked about its configuration."""
+        """Return the queries of its configuration."""
         return {"Configure:Oscillator": self._ask_setup}
 
     def _configure(self, arguments: Arguments) -> None:
@@ -189,7 +189,7 @@ _TRACK_REACH_S = 0.1
 
 
 class Profiler:
-    """Turns the demand into motion, mode by mode; what happens on the way comes by :meth:`advance`."""
+    """Turns the demand into motion, mode by mode; :meth:`advance` does everything due on the way."""
 
     def __init__(self, drive: AclDrive, limits: AclLimits, demand: Demand, oscillator: Oscillator) -> None:
         self._drive = drive
@@ -290,7 +290,7 @@ class Profiler:
     # --- what happens on the way ------------------------------------------------------------------------------
 
     def advance(self) -> None:
-        """Do what is due: brake for an end of travel, end TRACK mode, go on with a move, begin to oscillate."""
+        """Do everything due: brake for an end of travel, end TRACK mode, go on with a move, begin to oscillate."""
         self._stop_at_end()
         if self.track_test.missed():
             self.mode = "Off"  # TM-8004-C 4.7.7

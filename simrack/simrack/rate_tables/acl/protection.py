@@ -1,4 +1,4 @@
-"""What shuts the ACUTROL3000's axis down by itself: interlocks, the over-rate trip, the tracking error.
+"""Protection of the ACUTROL3000's axis: interlocks, the over-rate trip, the tracking error.
 
 Source: TM-9385A (interlocks), TM-8004-C appendix B (the bits that tell of them).
 """
@@ -24,7 +24,7 @@ _INTERLOCK_BITS = {"drive_fault": 6, "door": 7, "emergency_stop": 8, "interlock"
 
 
 class Protection:
-    """The interlocks and faults of the axis, and what they do to its drive.
+    """Interlocks and faults of the axis, and their effect on its drive.
 
     `wired` tells whether the table has interlocks.
     """
@@ -68,7 +68,7 @@ class Protection:
         return [cause for cause, bit in _INTERLOCK_BITS.items() if self._broken >> bit & 1]
 
     def shut_down_by(self) -> list[str]:
-        """Return what has shut the axis down, by the names that it has on any table."""
+        """Return the causes that have shut the axis down, by the names that they have on any table."""
         causes = [cause for cause, bit in _INTERLOCK_BITS.items() if self._latched >> bit & 1]
         trips = {_RATE_TRIP_BIT: "over_rate", _TRACKING_BIT: "following_error"}
         return causes + [cause for bit, cause in trips.items() if self.faults >> bit & 1]
@@ -85,7 +85,7 @@ class Protection:
         self._broken = self._broken | mask if faulty else self._broken & ~mask
 
     def reset(self) -> None:
-        """Forget what had shut the axis down."""
+        """Forget the causes of a shutdown."""
         self.faults = 0
         self._latched = 0
 

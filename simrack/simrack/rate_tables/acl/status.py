@@ -32,11 +32,11 @@ class FrontPanel:
         self.remote_lockout = False
 
     def commands(self) -> dict[str, Action]:
-        """Return what can be told about the panel."""
+        """Return the commands of the panel."""
         return {"Utility:Lockout": self._lock, "Utility:RemoteLockout": self._lock_remote}
 
     def queries(self) -> dict[str, Query]:
-        """Return what can be asked about the panel."""
+        """Return the queries of the panel."""
         return {
             "Utility:Lockout": lambda _: "ON" if self.lockout else "OFF",
             "Utility:RemoteLockout": lambda _: "ON" if self.remote_lockout else "OFF",
@@ -77,7 +77,7 @@ class AclStatus:
         self._byte |= _QUEUE
 
     def fault(self, words: str) -> None:
-        """Note what has shut the axis down."""
+        """Note the cause of a shutdown."""
         self._byte |= _INTERLOCK | _AXIS
         self._messages.append(f"0,{words}")
 
@@ -86,7 +86,7 @@ class AclStatus:
         self._byte |= _INTERLOCK
 
     def commands(self) -> dict[str, Action]:
-        """Return what can be told about status."""
+        """Return the commands of status."""
         return {
             "Status:MSGClr": lambda _: self._messages.clear(),
             "*CLS": lambda _: self._clear(),
@@ -95,7 +95,7 @@ class AclStatus:
         }
 
     def queries(self) -> dict[str, Query]:
-        """Return what can be asked about status."""
+        """Return the queries of status."""
         return {
             "*STB": lambda _: self._taken_byte(),
             "*SRE": lambda _: str(self._service_enable),
