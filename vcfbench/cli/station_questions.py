@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from msgspec import Struct
+
 from vcfbench.cli.interview import day, number, pair, say, yes_or_no
-from vcfbench.cli.result_questions import put_number, put_text, results
 from vcfbench.errors import ConfigError
 from vcfbench.models import find_language, find_model, languages, models_for
 from vcfbench.sim.served import served_places
@@ -17,7 +17,7 @@ from vcfbench.station.bounds import NAME_PATTERN
 from vcfbench.station.settings import PAPER_RATES_DEG_S
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
     from datetime import date
 
     from vcfbench.cli.interview import Interview
@@ -48,15 +48,13 @@ def interviewed(draft: Draft, interview: Interview, finding: DiscoveryOptions) -
         BenchError: the VISA library cannot be used, or a served bench is not served.
     """
     _instruments(draft, interview, finding)
-    _names(draft, interview)
+    questions = _Questions(draft, interview)
+    _names(questions)
     for role in draft.roles():
-        _calibration(draft, interview, role)
-    _limits(draft, interview)
-    _wiring(draft, interview)
-    words = "Latitude, deg, north positive (for the Earth's rate)"
-    interview.ask("site.latitude_deg", words, "0", partial(put_number, draft, "site.latitude_deg"))
-    interview.ask("site.mains_hz", "Mains frequency, Hz (50, 60)", "50", partial(put_number, draft, "site.mains_hz"))
-    results(draft, interview)
+        _calibration(questions, role)
+    _limits(questions)
+    _wiring_and_site(questions)
+    _results(questions)
 
 
 # Instruments
@@ -212,85 +210,110 @@ def _named_by_hand(draft: Draft, interview: Interview, finding: DiscoveryOptions
 
 # Everything else
 
+_LABORATORY = (("name", "Name of the laboratory"), ("address", "Its address"), ("operator", "Who runs it"))
+_CHAMBER_LIMITS = (
+    ("min_temperature_c", "Lowest temperature, degC"),
+    ("max_temperature_c", "Highest temperature, degC"),
+    ("max_ramp_k_min", "Fastest ramp, K/min"),
+)
+_EXPECTED = (
+    ("scale_factor_v_per_deg_s", "Scale factor, V/(deg/s), signed: finds swapped leads"),
+    ("bias_v", "Output at rest, V"),
+    ("k_vc_deg_s_per_v", "K_Vc, (deg/s)/V"),
+)
+_ACCEPTED = (
+    ("scale_factor_v_per_deg_s", "Scale factor, V/(deg/s), signed"),
+    ("bias_deg_s", "Bias, deg/s"),
+    ("nonlinearity_ppm", "Non-linearity, ppm of the span"),
+    ("k_vc_deg_s_per_v", "K_Vc, (deg/s)/V"),
+    ("scale_factor_error_percent", "Scale factor by V_Vc against table, %"),
+)
+_OF_THE_TABLE = (
+    ("table_rate_error", "Largest relative error of the table's rate, from its certificate (1e-5)"),
+    ("misalignment_deg", "Largest angle between the gyroscope's axis and the table's, deg"),
+)
+_OF_THE_GYROSCOPE = (
+    ("temperature_k", "How far the gyroscope's temperature may be from the one stated, K (0: that of the run)"),
+    ("bias_instability_deg_h", "Bias instability of the gyroscope, deg/h"),
+)
 
-def _names(draft: Draft, interview: Interview) -> None:
-    def name(answer: str) -> None:
+
+class _Questions(Struct, frozen=True):
+    """Questions whose answers are values of the draft; an empty answer leaves the key out."""
+
+    draft: Draft
+    interview: Interview
+
+    def ask(
+        self,
+        path: str,
+        words: str,
+        proposed: str = "",
+        read: Callable[[str], Any] = str,
+        follow: Callable[[Any], Mapping[str, Any]] = lambda _: {},
+    ) -> None:
+        """Ask for the value at `path`, read by `read`; `follow` are other keys that its value decides."""
+
+        def take(answer: str) -> None:
+            if answer:
+                value = read(answer)
+                self.draft.change({path: value, **follow(value)})
+
+        self.interview.ask(path, words, proposed, take)
+
+    def limit(self, key: str, words: str, follow: Callable[[Any], Mapping[str, Any]] = lambda _: {}) -> None:
+        """Ask for a limit, its present value proposed."""
+        self.ask(f"limits.{key}", words, f"{self.draft.value(f'limits.{key}'):g}", number, follow)
+
+    def windows(self, table: str, questions: Sequence[tuple[str, str]]) -> None:
+        """Ask for low and high of each key of a table."""
+        for key, words in questions:
+            self.ask(f"{table}.{key}", f"  {words}", "", lambda answer: list(pair(answer)))
+
+
+def _names(questions: _Questions) -> None:
+    def name(answer: str) -> str:
         if not re.match(NAME_PATTERN, answer):
             raise ConfigError(f"expected letters, digits, '.', '_' and '-', came {answer!r}")
-        draft.change({"name": answer})
+        return answer
 
-    interview.ask("name", "Short name of the station", draft.values["name"], name)
-    interview.ask("title", "Its title, for reports", draft.values["title"], partial(put_text, draft, "title"))
-    for key, words in (("name", "Name of the laboratory"), ("address", "Its address"), ("operator", "Who runs it")):
-        path = f"laboratory.{key}"
-        interview.ask(path, f"{words} (Enter: none)", "", partial(put_text, draft, path))
+    values = questions.draft.values
+    questions.ask("name", "Short name of the station", values["name"], name)
+    questions.ask("title", "Its title, for reports", values["title"])
+    for key, words in _LABORATORY:
+        questions.ask(f"laboratory.{key}", f"{words} (Enter: none)")
 
 
-def _calibration(draft: Draft, interview: Interview, role: str) -> None:
+def _calibration(questions: _Questions, role: str) -> None:
     """Ask for the dates of an instrument's calibration, and its certificate."""
-
-    def done(answer: str) -> None:
-        if answer:
-            draft.change({f"{role}.calibrated": day(answer)})
-
-    interview.ask(f"{role}.calibrated", f"{role}: calibrated on (YYYY-MM-DD; Enter: not known)", "", done)
-    made = draft.value(f"{role}.calibrated")
-    if made is None:
-        return
-
-    def due(answer: str) -> None:
-        draft.change({f"{role}.calibration_due": day(answer)})
-
-    interview.ask(f"{role}.calibration_due", "  due again on", str(_a_year_after(made)), due)
-    path = f"{role}.certificate"
-    interview.ask(path, "  number of the certificate (Enter: none)", "", partial(put_text, draft, path))
+    path = f"{role}.calibrated"
+    questions.ask(path, f"{role}: calibrated on (YYYY-MM-DD; Enter: not known)", "", day)
+    made: date | None = questions.draft.value(path)
+    if made is not None:
+        leap = (made.month, made.day) == (2, 29)
+        due = made.replace(year=made.year + 1, day=28 if leap else made.day)
+        questions.ask(f"{role}.calibration_due", "  due again on", str(due), day)
+        questions.ask(f"{role}.certificate", "  number of the certificate (Enter: none)")
 
 
-def _a_year_after(made: date) -> date:
-    try:
-        return made.replace(year=made.year + 1)
-    except ValueError:  # 29 February
-        return made.replace(year=made.year + 1, day=28)
-
-
-def _limits(draft: Draft, interview: Interview) -> None:
+def _limits(questions: _Questions) -> None:
     """Ask for the limits of the station; proposals of procedures that would leave them follow."""
-    roles = draft.roles()
-    if roles:
-        say("Limits: what must never be exceeded here. They are checked before anything is sent.")
+    roles = questions.draft.roles()
+    say("Limits: what must never be exceeded here. They are checked before anything is sent.")
     if "rate_table" in roles:
-        _limit(draft, interview, "max_rate_deg_s", "Highest rate, deg/s", _fitting_rates)
-        _limit(draft, interview, "max_acceleration_deg_s2", "Highest acceleration, deg/s^2", _fitting_acceleration)
+        questions.limit("max_rate_deg_s", "Highest rate, deg/s", _fitting_rates)
+        acceleration = "procedure.acceleration_deg_s2"
+        words = "Highest acceleration, deg/s^2"
+        questions.limit("max_acceleration_deg_s2", words, lambda most: {acceleration: most if most < 100.0 else None})
     if "rate_source" in roles or "vibration_source" in roles:
-        _limit(draft, interview, "max_v_vc_v", "Highest V_Vc, V, either sign")
+        questions.limit("max_v_vc_v", "Highest V_Vc, V, either sign")
     if "power" in roles:
-        _rails(draft, interview)
-        _limit(draft, interview, "max_rail_current_a", "Highest current limit of a rail, A", _fitting_current)
+        _rails(questions)
+        current, words = "procedure.rail_current_limit_a", "Highest current limit of a rail, A"
+        questions.limit("max_rail_current_a", words, lambda most: {current: most if most < 0.1 else None})
     if "chamber" in roles:
-        _limit(draft, interview, "min_temperature_c", "Lowest temperature, degC")
-        _limit(draft, interview, "max_temperature_c", "Highest temperature, degC")
-        _limit(draft, interview, "max_ramp_k_min", "Fastest ramp, K/min")
-
-
-def _nothing_else(limit: float) -> dict[str, Any]:
-    del limit
-    return {}
-
-
-def _limit(
-    draft: Draft,
-    interview: Interview,
-    key: str,
-    words: str,
-    follow: Callable[[float], dict[str, Any]] = _nothing_else,
-) -> None:
-    path = f"limits.{key}"
-
-    def take(answer: str) -> None:
-        limit = number(answer)
-        draft.change({path: limit, **follow(limit)})
-
-    interview.ask(path, words, f"{draft.value(path):g}", take)
+        for key, words in _CHAMBER_LIMITS:
+            questions.limit(key, words)
 
 
 def _fitting_rates(limit_deg_s: float) -> dict[str, Any]:
@@ -304,46 +327,54 @@ def _fitting_rates(limit_deg_s: float) -> dict[str, Any]:
     return {"procedure.rates_deg_s": rates, "procedure.virtual-coriolis": match}
 
 
-def _fitting_acceleration(limit_deg_s2: float) -> dict[str, Any]:
-    return {"procedure.acceleration_deg_s2": limit_deg_s2 if limit_deg_s2 < 100.0 else None}
-
-
-def _fitting_current(limit_a: float) -> dict[str, Any]:
-    return {"procedure.rail_current_limit_a": limit_a if limit_a < 0.1 else None}
-
-
-def _rails(draft: Draft, interview: Interview) -> None:
+def _rails(questions: _Questions) -> None:
     """Ask for the rails: their level goes to the procedures, the window about it to the limits."""
+    draft, ask = questions.draft, questions.interview.ask
 
     def level(answer: str) -> None:
         volts = number(answer)
-        window = {"limits.min_rail_v": round(0.95 * volts, 6), "limits.max_rail_v": round(1.05 * volts, 6)}
         usual = volts == 10.0
         draft.change(
             {
-                **window,
+                "limits.min_rail_v": round(0.95 * volts, 6),
+                "limits.max_rail_v": round(1.05 * volts, 6),
                 "procedure.positive_rail_v": None if usual else volts,
                 "procedure.negative_rail_v": None if usual else -volts,
             }
         )
 
-    interview.ask("procedure.positive_rail_v", "Rails of the PCB, V, either sign", "10", level)
-    proposed = f"{draft.value('limits.min_rail_v'):g} {draft.value('limits.max_rail_v'):g}"
-
     def window(answer: str) -> None:
         low, high = pair(answer)
         draft.change({"limits.min_rail_v": low, "limits.max_rail_v": high})
 
-    interview.ask("limits.rails", "  they must stay within, V (low high)", proposed, window)
+    ask("procedure.positive_rail_v", "Rails of the PCB, V, either sign", "10", level)
+    proposed = f"{draft.value('limits.min_rail_v'):g} {draft.value('limits.max_rail_v'):g}"
+    ask("limits.rails", "  they must stay within, V (low high)", proposed, window)
 
 
-def _wiring(draft: Draft, interview: Interview) -> None:
-    if "power" in draft.roles():
+def _wiring_and_site(questions: _Questions) -> None:
+    if "power" in questions.draft.roles():
         words = "Supply output of the positive rail (P25V, P6V; the negative one is N25V)"
-        interview.ask("wiring.rails.positive", words, "P25V", partial(put_text, draft, "wiring.rails.positive"))
-    if "oscilloscope" not in draft.roles():
-        return
-    say(f"Oscilloscope: what each channel sees: {_NODES}")
-    for channel, proposed in enumerate(("drive", "carrier", "sense", "output"), start=1):
-        path = f"wiring.oscilloscope.channel_{channel}"
-        interview.ask(path, f"  channel {channel}", proposed, partial(put_text, draft, path))
+        questions.ask("wiring.rails.positive", words, "P25V")
+    if "oscilloscope" in questions.draft.roles():
+        say(f"Oscilloscope: what each channel sees: {_NODES}")
+        for channel, proposed in enumerate(("drive", "carrier", "sense", "output"), start=1):
+            questions.ask(f"wiring.oscilloscope.channel_{channel}", f"  channel {channel}", proposed)
+    words = "Latitude, deg, north positive (for the Earth's rate)"
+    questions.ask("site.latitude_deg", words, "0", number)
+    questions.ask("site.mains_hz", "Mains frequency, Hz (50, 60)", "50", number)
+
+
+def _results(questions: _Questions) -> None:
+    """Ask for expected values, acceptance, and sources of uncertainty; Enter leaves each out."""
+    say("What is expected, low and high each: a run ends where it finds something else. Enter: not checked.")
+    questions.windows("expected", _EXPECTED)
+    say("Limits of results, low and high each: outside, a run has failed. Enter: not judged.")
+    questions.windows("acceptance", _ACCEPTED)
+    if questions.draft.value("acceptance"):
+        words = "  nearer to a limit than U95 is marginal (none, U95)"
+        questions.ask("acceptance.guard_band", words, _NONE)
+    say("What the uncertainties rest on. Enter: not known: the worst of its class counts, or values are incomplete.")
+    with_table = "rate_table" in questions.draft.roles()
+    for key, words in (*(_OF_THE_TABLE if with_table else ()), *_OF_THE_GYROSCOPE):
+        questions.ask(f"uncertainty.{key}", f"  {words}", "", number)
