@@ -360,6 +360,12 @@ def find_model(name: str) -> Model | None:
     return _find(name, Model)
 
 
+def data_sheet_of(name: str) -> Any:
+    """Return the data sheet of the model `name`, one of :mod:`vcfbench.specifications`; None when there is none."""
+    row = find_model(name)
+    return None if row is None else resolve(row.specifications)
+
+
 def find_language(name: str) -> TableLanguage | None:
     """Return the row of the table language `name`, None when there is none.
 

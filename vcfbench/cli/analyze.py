@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def analyze(
         typer.Option(metavar="A,B", help="Compare column B with column A. Two columns are compared by default."),
     ] = None,
     *,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    json: Json_ = False,
 ) -> None:
     """Analyse a calibration table: scale factor, bias, every non-linearity, asymmetry, comparison."""
     from vcfbench.archive.analyzed import analyze as analyzed  # noqa: PLC0415

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # typer reads the annotations when it runs
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -10,6 +9,7 @@ import typer
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
 from vcfbench.cli.discover import discover
+from vcfbench.cli.options import Bench_, Json_  # noqa: TC001  # typer reads them
 from vcfbench.cli.tracing import Trace_, tracing
 
 if TYPE_CHECKING:
@@ -24,12 +24,6 @@ app = typer.Typer(no_args_is_help=True, help="Make, show and check a bench.")
 
 app.command("new")(new)
 app.command("discover")(discover)
-
-Bench_ = Annotated[
-    Path | None,
-    typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
-]
-Json_ = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 
 
 @app.command("show")

@@ -9,6 +9,7 @@ import typer
 
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.completion import run_names
+from vcfbench.cli.options import Json_, Runs_  # noqa: TC001  # typer reads them
 
 
 def compare(
@@ -24,9 +25,9 @@ def compare(
         Path | None,
         typer.Option("-o", "--output", metavar="FILE", help="Write the comparison with figures: .html, .pdf or .md."),
     ] = None,
-    directory: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+    directory: Runs_ = Path("runs"),
     *,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")] = False,
+    json: Json_ = False,
 ) -> None:
     """Compare runs with the first of them: results with E_n, points, settings and equipment that differ."""
     from vcfbench.archive.compared import compare_runs  # noqa: PLC0415

@@ -9,6 +9,7 @@ import typer
 
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.completion import device_names
+from vcfbench.cli.options import Json_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -32,13 +33,13 @@ def device(
         "devices"
     ),
     *,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")] = False,
+    json: Json_ = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each entry.")] = False,
     add: Annotated[
         str | None,
         typer.Option("--add", metavar="RUN", help="Add what this complete run found, where it could not itself."),
     ] = None,
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+    runs: Runs_ = Path("runs"),
     plot: Annotated[
         Path | None,
         typer.Option(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
 from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError
 
@@ -33,9 +34,7 @@ def discover(
             help="Ask serial ports too. Check first what is on them: bytes can move an unknown device.",
         ),
     ] = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
-    ] = False,
+    json: Json_ = False,
 ) -> None:
     """Ask every VISA resource for its identity, list the serial ports, and print lines for a bench file.
 

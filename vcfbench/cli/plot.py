@@ -7,18 +7,11 @@ from typing import Annotated
 
 import typer
 
-from vcfbench.cli.completion import run_names
+from vcfbench.cli.options import Run_, Runs_  # noqa: TC001  # typer reads them
 
 
 def plot(
-    run: Annotated[
-        str,
-        typer.Argument(
-            metavar="RUN",
-            autocompletion=run_names,
-            help="Name of the run, its beginning or end, 'last', or its directory.",
-        ),
-    ] = "last",
+    run: Run_ = "last",
     output: Annotated[
         Path | None,
         typer.Option(
@@ -31,7 +24,7 @@ def plot(
     figure: Annotated[
         int | None, typer.Option("--figure", metavar="N", min=1, help="Only this figure, by its number in the report.")
     ] = None,
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+    runs: Runs_ = Path("runs"),
 ) -> None:
     """Draw the figures of a run."""
     from vcfbench.archive.recorded import load_run  # noqa: PLC0415

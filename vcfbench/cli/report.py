@@ -7,26 +7,19 @@ from typing import Annotated
 
 import typer
 
-from vcfbench.cli.completion import run_names
+from vcfbench.cli.options import Run_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 
 
 def report(
-    run: Annotated[
-        str,
-        typer.Argument(
-            metavar="RUN",
-            autocompletion=run_names,
-            help="Name of the run, its beginning or end, 'last', or its directory.",
-        ),
-    ] = "last",
+    run: Run_ = "last",
     output: Annotated[
         Path | None,
         typer.Option(
             "-o", "--output", metavar="FILE", help="Where the report goes: .html, .pdf or .md.  [default: RUN.html]"
         ),
     ] = None,
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+    runs: Runs_ = Path("runs"),
     words: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="With --dcc: a field that no measurement gives. Repeatable."),

@@ -7,10 +7,9 @@ from typing import Annotated
 
 import typer
 
-from vcfbench.cli.completion import run_names
 from vcfbench.cli.ending import SignalsWithoutBench
+from vcfbench.cli.options import Json_, Run_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.cli.run import (  # typer reads them in the signature
-    Json_,  # noqa: TC001
     Page_,  # noqa: TC001
     Plain_,  # noqa: TC001
     Port_,  # noqa: TC001
@@ -22,9 +21,7 @@ from vcfbench.cli.tracing import Trace_, tracing
 
 
 def resume(
-    run: Annotated[
-        str, typer.Argument(metavar="RUN", autocompletion=run_names, help="Directory of the run, its name, or 'last'.")
-    ],
+    run: Run_,
     bench: Annotated[
         Path | None,
         typer.Option("--bench", metavar="FILE", help="Bench file, if the bench of the run has other addresses now."),
@@ -33,7 +30,7 @@ def resume(
         Path | None,
         typer.Option("--procedure", metavar="FILE", help="Procedure file, if that of the run was moved or changed."),
     ] = None,
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")] = Path("runs"),
+    runs: Runs_ = Path("runs"),
     *,
     context: typer.Context,
     trace: Trace_ = None,

@@ -15,6 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from vcfbench.cli.ending import SignalsWithoutBench
+from vcfbench.cli.options import Bench_, Json_  # noqa: TC001  # typer reads them
 from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
@@ -73,17 +74,12 @@ def _key_row(key: SettableKey) -> tuple[str, str]:
 
 app = typer.Typer(cls=Procedures, no_args_is_help=True, help="Run a calibration procedure on a bench.")
 
-Bench_ = Annotated[
-    Path | None,
-    typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
-]
 Seed_ = Annotated[
     int | None,
     typer.Option(
         "--seed", min=0, max=2**63 - 1, help="Seed of a simulated bench; the same seed gives the same results."
     ),
 ]
-Json_ = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 DryRun_ = Annotated[
     bool, typer.Option("--dry-run", help="Print every step and the estimated bench time. Nothing is opened.")
 ]

@@ -10,6 +10,7 @@ import typer
 from vcfbench.archive.recomputed import printable
 from vcfbench.cli.answer import print_json, print_report, print_verdicts
 from vcfbench.cli.completion import run_names
+from vcfbench.cli.options import Json_, Run_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 from vcfbench.files import is_utf8, shown
 
@@ -22,12 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.records.journal import JournalRecord
 
 app = typer.Typer(no_args_is_help=True, help="List and show records.")
-
-Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")]
-Run_ = Annotated[
-    str, typer.Argument(metavar="RUN", autocompletion=run_names, help="Directory of the run, its name, or 'last'.")
-]
-Json_ = Annotated[bool, typer.Option("--json", help="Print JSON on stdout and nothing else.")]
 
 
 @app.command("list")
@@ -75,12 +70,7 @@ def list_(
 
 @app.command("show")
 def show(
-    run: Annotated[
-        str,
-        typer.Argument(
-            metavar="RUN", autocompletion=run_names, help="Name of the run, its beginning or end, or 'last'."
-        ),
-    ],
+    run: Run_,
     runs: Runs_ = Path("runs"),
     *,
     json: Json_ = False,

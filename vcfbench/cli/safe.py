@@ -9,6 +9,7 @@ import typer
 
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.ending import say
+from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
 from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import ConfigError
 
@@ -27,9 +28,7 @@ def safe(
         bool, typer.Option("--end-owner", help="First end the process that has the bench: SIGTERM, after 10 s SIGKILL.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Do it even while another process uses the bench.")] = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")
-    ] = False,
+    json: Json_ = False,
 ) -> None:
     """Stop the table, switch the outputs off, check both, and list those that were on. Exit code 0 or 5."""
     from vcfbench.bench.make_safe import safe_bench  # noqa: PLC0415

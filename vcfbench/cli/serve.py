@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
+from vcfbench.cli.options import Bench_  # noqa: TC001  # typer reads them
 from vcfbench.errors import BenchError, ConfigError
 
 if TYPE_CHECKING:
@@ -31,10 +32,7 @@ def register(app: typer.Typer) -> None:
 
 
 def serve(
-    bench: Annotated[
-        Path | None,
-        typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
-    ] = None,
+    bench: Bench_ = None,
     *,
     speed: Annotated[
         str,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
 from typing import Annotated, Any
 
 import typer
 
 from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
+from vcfbench.cli.options import Bench_, Json_  # noqa: TC001  # typer reads them
 from vcfbench.cli.sim_new import new
 from vcfbench.cli.soak import soak
 
@@ -24,15 +24,12 @@ def group() -> None:
 
 @app.command("show")
 def show(
-    bench: Annotated[
-        Path | None,
-        typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
-    ] = None,
+    bench: Bench_ = None,
     seed: Annotated[
         int | None, typer.Option("--seed", min=0, max=2**63 - 1, help="Seed from which errors are drawn.")
     ] = None,
     *,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")] = False,
+    json: Json_ = False,
 ) -> None:
     """Show every physical parameter and every instrument error: value, unit, meaning, source."""
     from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vcfbench.cli.answer import print_json
+from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def study(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Check the study, list the cases, and estimate the time.")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    json: Json_ = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
 ) -> None:
     """Run a procedure many times on simulated benches: over seeds, over values of bench, gyroscope and settings.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vcfbench.cli.completion import role_names
+from vcfbench.cli.options import Bench_  # noqa: TC001  # typer reads them
 from vcfbench.cli.prompt import history
 from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError, ConfigError, LimitError, TransportError
@@ -42,10 +43,7 @@ def talk(
             help="power, rate_source, multimeter, rate_table ... Default: the whole bench.",
         ),
     ] = None,
-    bench: Annotated[
-        Path | None,
-        typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
-    ] = None,
+    bench: Bench_ = None,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of a simulated bench.")] = None,
     command: Annotated[
         list[str] | None, typer.Option("--command", "-c", metavar="LINE", help="Send this line and exit. Repeatable.")

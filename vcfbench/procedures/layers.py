@@ -22,7 +22,7 @@ from msgspec import ValidationError, structs, to_builtins
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
-from vcfbench.models import ROLES, find_model, resolve
+from vcfbench.models import ROLES, data_sheet_of
 from vcfbench.specifications import AGILENT_33220A, ROOM_C, WORST_OF_CLASS, accuracy_at
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, PlacedInstrument, ProcedureSettings, Sources, Station
@@ -206,7 +206,7 @@ def _meter_resolution_v(description: BenchDescription, chosen: ProcedureSettings
     part = description.multimeter
     if part is None:
         return None
-    sheet: VoltmeterSpecification | None = _sheet_of(part)
+    sheet: VoltmeterSpecification | None = data_sheet_of(part.like or part.model)
     if sheet is None:
         raise ConfigError(
             f"multimeter.model: nothing tells the resolution of a {part.model}",
@@ -216,12 +216,6 @@ def _meter_resolution_v(description: BenchDescription, chosen: ProcedureSettings
         return sheet.resolution_v(float(chosen.meter_range_v), float(chosen.nplc))
     except ValueError as error:
         raise ConfigError(f"procedure.nplc: {error}") from error
-
-
-def _sheet_of(part: Any) -> Any:
-    """Return the data sheet of an instrument, None when there is none."""
-    row = find_model(part.like or part.model)
-    return None if row is None or row.specifications is None else resolve(row.specifications)
 
 
 def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Sources:
@@ -255,7 +249,7 @@ def _meter_sources(description: BenchDescription, role: str, short: str, range_v
     age_days, age_from = _age_days(description, role, key)
     sources: dict[str, Any] = {key: age_days, _from(key): age_from}
     part = getattr(description, role)
-    sheet: VoltmeterSpecification | None = None if part is None else _sheet_of(part)
+    sheet: VoltmeterSpecification | None = None if part is None else data_sheet_of(part.like or part.model)
     if sheet is None:
         return sources
     if range_v in sheet.accuracy and sheet.known_accuracy(range_v, age_days) is None:
@@ -338,7 +332,9 @@ def _generator_sources(description: BenchDescription) -> dict[str, Any]:
     """Return the contributions of the generator; without a data sheet as a 33220A, the worst known."""
     if description.rate_source is None:
         return {}
-    sheet: LevelSpecification = _sheet_of(description.rate_source) or AGILENT_33220A
+    sheet: LevelSpecification = (
+        data_sheet_of(description.rate_source.like or description.rate_source.model) or AGILENT_33220A
+    )
     known = description.uncertainty
     return {
         "generator_gain": sheet.setting if known.generator_error is None else known.generator_error,

@@ -25,7 +25,7 @@ from vcfbench.interfaces import (
     SetsVoltage,
     lacking,
 )
-from vcfbench.models import driver_of, find_model, resolve
+from vcfbench.models import data_sheet_of, driver_of, find_model
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.layers import meter_worth
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.procedure import AnyProcedure, Provenance
     from vcfbench.records.devices import NewEntry
     from vcfbench.reports.document import Report
-    from vcfbench.specifications import VoltmeterSpecification
-    from vcfbench.station.settings import PlacedInstrument
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context, StepResult
 
@@ -202,7 +200,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         """Return a part's station: its meter's accuracy goes by its own range and integration time."""
         station, sources = self.station, self.station.sources
         placed = {role: station.instruments.get(role) for role in ("multimeter", "v_vc_meter")}
-        sheets = {role: _sheet_of(each) for role, each in placed.items() if each is not None}
+        sheets = {role: data_sheet_of(each.model) for role, each in placed.items() if each is not None}
         v_vc_range_v = float(getattr(own, "v_vc_range_v", V_VC_RANGE_V))
         if "v_vc_meter" in sheets and v_vc_range_v != V_VC_RANGE_V:
             known, days = station.meters.get("v_vc_meter", MeterKnown()), sources.v_vc_meter_age_days
@@ -301,12 +299,6 @@ def _defaults(name: str) -> Mapping[str, Any]:
 
 def _naming(name: str) -> Callable[[Any], str]:
     return lambda keys: dotted(("procedure", "characterize", name, *keys))
-
-
-def _sheet_of(placed: PlacedInstrument) -> VoltmeterSpecification:
-    row = find_model(placed.model)
-    sheet: VoltmeterSpecification = resolve(None if row is None else row.specifications)
-    return sheet
 
 
 def _absent(model: str, capability: type) -> Sequence[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
 from vcfbench.errors import ConfigError
-from vcfbench.models import find_model, resolve
+from vcfbench.models import data_sheet_of
 from vcfbench.procedures.shared.known.scale_factor import scale_factor_used
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -212,8 +212,7 @@ def _current(
 
 def _sheet(settings: PowerSettings) -> SupplySpecification | None:
     placed = settings.station.instruments.get("power")
-    row = None if placed is None else find_model(placed.model)
-    sheet = None if row is None or row.specifications is None else resolve(row.specifications)
+    sheet = None if placed is None else data_sheet_of(placed.model)
     return sheet if isinstance(sheet, SupplySpecification) else None
 
 

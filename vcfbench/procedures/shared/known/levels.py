@@ -6,11 +6,11 @@ A generator reads back its setting to the last digit, however far its level is o
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from vcfbench.models import find_model, resolve
+from vcfbench.models import data_sheet_of
 from vcfbench.procedures.shared.routines import take, window_of
 from vcfbench.specifications import AGILENT_33220A, LevelSpecification
 from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter, Window
@@ -53,8 +53,7 @@ def take_driven(
 def generator_sheet(settings: ProcedureSettings) -> LevelSpecification:
     """Return the data sheet of the bench's generator, that of a 33220A where it has none."""
     placed = settings.station.instruments.get("rate_source")
-    row = None if placed is None else find_model(placed.model)
-    sheet: Any = None if row is None or row.specifications is None else resolve(row.specifications)
+    sheet = None if placed is None else data_sheet_of(placed.model)
     return sheet if isinstance(sheet, LevelSpecification) else AGILENT_33220A
 
 
