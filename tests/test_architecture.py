@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections import defaultdict
@@ -198,3 +199,11 @@ def test_names_are_words_of_the_field() -> None:
     private = {"told", "misfit", "misfits", "mishap", "mishaps"}
     found = {f"{module}: {name}" for module, tree in modules().items() for name in names(tree)}
     assert {each for each in found if private & set(each.partition(": ")[2].lower().split("_"))} == set()
+
+
+def test_the_files_that_the_map_names_are_there() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table = page.split("## Where is ...?")[1].split("\n## ")[0]
+    named = re.findall(r"\| `([^`]+)` \|$", table, re.MULTILINE)
+    assert len(named) >= 20
+    assert [name for name in named if not (ROOT / name).is_file()] == []

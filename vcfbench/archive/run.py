@@ -205,7 +205,7 @@ class Run(Struct, frozen=True, eq=False):
         from zlib import crc32  # noqa: PLC0415
 
         from vcfbench.reports.document import Text  # noqa: PLC0415
-        from vcfbench.reports.page import piece_of  # noqa: PLC0415  # loads Matplotlib
+        from vcfbench.reports.html_page import piece_of  # noqa: PLC0415  # loads Matplotlib
 
         said = [Text(f"{self.name or self.procedure}: {self.status.value}")]
         if self.error is not None:

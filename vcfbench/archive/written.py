@@ -99,14 +99,14 @@ def write_document(report: Report, title: str, name: str, path: Path) -> tuple[P
 
 
 def _html(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
-    from vcfbench.reports.page import page_of  # noqa: PLC0415
+    from vcfbench.reports.html_page import page_of  # noqa: PLC0415
 
     path.write_bytes(page_of(report, f"{title} ({name})", name).encode())
     return (path,)
 
 
 def _pdf(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
-    from vcfbench.reports.page import page_of  # noqa: PLC0415
+    from vcfbench.reports.html_page import page_of  # noqa: PLC0415
 
     try:
         weasyprint = need("weasyprint", "pdf", "a report as PDF")

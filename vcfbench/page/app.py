@@ -131,7 +131,7 @@ def _report(directory: Path) -> str:
     """Return the whole report of a recorded run as one HTML file."""
     from vcfbench.archive.recorded import load_run  # noqa: PLC0415
     from vcfbench.archive.reported import full_report, title_of  # noqa: PLC0415
-    from vcfbench.reports.page import page_of  # noqa: PLC0415  # matplotlib comes with it
+    from vcfbench.reports.html_page import page_of  # noqa: PLC0415  # matplotlib comes with it
 
     with _DRAWING:
         run = load_run(directory)

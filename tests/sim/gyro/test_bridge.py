@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 from scipy.linalg import expm, solve_continuous_lyapunov
 from simrack.instruments.hp34401a.ac import AcResponse, detect
-from simrack.instruments.hp34401a.errors import MeterErrors
+from simrack.instruments.hp34401a.imperfections import MeterErrors
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import flutter_density, noise_matrices, rate_response

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from msgspec.structs import replace
 
-from simrack.instruments.e3631a.errors import OutputAccuracy
+from simrack.instruments.e3631a.imperfections import OutputAccuracy
 from simrack.instruments.e3631a.instrument import SimulatedE3631A, SupplyErrors
 from simrack.instruments.e3631a.kinds import KINDS
 from simrack.scpi import GPIB, LAN, USB, Dialect

@@ -15,7 +15,7 @@ from msgspec import Struct
 
 from simrack.adjustment import Adjustment
 from simrack.instruments.e3631a.calibration import SupplyCalibration
-from simrack.instruments.e3631a.errors import OutputErrors, SupplyErrors
+from simrack.instruments.e3631a.imperfections import OutputErrors, SupplyErrors
 from simrack.instruments.e3631a.kinds import KINDS
 from simrack.instruments.e3631a.output import SupplyOutput, stepped
 from simrack.scpi import GPIB, RS232, Dialect, Register, ScpiEngine, ScpiTwin, Status, bare_integer

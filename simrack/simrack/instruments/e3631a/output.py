@@ -13,7 +13,7 @@ from msgspec import Struct
 from simrack.sources import NOTHING_V, Approach
 
 if TYPE_CHECKING:
-    from simrack.instruments.e3631a.errors import SupplyErrors
+    from simrack.instruments.e3631a.imperfections import SupplyErrors
     from simrack.instruments.e3631a.kinds import OutputKind
     from simrack.scpi import Register
     from simrack.world import World

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from simrack.components import Path, Values
-    from simrack.instruments.hp34401a.errors import AcErrors
+    from simrack.instruments.hp34401a.imperfections import AcErrors
     from simrack.trace import Piece
 
 SETTLING_S = MappingProxyType({3.0: 7.0, 20.0: 1.0, 200.0: 0.1})

@@ -15,8 +15,8 @@ from simrack.instruments.hp34401a.ac import SETTLING_S, AcResponse, crest_limit,
 from simrack.instruments.hp34401a.calculation import OVERLOAD
 from simrack.instruments.hp34401a.corrections import Corrections
 from simrack.instruments.hp34401a.current import open_ac_input_a, open_dc_input_a
-from simrack.instruments.hp34401a.errors import MeterErrors
 from simrack.instruments.hp34401a.functions import APERTURES_S, Function
+from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.specifications import HP_34401A
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from simrack.instruments.hp34401a import ohms
 from simrack.instruments.hp34401a.calculation import MATH_RULES, OVERLOAD, Math
 from simrack.instruments.hp34401a.calibration import CalibrationMemory, MeterCalibration
-from simrack.instruments.hp34401a.errors import MeterErrors
 from simrack.instruments.hp34401a.functions import BY_NAME, Function
+from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.inputs import FAST_APERTURES_S, Inputs, MeasuringConditions
 from simrack.instruments.hp34401a.setup import Setup, configured
 from simrack.instruments.hp34401a.trigger import TriggerSystem

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct
 from msgspec.structs import replace
 
-from simrack.instruments.hp34401a.errors import MeterErrors
 from simrack.instruments.hp34401a.functions import BY_NAME
+from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.range_commands import range_commands
 from simrack.scpi import (
     Boolean,

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from simrack import specifications
-from simrack.instruments.hp34401a.errors import MeterErrors
+from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.keithley.common import (
     NAMES,
     KeptOfFunction,

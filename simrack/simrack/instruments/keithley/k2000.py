@@ -15,7 +15,7 @@ import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from simrack import specifications
-from simrack.instruments.hp34401a.errors import MeterErrors
+from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.keithley.common import (
     NAMES,
     KeptOfFunction,

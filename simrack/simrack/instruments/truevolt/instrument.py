@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from simrack import specifications
 from simrack.instruments.hp34401a.calculation import OVERLOAD
-from simrack.instruments.hp34401a.errors import MeterErrors
+from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 from simrack.instruments.truevolt.mathematics import LimitTest, Null, Statistics
 from simrack.instruments.truevolt.memory import RingTriggerSystem

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from msgspec.structs import replace
-from simrack.instruments.e3631a.errors import OutputErrors, SupplyErrors
+from simrack.instruments.e3631a.imperfections import OutputErrors, SupplyErrors
 
 from simrack_tests.instruments.e3631a.test_instrument import Bench, bench
 

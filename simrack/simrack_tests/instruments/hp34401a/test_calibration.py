@@ -6,7 +6,7 @@ import math
 
 import pytest
 from simrack.instruments.hp34401a import MeterErrors
-from simrack.instruments.hp34401a.errors import AcErrors, CounterErrors, CurrentErrors, OhmsErrors
+from simrack.instruments.hp34401a.imperfections import AcErrors, CounterErrors, CurrentErrors, OhmsErrors
 from simrack.sources import Sine
 
 from simrack_tests.instruments.hp34401a.bench import MeterBench, bench

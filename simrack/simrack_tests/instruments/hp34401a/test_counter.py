@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simrack.instruments.hp34401a import MeterErrors
-from simrack.instruments.hp34401a.errors import CounterErrors
 from simrack.instruments.hp34401a.functions import BY_NAME
+from simrack.instruments.hp34401a.imperfections import CounterErrors
 from simrack.sources import Sine
 
 from simrack_tests.instruments.hp34401a.bench import MeterBench, bench

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from simrack.instruments.hp34401a.ac import AcResponse, crest_limit, detect
-from simrack.instruments.hp34401a.errors import AcErrors
+from simrack.instruments.hp34401a.imperfections import AcErrors
 from simrack.sources import Drive, Sine
 from simrack.trace import Piece
 from simrack_tests.instruments.conversation import Conversation

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
-from simrack.instruments.hp34401a.errors import CurrentErrors, OhmsErrors
+from simrack.instruments.hp34401a.imperfections import CurrentErrors, OhmsErrors
 from simrack.leads import Leads
 from simrack.sources import Drive
 from simrack_tests.instruments.conversation import Conversation

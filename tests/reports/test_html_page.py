@@ -8,7 +8,7 @@ import pytest
 
 from tests.reports.test_text import FIGURE
 from vcfbench.reports.document import Heading, Notice, Report, Text
-from vcfbench.reports.page import page_of
+from vcfbench.reports.html_page import page_of
 from vcfbench.reports.plot import INK
 
 NASTY = '</style><script>alert(1)</script>"\\'
