@@ -65,7 +65,7 @@ FURTHEST_K = 20.0
 """From the certificate's temperature, where nobody has measured K_Vc at others: so far an assumed coefficient holds."""
 ASSUMED_Q_PER_K = _within(-2e-3, 2e-3)
 """Relative change of the quality factors with temperature: gas shut in at few pascals damps as the square root of its
-temperature, -0.17 %/K; supports lose less of it, thermoelastic losses more (assumed)."""
+temperature, -0.17 %/K; supports lose less of it, thermoelastic losses more (assumed, without a source: unverified)."""
 ASSUMED_PPM_V = Measured(value=0.0, u=200.0 / math.sqrt(3.0))
 """Coefficient of K_Vc by the rails, where nobody measured it: the drive may follow them and the carrier not."""
 
