@@ -36,7 +36,7 @@ with redirect_stdout(StringIO()), suppress(SystemExit):
     main()
 own = {name: module for name, module in sys.modules.items() if name.startswith("vcfbench")}
 classes = {each for module in own.values() for each in vars(module).values() if isinstance(each, type)}
-print(len(own), *sorted(each.__name__ for each in classes if hasattr(each, "__dataclass_fields__")))
+print(*sorted(each.__name__ for each in classes if hasattr(each, "__dataclass_fields__")))
 """
 
 
@@ -49,12 +49,10 @@ def test_a_run_with_its_budget_loads_no_scipy(procedure: str, values: int, tmp_p
     assert done.stdout.splitlines()[-1] == f"{values} []"
 
 
-def test_a_run_imports_few_modules_and_makes_no_dataclass(tmp_path: Path) -> None:
-    """A module takes 0.2 ms to find and read; a frozen dataclass 0.7 ms to make, a struct 0.02 ms."""
+def test_a_run_makes_no_dataclass(tmp_path: Path) -> None:
+    """A frozen dataclass takes 0.7 ms to make, a struct 0.02 ms."""
     done = subprocess.run([sys.executable, "-c", COMMAND, str(tmp_path)], capture_output=True, text=True, check=True)  # noqa: S603
-    modules, *dataclasses = done.stdout.split()
-    assert int(modules) <= 315, "is what was added needed by every run? else import it where it is"
-    assert dataclasses == []
+    assert done.stdout.split() == []
 
 
 @pytest.mark.parametrize("module", [description, parts, settings, schedule, own_settings])
