@@ -29,7 +29,7 @@ from vcfbench.interfaces import (
 from vcfbench.procedures.shared.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
 from vcfbench.records.schema import Status
 from vcfbench.sim.served import on_wires
-from vcfbench.station.description import Limits
+from vcfbench.station.parts import Limits
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.station.writing import bench_text
 from vcfbench.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle

@@ -17,8 +17,9 @@ from vcfbench.errors import BenchError, ConfigError, LimitError
 from vcfbench.procedures.bench_file import load_bench, parse_bench
 from vcfbench.sim.inventory import inventory
 from vcfbench.station.consistency import LIMITS_OF, invalid_values
-from vcfbench.station.description import BenchDescription, ChamberRole, Limits
+from vcfbench.station.description import BenchDescription, ChamberRole
 from vcfbench.station.limits import LimitChecks
+from vcfbench.station.parts import Limits
 from vcfbench.station.writing import bench_text
 from vcfbench.testing import serve_simulated
 

@@ -11,7 +11,8 @@ from vcfbench.clock import VirtualClock, sleep
 from vcfbench.errors import LinkLost, MeasurementError
 from vcfbench.interfaces import Identity, Regulation, SafeReport, UnprovedCommand, Waveform
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
-from vcfbench.station.settings import DriveWindow, Expected, Station
+from vcfbench.station.parts import Expected
+from vcfbench.station.settings import DriveWindow, Station
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline

@@ -13,7 +13,7 @@ from msgspec import structs
 import vcfbench
 from vcfbench.errors import LimitError
 from vcfbench.sim.builder import physical_parameters
-from vcfbench.station.description import BenchDescription, Limits
+from vcfbench.station.parts import Limits
 from vcfbench.steps import CaptureSines, SetSine
 from vcfbench.testing import simulated
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.sim.parameters import BenchParameters
+    from vcfbench.station.description import BenchDescription
 
 COLD = {"thermal": {"self_heating_k": 0.0}}
 """A gyroscope that needs no warming up."""

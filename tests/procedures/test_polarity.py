@@ -19,9 +19,8 @@ from vcfbench.procedures.polarity import CAUSES, DRIVEN, POLARITY, TURNED, Polar
 from vcfbench.records.schema import Point
 from vcfbench.sim.builder import physical_parameters
 from vcfbench.sim.gyro.warm_output import warm_output
-from vcfbench.station.description import Limits
-from vcfbench.station.parts import OscilloscopeWiring
-from vcfbench.station.settings import DriveWindow, Expected, PlacedInstrument, Station
+from vcfbench.station.parts import Expected, Limits, OscilloscopeWiring
+from vcfbench.station.settings import DriveWindow, PlacedInstrument, Station
 from vcfbench.steps import AwaitRate, ConfigureScope, DriveReading, SetRate, SetVvc
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured

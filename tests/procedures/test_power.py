@@ -14,7 +14,7 @@ from vcfbench.procedures.power.results import valid_output
 from vcfbench.procedures.power.settings import PowerSettings
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.records.devices import Characteristics
-from vcfbench.station.description import Limits
+from vcfbench.station.parts import Limits
 from vcfbench.station.settings import Station
 from vcfbench.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
 from vcfbench.steps.dry_run import walk

@@ -18,7 +18,7 @@ from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.station.description import Limits
+from vcfbench.station.parts import Limits
 from vcfbench.station.settings import PlacedInstrument, Station
 from vcfbench.steps import (
     Acquire,

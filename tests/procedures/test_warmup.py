@@ -19,8 +19,8 @@ from vcfbench.procedures.warmup.plan import WARMUP, SwitchedOn, SwitchOnAndLog, 
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_results
 from vcfbench.records.schema import Point
 from vcfbench.sim.builder import physical_parameters
-from vcfbench.station.description import Limits
 from vcfbench.station.file import embedded_text
+from vcfbench.station.parts import Limits
 from vcfbench.station.settings import Station
 from vcfbench.steps import Acquire, DisableSupply, EnableTable
 from vcfbench.steps.dry_run import walk

@@ -23,7 +23,7 @@ from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
 from vcfbench.procedures.zero.results import ZeroResult, with_what_is_let_through, zero_report, zero_results
 from vcfbench.records import journal
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.station.description import Limits
+from vcfbench.station.parts import Limits
 from vcfbench.station.settings import Station
 from vcfbench.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.steps.dry_run import walk

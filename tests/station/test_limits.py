@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vcfbench.errors import LimitError
-from vcfbench.station.description import Limits, RailWiring
 from vcfbench.station.limits import LimitChecks, LimitedGenerator, LimitedRateTable, LimitedSupply
+from vcfbench.station.parts import Limits, RailWiring
 
 LIMITS = Limits(
     max_rate_deg_s=300.0,

@@ -11,8 +11,8 @@ from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench import steps
 from vcfbench.errors import LimitError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.station.description import Limits, RailWiring
 from vcfbench.station.limits import LimitChecks
+from vcfbench.station.parts import Limits, RailWiring
 from vcfbench.steps import Done, SetRate, Settle
 from vcfbench.steps.dry_run import dry_run
 from vcfbench.steps.step import _OF_PROCEDURES, Effect, Outcome, Step, StepResult

@@ -26,14 +26,6 @@ from vcfbench.errors import ConfigError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "Comparison",
-    "ScaleFactorResult",
-    "TypeA",
-    "characterise",
-    "compare",
-    "scale_factor_error_percent",
-]
 
 SCALE_FACTOR_UNIT = "V/(deg/s)"
 BIAS_UNIT = "V"

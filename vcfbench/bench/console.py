@@ -11,7 +11,7 @@ from vcfbench.bench.ground import station
 from vcfbench.bench.opening import open_role
 from vcfbench.errors import BenchError, ConfigError, InstrumentError, LimitError, NotSafe, TransportError
 from vcfbench.safety.roles import ROLES, filled_roles, require_still, safe_action
-from vcfbench.safety.signals import Interrupted, StopSignals
+from vcfbench.safety.signals import StopSignals
 from vcfbench.safety.stack import LeaveNow, SafetyStack, Stage, not_safe
 from vcfbench.safety.trust import require_library
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from vcfbench.safety.trust import Trust
     from vcfbench.station.description import BenchDescription
 
-__all__ = ["Console", "ConsoleReply", "Interrupted", "data_of", "open_console", "summary"]
 
 _SHOWN_BYTES = 16
 

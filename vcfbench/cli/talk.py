@@ -114,7 +114,7 @@ def _recite(console: Console, lines: Iterator[str]) -> None:
 
 def _converse(console: Console) -> None:
     """Send the lines that a person types; one that is refused or fails is told, and the next taken."""
-    from vcfbench.bench.console import Interrupted  # noqa: PLC0415
+    from vcfbench.safety.signals import Interrupted  # noqa: PLC0415
 
     conversation = _Conversation(console)
     with history("talk-history"):

@@ -23,14 +23,6 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.line import TableLine
     from vcfbench.interfaces import Instrument
 
-__all__ = [
-    "Driver",
-    "TableSettings",
-    "VisaSettings",
-    "find_driver",
-    "open_instrument",
-    "visa_driver",
-]
 
 _S = TypeVar("_S")
 

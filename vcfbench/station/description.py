@@ -52,34 +52,6 @@ from vcfbench.station.parts import (
 )
 from vcfbench.station.settings import ProcedureSettings
 
-__all__ = [
-    "CALIBRATION_KEYS",
-    "AcceptanceLimits",
-    "BenchDescription",
-    "CalibrationPoint",
-    "ChamberRole",
-    "Expected",
-    "FunctionGeneratorRole",
-    "Knowledge",
-    "Laboratory",
-    "Limits",
-    "MultimeterRole",
-    "Node",
-    "Notify",
-    "OscilloscopeRole",
-    "OscilloscopeWiring",
-    "PowerRole",
-    "RailWiring",
-    "RateTableRole",
-    "Safety",
-    "SerialSettings",
-    "Served",
-    "Simulation",
-    "SimulationErrors",
-    "Site",
-    "Wiring",
-]
-
 Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
 Dialect = Annotated[str, Meta(min_length=1, max_length=4096, pattern=LINE_PATTERN)]
 """Which languages there are is checked beside the description: other packages may bring theirs."""

@@ -46,21 +46,6 @@ from vcfbench.station.parts import (
 if TYPE_CHECKING:
     from vcfbench.records.schema import Point
 
-__all__ = [
-    "PAPER_RATES_DEG_S",
-    "V_VC_RANGE_V",
-    "DeviceSettings",
-    "DriveWindow",
-    "Expected",
-    "Gap",
-    "Limit",
-    "Match",
-    "PlacedInstrument",
-    "ProcedureSettings",
-    "RailSettings",
-    "Sources",
-    "Station",
-]
 
 PAPER_RATES_DEG_S = (
     *(200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0),

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from vcfbench.clock import Deadline, VirtualClock
 from vcfbench.drivers.rate_table.configurable import ConfigurableDialect
-from vcfbench.drivers.rate_table.frames import frame_bytes, frame_text, take_frame, take_text
+from vcfbench.drivers.rate_table.frames import Frame, frame_bytes, frame_text, take_frame, take_text
 from vcfbench.drivers.rate_table.line import TableLine
-from vcfbench.drivers.rate_table.profile import Frame, parse_profile
+from vcfbench.drivers.rate_table.profile import parse_profile
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, InterlockError, LimitError, OutOfSync
 from vcfbench.testing import ScriptedWire
 

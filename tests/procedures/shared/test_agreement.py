@@ -15,7 +15,7 @@ from vcfbench.procedures.shared.sweep.agreement import (
     require_steady_slope,
 )
 from vcfbench.records.schema import Point
-from vcfbench.station.settings import Expected
+from vcfbench.station.parts import Expected
 
 if TYPE_CHECKING:
     from collections.abc import Callable

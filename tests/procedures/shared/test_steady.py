@@ -16,7 +16,8 @@ from vcfbench.procedures.shared.steady.jumps import require_no_jump
 from vcfbench.procedures.shared.steady.walk import Limits, Walk
 from vcfbench.procedures.shared.sweep.schedule import Order, Zeros
 from vcfbench.records.schema import Point
-from vcfbench.station.settings import PAPER_RATES_DEG_S, Expected, Sources, Station
+from vcfbench.station.parts import Expected
+from vcfbench.station.settings import PAPER_RATES_DEG_S, Sources, Station
 from vcfbench.steps import Acquire, Window
 
 if TYPE_CHECKING:

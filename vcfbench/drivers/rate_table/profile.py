@@ -27,25 +27,6 @@ from vcfbench.typed import typed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = [
-    "COMMANDS",
-    "QUESTIONS",
-    "AtRate",
-    "Field",
-    "Flag",
-    "Frame",
-    "Profile",
-    "Refusals",
-    "Reply",
-    "Requirement",
-    "Safety",
-    "Step",
-    "Stream",
-    "Units",
-    "load_profile",
-    "parse_profile",
-    "profile_text",
-]
 
 QUESTIONS = ("identify", "home_status", "read_pos", "read_rate", "read_all", "status", "fault")
 """Commands that only ask: they may be asked again."""

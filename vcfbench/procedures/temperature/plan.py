@@ -69,7 +69,6 @@ if TYPE_CHECKING:
     from vcfbench.records.schema import Point
     from vcfbench.steps.step import Routine
 
-__all__ = ["TEMPERATURE", "AtTemperature", "plan"]
 
 _DRIVE_RECORDS = 8
 _SIGMAS = 3.0

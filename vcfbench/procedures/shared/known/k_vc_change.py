@@ -20,20 +20,6 @@ from vcfbench.reports.document import Column, Table
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
-__all__ = [
-    "ASSUMED",
-    "UNITS",
-    "KvcChange",
-    "KvcPart",
-    "Sensitivity",
-    "at_temperature",
-    "k_vc_change",
-    "k_vc_sensitivities",
-    "require_characterised",
-    "sensitivity_table",
-    "temperature_coefficient",
-]
-
 
 def _within(value: float, limit: float) -> Measured:
     """Return a value that is as likely anywhere within a limit either way."""

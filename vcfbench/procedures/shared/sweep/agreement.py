@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from vcfbench.records.schema import Point
-    from vcfbench.station.settings import Expected
+    from vcfbench.station.parts import Expected
 
 _NOISES = 8.0
 """Allowance for noise, in standard uncertainties: readings are not independent (flicker)."""
