@@ -134,6 +134,18 @@ def test_an_output_that_moved_too_far_ends_the_run(tmp_path: Path, moved: list[f
     assert [line["moved"]["allowed_v"] < 3e-3 for line in lines_of(caught.value.run) if line["type"] == "went_on"]
 
 
+def test_a_sine_after_a_level_is_off_in_a_pause_and_on_after_it(tmp_path: Path) -> None:
+    """To select a level switches no output: `online` goes from sine to 0 V and back with the output on."""
+    presser = Presser(68)
+    run = presser.run("online", settings={"k_vc": "150"}, runs=tmp_path)
+    kinds = [line["step_kind"] for line in lines_of(run) if line["type"] == "restored"]
+    assert kinds[0] == "DisableVvc"
+    assert "EnableVvc" in kinds
+    (went_on,) = presser.went_on()
+    assert went_on.moved is not None
+    assert went_on.moved.u_v < 1e-3  # the sine is 0.3 V
+
+
 def test_a_record_with_a_pause_is_resumed(tmp_path: Path) -> None:
     whole = Presser(18).run("turntable", bench="ideal", settings=QUICK, runs=tmp_path / "a", seed=None)
     broken = cut(whole, tmp_path / "b", 2)

@@ -327,7 +327,7 @@ def test_of_all_that_sets_the_same_the_last_is_done_again() -> None:
     abandon(walked)
     start_up = list(power_up(asked))
     again = [step for step in start_up_again(steps, asked) if step.effect is not Effect.WAITS]
-    expected = [step for step in start_up if step.effect is not Effect.WAITS and not isinstance(step, DisableVvc)]
+    expected = [step for step in start_up if step.effect is not Effect.WAITS]
     assert again == [
         *expected,
         ConfigureRail("positive", "P25V", 9.5, 0.1),

@@ -25,7 +25,7 @@ class VvcSetting(StepResult, Struct, frozen=True):
 
 
 class ConfigureGenerator(Step, Struct, frozen=True):
-    """Select DC at `v_vc_v` into the high impedance of the PCB; the output stays off."""
+    """Select DC at `v_vc_v` into the high impedance of the PCB; the output switch stays as it is."""
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "V_Vc"
@@ -35,12 +35,12 @@ class ConfigureGenerator(Step, Struct, frozen=True):
 
     @property
     def sets(self) -> tuple[str, ...]:
-        """Function, level and output switch."""
-        return ("generator", self.subject, EnableVvc.subject)
+        """Function and level."""
+        return ("generator", self.subject)
 
     def describe(self) -> str:
         """Name the level."""
-        return f"generator: output off, DC {self.v_vc_v:g} V into high impedance"
+        return f"generator: DC {self.v_vc_v:g} V into high impedance"
 
     def within(self, limits: LimitChecks) -> None:
         """Hold the level against that of V_Vc."""
