@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vcfbench.analysis.sine_fit import fit_sine, fit_sine_at, phase_difference
-from vcfbench.errors import ConfigError
+from vcfbench.errors import BenchError, ConfigError
 
 RATE = 50_000.0
 TIMES = np.arange(1000) / RATE
@@ -114,7 +114,7 @@ def test_uncertainty_of_the_phase_difference_is_what_repetition_shows() -> None:
     ],
 )
 def test_what_is_no_sine_is_refused(samples: np.ndarray, message: str) -> None:
-    with pytest.raises(ConfigError, match=message):
+    with pytest.raises(BenchError, match=message):
         fit_sine(samples, 1e-3)
 
 

@@ -281,7 +281,7 @@ def replace_drive(settings: ZeroSettings) -> ZeroSettings:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"duration_s": 100.0}, "duration_s: expected at least 200 s"),
+        ({"duration_s": 200.0}, "duration_s: expected at least 200 s"),
         ({"mode": "gapless", "sample_interval_s": 0.5}, "whole number of integration times of 0.2 s"),
         ({"sample_interval_s": 0.1}, "sample_interval_s: expected at least 0.4 s"),
         ({"noise_bandwidth_hz": -1.0}, "noise_bandwidth_hz: expected"),
@@ -329,3 +329,25 @@ def test_without_anything_told_the_papers_scale_factor_is_named_as_such(tmp_path
     text = vcfbench.text_of(done.report())
     assert "that of the paper: nothing tells this gyroscope's" in text
     assert "set noise_bandwidth_hz, or measure it with mode=gapless" in text
+
+
+@pytest.mark.parametrize("procedure", ["zero", "warmup"])
+@pytest.mark.parametrize("table", [True, False], ids=["table", "no table"])
+def test_a_demodulator_that_is_dead_ends_a_record_at_rest(procedure: str, *, table: bool) -> None:
+    """Its output stands still anyway: it is asked by a rate, or by V_Vc, whether it answers."""
+    bench = vcfbench.load_bench("paper")
+    assert bench.simulation is not None
+    simulation = structs.replace(bench.simulation, override={"sense_path": {"multiplier_per_v": 0.0}})
+    alive = (
+        bench
+        if table
+        else structs.replace(bench, rate_table=None, limits=structs.replace(bench.limits, max_rate_deg_s=None))
+    )
+    short = {"zero": {"powered_s": 10.0, "duration_s": 200.0}, "warmup": {"shortest_s": 180.0, "longest_s": 240.0}}
+    settings = {**ON_PAPER, **short[procedure]}
+    assert vcfbench.run(procedure, alive, seed=3, settings=settings, runs=None).error is None
+    dead = structs.replace(alive, simulation=simulation)
+    with pytest.raises(
+        MeasurementError, match="does not answer to " + ("a rate of 10 deg/s" if table else "V_Vc of 1 V")
+    ):
+        vcfbench.run(procedure, dead, seed=3, settings=settings, runs=None)

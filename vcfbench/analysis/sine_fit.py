@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, MeasurementError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -92,7 +92,8 @@ def fit_sine(samples: ArrayLike, interval_s: float, start_hz: float | None = Non
         start_hz: where to look; without it at the largest line of the spectrum.
 
     Raises:
-        ConfigError: too few or not finite samples, or no sine that the fit settles on.
+        ConfigError: too few or not finite samples.
+        MeasurementError: no sine that the fit settles on.
 
     """
     channels = _checked([samples])
@@ -149,8 +150,16 @@ def _checked(channels: list[ArrayLike]) -> Floats:
     if not all(np.isfinite(channel).all() for channel in values):
         raise ConfigError("a sample is not a finite number: the channel was overloaded, or not sampled")
     if any(np.ptp(channel) == 0.0 for channel in values):
-        raise ConfigError("no sine found: the samples of a channel never change")
+        raise _no_sine("the samples of a channel never change")
     return np.array(values)
+
+
+def _no_sine(why: str) -> MeasurementError:
+    return MeasurementError(
+        f"no sine found: {why}",
+        hint="look at the leads of the output, of V_Vc and of the oscilloscope, at the carrier, the demodulator and "
+        "the rails at the PCB",
+    )
 
 
 def _times(count: int, interval_s: float) -> Floats:
@@ -174,7 +183,7 @@ def _common(channels: Floats, interval_s: float, start_hz: float | None) -> _Com
         frequency += max(-most, min(most, step))
         if abs(step) * count * interval_s < _SETTLED:
             return _with_covariance(_at(channels, times, frequency, free=True), times, free=True)
-    raise ConfigError(f"no sine found: the fit does not settle near {frequency:g} Hz")
+    raise _no_sine(f"the fit does not settle near {frequency:g} Hz")
 
 
 def _at(channels: Floats, times: Floats, frequency_hz: float, *, free: bool = False) -> _Common:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from msgspec import Meta
 
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import (
     FunctionGenerator,
     MeasuresWaveforms,
@@ -180,7 +180,7 @@ class ReleaseDrive(Step):
         drive = scope.waveform(self.channel, self.points)
         try:
             found = fit_release(drive.voltage_v, float(drive.time_s[1] - drive.time_s[0]), self.drive_hz)
-        except ConfigError as error:
+        except (ConfigError, MeasurementError) as error:
             return DriveDecay(0.0, 0.0, error.what)
         return DriveDecay(found.frequency_hz, found.q)
 

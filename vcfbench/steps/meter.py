@@ -111,6 +111,54 @@ class ConfigureMeter(Step, Struct, frozen=True):
         return Done()
 
 
+class OutputSeen(StepResult, Struct, frozen=True):
+    """A few readings of the output, V, that are compared with others and are no window."""
+
+    voltages_v: tuple[float, ...]
+
+    @property
+    def mean_v(self) -> float:
+        """Their mean, V."""
+        return math.fsum(self.voltages_v) / len(self.voltages_v)
+
+    @property
+    def variance_v2(self) -> float:
+        """Variance of one reading (n - 1), V^2."""
+        return math.fsum((each - self.mean_v) ** 2 for each in self.voltages_v) / (len(self.voltages_v) - 1)
+
+    def describe(self) -> str:
+        """Name their mean."""
+        return f"{self.mean_v:+.5f} V"
+
+
+class LookAtOutput(Step, Struct, frozen=True):
+    """Read the output `count` times, at least two, with the table at `rate_deg_s`."""
+
+    effect: ClassVar[Effect] = Effect.MEASURES
+    subject: ClassVar[str] = "the output"
+
+    count: int
+    rate_deg_s: float = 0.0
+
+    def describe(self) -> str:
+        """Name number and rate."""
+        return f"the output at {self.rate_deg_s:+g} deg/s, {self.count} readings"
+
+    @property
+    def physical_s(self) -> float:
+        """Approximate time of the readings, s."""
+        return 0.3 * self.count
+
+    def perform(self, context: Context) -> OutputSeen:
+        """Read it."""
+        read = context.bench.multimeter.read_voltage_v
+        return OutputSeen(tuple(context.believable(read) for _ in range(self.count)))
+
+    def predict(self, gyro: LinearGyro) -> OutputSeen:
+        """Predict the output of the straight line."""
+        return OutputSeen((gyro.output_v(self.rate_deg_s),) * self.count)
+
+
 class AcMeasured(StepResult, Struct, frozen=True):
     """Readings of an alternating voltage, rms, and the range that they were taken on, V."""
 

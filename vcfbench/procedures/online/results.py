@@ -189,8 +189,8 @@ def _demodulated(name: str, record: ModulatedRecord, frequency_hz: float, window
     """Fit the output of a burst; MeasurementError where the sine is not in it: a lead may be off."""
     try:
         return demodulated(record.output_v, record.aperture_s, frequency_hz, windows)
-    except ConfigError as error:
-        raise MeasurementError(f"{name}: {error.what}", instrument="multimeter") from error
+    except (ConfigError, MeasurementError) as error:
+        raise MeasurementError(f"{name}: {error.what}", instrument="multimeter", hint=error.hint) from error
 
 
 def _require_alike(output: Sequence[Demodulated], resolution_v: float) -> None:

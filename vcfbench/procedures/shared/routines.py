@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vcfbench.errors import MeasurementError
@@ -19,9 +20,11 @@ from vcfbench.steps import (
     EnableSupply,
     EnableTable,
     EnableVvc,
+    LookAtOutput,
     NotChecked,
     Note,
     Outcome,
+    OutputSeen,
     SetRate,
     Settle,
     SetVvc,
@@ -38,6 +41,13 @@ if TYPE_CHECKING:
     from vcfbench.steps.step import Routine
 
 T = TypeVar("T")
+
+_SLOW_DEG_S = 10.0
+_SMALL_V = 1.0
+_LOOKS = 5
+"""Rate, V_Vc and readings of a window by which an output at rest is asked whether it answers."""
+_ANSWERS = 10.0
+"""Standard uncertainties by which it must move: a thousandth of what 10 deg/s make of the paper's gyroscope."""
 
 
 def power_up(settings: ProcedureSettings) -> Routine[None]:
@@ -140,6 +150,44 @@ def require_alive(settings: ProcedureSettings, point: Point) -> None:
             instrument="multimeter",
             step=str(point.step),
             hint=f"{LOOK_AT_SIGNALS}; of a gyroscope that is so quiet expected.reading_noise_v says so",
+        )
+
+
+def require_answer(settings: ProcedureSettings) -> Routine[None]:
+    """See that the output answers: to a slow rate, or to a small V_Vc where the bench has no table.
+
+    A record at rest has nothing else that tells a gyroscope from a lead that is off, or from a dead demodulator.
+
+    Raises:
+        MeasurementError: it stands where it stood at rest.
+    """
+    limits = settings.station.limits
+    if limits.max_rate_deg_s is None and limits.max_v_vc_v is None:
+        yield NotChecked("whether the output answers", "the bench has neither table nor generator")
+        return
+    yield Note("Does the output answer?")
+    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    at_rest = answer((yield LookAtOutput(_LOOKS)), OutputSeen)
+    if limits.max_rate_deg_s is not None:
+        rate_deg_s = min(_SLOW_DEG_S, limits.max_rate_deg_s)
+        yield from go_to_rate(settings, rate_deg_s, previous_deg_s=0.0)
+        moved = answer((yield LookAtOutput(_LOOKS, rate_deg_s)), OutputSeen)
+        what, aside = f"a rate of {rate_deg_s:g} deg/s", ""
+    else:
+        v_vc_v = min(_SMALL_V, limits.max_v_vc_v or _SMALL_V)
+        yield from v_vc_on()
+        yield from set_v_vc(settings, v_vc_v)
+        moved = answer((yield LookAtOutput(_LOOKS)), OutputSeen)
+        yield DisableVvc()
+        what, aside = f"V_Vc of {v_vc_v:g} V", "the generator's lead to V_Vc, the carrier, "
+    u_v = math.sqrt((at_rest.variance_v2 + moved.variance_v2 + settings.meter_resolution_v**2) / _LOOKS)
+    if abs(moved.mean_v - at_rest.mean_v) < _ANSWERS * u_v:
+        raise MeasurementError(
+            f"the output does not answer to {what}: it stands at {moved.mean_v:+.6g} V, at rest it was at "
+            f"{at_rest.mean_v:+.6g} V, and a mean is known to {u_v:.1g} V",
+            instrument="multimeter",
+            step="the end of the record",
+            hint=f"look at the lead of the output, {aside}the rails at the PCB, and the drive signal",
         )
 
 

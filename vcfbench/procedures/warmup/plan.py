@@ -23,6 +23,7 @@ from vcfbench.procedures.shared.routines import (
     off_afterwards,
     rails_of,
     require_alive,
+    require_answer,
     source_off,
 )
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_report, warmup_results
@@ -159,7 +160,9 @@ def _from_power_on(settings: WarmupSettings) -> Routine[Outcome]:
     yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield from look_at_drive(settings)
     yield Note(f"The output at rest, {settings.shortest_s:g} to {settings.longest_s:g} s")
-    return (yield from _until_steady(settings))
+    outcome = yield from _until_steady(settings)
+    yield from require_answer(settings)
+    return outcome
 
 
 def _until_steady(settings: WarmupSettings) -> Routine[Outcome]:

@@ -27,6 +27,7 @@ from vcfbench.procedures.shared.routines import (
     rails_of,
     rails_on,
     require_alive,
+    require_answer,
     source_off,
 )
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
@@ -209,6 +210,7 @@ def _record(settings: ZeroSettings) -> Routine[Outcome]:
     else:
         taken = yield Acquire(**common, interval_s=settings.sample_interval_s)
     require_alive(settings, answer(taken, Window).point)
+    yield from require_answer(settings)
     return Outcome(f"static record of {settings.duration_s:g} s")
 
 
