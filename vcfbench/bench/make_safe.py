@@ -100,7 +100,7 @@ def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False, end
     description = described(bench)
     with StopSignals() as signals, ExitStack() as stack:
         ended = _end_owners(description) if end_owner else ()
-        held = _held(description, stack, force=force)
+        held = _held_soon(description, stack, force=force, patience_s=_FREEING_S if ended else 0.0)
         signals.unwind()  # nothing here can be stopped half-way and be called safe
         try:
             done = _made_safe(description, held)
@@ -126,6 +126,18 @@ class _Held:
 def _driving(description: BenchDescription) -> tuple[Role, ...]:
     """Return the roles that drive something, in the order of making safe; the owner of a meter is in nobody's way."""
     return tuple(sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=_stage))
+
+
+def _held_soon(description: BenchDescription, stack: ExitStack, *, force: bool, patience_s: float) -> _Held:
+    """Take the bench within `patience_s`: the watchdog of a program that was ended has a served one first."""
+    clock = WallClock()
+    while True:
+        try:
+            return _held(description, stack, force=force)
+        except ConnectFailed:
+            if clock.now() >= patience_s:
+                raise
+        sleep(clock, 0.1)
 
 
 def _held(description: BenchDescription, stack: ExitStack, *, force: bool) -> _Held:

@@ -114,15 +114,28 @@ def _safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
         sleep(clock, _LOOK_S)  # as it dies it gives its locks back one by one, and then its wires
     while True:
         try:
-            return safe_bench(description)
-        except InUse as error:
-            others = error.owner is not None and error.owner.pid != charge["owner"]
-            if clock.now() > (_OTHERS_S if others else _FREED_S):
-                return _without_locks(description, error, left=others, dead=not owner_lives())
+            done = safe_bench(description)
+            own = _still_held(done, charge["owner"])
+            if left or not own:
+                return done
+            error, taken, alone = own[0], False, len(own) == len(done.left_to)
+            longest_s = _OTHERS_S  # what was free is safe
+        except InUse as refused:
+            error, alone = refused, True
+            taken = refused.owner is not None and refused.owner.pid != charge["owner"]
+            longest_s = _OTHERS_S if taken else _FREED_S
         except ConnectFailed:
             if clock.now() > _FREED_S:
                 raise
+            error = None
+        if error is not None and clock.now() > longest_s:
+            return _without_locks(description, error, left=taken, dead=alone and not owner_lives())
         sleep(clock, _LOOK_S)
+
+
+def _still_held(done: MadeSafe, owner: int) -> list[InUse]:
+    """Return what the dying program still holds."""
+    return [each for each in done.left_to.values() if each.owner is not None and each.owner.pid == owner]
 
 
 def _without_locks(description: BenchDescription, error: InUse, *, left: bool, dead: bool) -> MadeSafe:
