@@ -380,7 +380,7 @@ def _value(value: Any) -> str:
 
 def laboratory_file() -> Line:
     """Return the file of the bench with a table and a meter on V_Vc."""
-    shipped_file = Path(str(vcfbench.__path__[0])) / "bench" / "lab.toml"
+    shipped_file = Path(str(vcfbench.__path__[0])) / "station" / "lab.toml"
     return tomllib.loads(shipped_file.read_text(encoding="utf-8"))
 
 

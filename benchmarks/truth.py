@@ -72,7 +72,7 @@ def bench_of(seed: int, v_vc: str = "set", phase_deg: float = 0.0, ranges: str =
     Ripple of one phase would put the same 0.8 ppm into the non-linearity of every seed, 0.14 u of it. Phases of carrier
     and demodulator are drawn up to `phase_deg` away from those that the truth is for.
     """
-    file = Path(str(vcfbench.__path__[0])) / "bench" / f"{BENCHES[v_vc]}.toml"
+    file = Path(str(vcfbench.__path__[0])) / "station" / f"{BENCHES[v_vc]}.toml"
     text, _ = file.read_text(encoding="utf-8").split("# The generator's errors are chosen", 1)
     if ranges == "drawn":  # and not known
         text = "".join(line for line in text.splitlines(keepends=True) if not line.startswith("generator_ranges_v"))

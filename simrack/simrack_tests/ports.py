@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import random
 import socket
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from simrack.clock import WallClock, sleep
@@ -18,9 +20,11 @@ PLENTY_S = 30.0
 
 
 def free_port() -> int:
-    """Return a port that is free now."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return int(probe.getsockname()[1])
+    """Return a port that is free now, and is not one of those that the system gives to whoever asks."""
+    while True:
+        port = random.randrange(10_000, 30_000)  # noqa: S311 - two tests at once shall not have the same
+        with suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
 
 
 def eventually(condition: Callable[[], object]) -> None:

@@ -101,7 +101,8 @@ def test_json_is_one_object_with_the_agreed_keys(station: Station, name: str, tm
     assert all(list(point) == POINT_KEYS for point in answer["points"])
     assert len(answer["points"]) == {"turntable": 17, "virtual-coriolis": 51}[name]
     assert (tmp_path / "runs" / answer["run"] / "journal.jsonl").exists()
-    assert station.opened == [{"seed": 7, "speed": None, "signals": ANY, "build": None, "needs": ANY, "now_s": None}]
+    opened = {"seed": 7, "speed": None, "signals": ANY, "build": None, "needs": ANY, "now_s": None, "trust": True}
+    assert station.opened == [opened]
     assert result.stderr == ""
 
 

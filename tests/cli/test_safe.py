@@ -51,10 +51,15 @@ def bench_file(lab: ServedLab, folder: Path, deaf: str | None = None) -> Path:
 def left_live(path: Path, end: str) -> subprocess.Popen[str]:
     """Start a program that turns the table, switches everything on, and then does `end`."""
     command = [sys.executable, "-c", SCRIPT + end, str(path)]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT)  # noqa: S603
-    assert process.stdout is not None
-    assert process.stdout.readline() == "<Bench paper, open> 50\n"
-    return process
+    for _ in range(20):
+        pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        process = subprocess.Popen(command, **pipes, text=True, cwd=ROOT)  # noqa: S603
+        assert process.stdout is not None
+        if (said := process.stdout.readline()) == "<Bench paper, open> 50\n":
+            return process
+        said += process.communicate()[1]
+        assert "leads the clock" in said  # the watchdog of the program before does, until the bench is safe
+    raise AssertionError(said)
 
 
 def call(path: Path, *options: str) -> tuple[int, str, str]:
@@ -132,7 +137,8 @@ def test_the_process_that_has_the_bench_is_ended_on_request(
     assert code == 0
     assert f"vcfbench: process {process.pid} of " in err
     assert err.endswith(" was ended\n")
-    assert (json.loads(out)["instruments"]["rate_table"]["found"] == "at rest") is not hangs
+    found = json.loads(out)["instruments"]["rate_table"]["found"]
+    assert hangs or found == "at rest"  # of one that was killed its watchdog may have come first
     assert what_is_on(lab) == []
 
 

@@ -33,10 +33,11 @@ OTHERS = {"rails on, meter": "multimeter", "rails on, oscilloscope": "oscillosco
 """The same for what drives nothing: no cells of the matrix, but their replies matter too."""
 
 MODES: dict[str, dict[str, Any]] = {
-    **{kind: {"kind": kind} for kind in ("silent", "truncated", "replaced", "unended", "doubled")},
-    **{kind: {"kind": kind} for kind in ("disconnect", "unreachable", "garbage")},
+    "silent": {"kind": "silent"},
     "late": {"kind": "late", "delay_s": 1.4},
+    **{kind: {"kind": kind} for kind in ("truncated", "replaced", "unended")},
     "trickle": {"kind": "trickle", "delay_s": 0.3},
+    **{kind: {"kind": kind} for kind in ("doubled", "disconnect", "unreachable", "garbage")},
 }
 """Modes of failing: faults by their kind. *Unreachable* lasts a second."""
 

@@ -24,6 +24,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.builder import SimulatedBench, chosen_seed
+from vcfbench.sim.consistency import check_simulation
 from vcfbench.sim.fault_scripts import parse_script, read_script
 from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription, Simulation, SimulationErrors
@@ -86,6 +87,7 @@ def _checked(description: BenchDescription) -> BenchDescription:
             raise ConfigError(f"errors: expected none or drawn, came {asked!r}")
     for invalid_value in invalid_values(description):
         raise ConfigError(f"{invalid_value.path}: expected {invalid_value.expected}, came {invalid_value.came!r}")
+    check_simulation(description, description.name)
     return description
 
 

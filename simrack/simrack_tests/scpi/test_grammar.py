@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from simrack.instruments.e3631a import commands as e3631a
-from simrack.instruments.hp34401a import commands as hp34401a
+from simrack.instruments.e3631a import E3631ATwin
+from simrack.instruments.hp34401a import Hp34401ATwin
 from simrack.scpi import Command, CommandTable, Mnemonic
 
 from simrack_tests.instruments.conversation import Conversation
@@ -137,7 +137,7 @@ def test_a_header_declared_twice_is_a_mistake_of_the_table() -> None:
         CommandTable(once, Command("[SOURce:]VOLTage", query=lambda _: 2))
 
 
-@pytest.mark.parametrize("table", [TABLE, e3631a.TABLE, hp34401a.TABLE], ids=["lamp", "E3631A", "34401A"])
+@pytest.mark.parametrize("table", [TABLE, E3631ATwin.table, Hp34401ATwin.table], ids=["lamp", "E3631A", "34401A"])
 def test_every_declared_header_is_understood_in_every_spelling(table: CommandTable) -> None:
     """Both forms of all nodes, every choice of optional nodes: compiled without -113 or -114."""
     for command in table.commands:
