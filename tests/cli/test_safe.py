@@ -134,7 +134,7 @@ def test_the_process_that_has_the_bench_is_ended_on_request(
     with left_live(path, end + "sys.stdin.read()") as process:
         code, out, err = call(path, "--end-owner", "--json")
         assert process.wait(10.0) == (-9 if hangs else 4)
-    assert code == 0
+    assert code == 0, err
     assert f"vcfbench: process {process.pid} of " in err
     assert err.endswith(" was ended\n")
     found = json.loads(out)["instruments"]["rate_table"]["found"]

@@ -44,6 +44,8 @@ _STOPPING_S: Final = 10.0
 """Longest time in which a process that is told to stop may let its bench go, s."""
 _FREEING_S: Final = 20.0
 """Longest time in which one that was killed may be gone, s."""
+_LET_GO_S: Final = 0.05
+"""Between two looks at the locks of one that is dying, s."""
 _SUPPLY: Final = {output: f"MEAS:VOLT? {output}" for output in ("P6V", "P25V", "N25V")}
 _FLOW: Final = 1 << 5
 """Bit of AUXC? of a stream of air."""
@@ -142,7 +144,7 @@ def _held_soon(description: BenchDescription, stack: ExitStack, *, force: bool, 
 
 def _held(description: BenchDescription, stack: ExitStack, *, force: bool) -> _Held:
     """Take the free instruments that drive something: the wires of nobody else, and all of nobody's."""
-    driving = _driving(description)
+    clock, driving = WallClock(), _driving(description)
     left_to: dict[str, InUse] = {}
     waited_for: set[int] = set()
     while True:
@@ -153,10 +155,12 @@ def _held(description: BenchDescription, stack: ExitStack, *, force: bool) -> _H
         except InUse as error:
             if force:
                 return _Held(_unlocked(description), driving)
-            if error.owner is not None and error.owner.pid not in waited_for:
+            dying = error.owner is not None and not error.owner.alive() and clock.now() < _FREEING_S
+            if error.owner is not None and (dying or error.owner.pid not in waited_for):
                 waited_for.add(error.owner.pid)
-                if error.owner.ended_within(_HURRY_S):  # it was dying, and gives its locks back one by one
+                if error.owner.ended_within(_HURRY_S):  # it gives its locks back one by one
                     left_to.clear()
+                    sleep(clock, _LET_GO_S)
                     continue
             error.hint = f"end it with --end-owner, it makes its bench safe; or --force speaks beside it; {error.hint}"
             left_to[str(error.instrument)] = error
@@ -192,6 +196,9 @@ def _end_owners(description: BenchDescription) -> tuple[str, ...]:
             _signal(owner, number)
         while clock.now() < patience_s and not found.keys().isdisjoint(owners_of(resources)):
             sleep(clock, 0.1)
+    clock = WallClock()
+    while found and clock.now() < _FREEING_S and owners_of(resources):  # their watchdogs make it safe
+        sleep(clock, 0.1)
     return tuple(map(str, found.values()))
 
 
