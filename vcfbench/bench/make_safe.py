@@ -44,6 +44,8 @@ _STOPPING_S: Final = 10.0
 """Longest time in which a process that is told to stop may let its bench go, s."""
 _FREEING_S: Final = 20.0
 """Longest time in which one that was killed may be gone, s."""
+_DYING_S: Final = 1.0
+"""Longest time for which the locks of a dead one may keep what is free from being made safe, s."""
 _LET_GO_S: Final = 0.05
 """Between two looks at the locks of one that is dying, s."""
 _SUPPLY: Final = {output: f"MEAS:VOLT? {output}" for output in ("P6V", "P25V", "N25V")}
@@ -155,7 +157,7 @@ def _held(description: BenchDescription, stack: ExitStack, *, force: bool) -> _H
         except InUse as error:
             if force:
                 return _Held(_unlocked(description), driving)
-            dying = error.owner is not None and not error.owner.alive() and clock.now() < _FREEING_S
+            dying = error.owner is not None and not error.owner.alive() and clock.now() < _DYING_S
             if error.owner is not None and (dying or error.owner.pid not in waited_for):
                 waited_for.add(error.owner.pid)
                 if error.owner.ended_within(_HURRY_S):  # it gives its locks back one by one
