@@ -30,7 +30,6 @@ SLOW = (
     "faults/test_owners.py",
     "faults/test_signals.py",
     "station/test_discovery.py",
-    "testing/test_wire_faults.py",
     "sim/serve/test_tables.py",
     "test_docs.py",
     "cli/test_streams.py",

@@ -11,11 +11,12 @@ import sys
 import tempfile
 from pathlib import Path
 
+from simrack.wire_faults import WireFault, faulty_wire
+
 from tests.faults.benches import SPEED, bench_text, serving
 from tests.faults.forks import fork_host
 from tests.faults.matrix import Ended, Station, all_cases, run_cases
 from vcfbench.clock import WallClock, sleep
-from vcfbench.testing import WireFault, faulty_wire
 
 
 def say(text: str) -> None:

@@ -13,11 +13,12 @@ from itertools import cycle, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from simrack.wire_faults import FaultyWire, WireFault, faulty_wire
+
 from tests.faults.benches import RATE_DEG_S, SPEED, Served, bench_text, serving
 from tests.faults.forks import Forked, ForkHost, fork_host
 from tests.faults.verdict import REST_S, Facts, mistakes
 from vcfbench.clock import WallClock, sleep, utc_now
-from vcfbench.testing import FaultyWire, WireFault, faulty_wire
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -27,7 +27,7 @@ python -m pytest -m fault_matrix tests/faults/test_matrix.py
 ```
 
 In each cell `vcfbench run` works on a bench that another process simulates, over TCP or a pseudo-terminal, on the
-wall clock as on a real one. A man in the middle (`vcfbench.testing.faulty_wire`) spoils what the instrument answers
+wall clock as on a real one. A man in the middle (`simrack.wire_faults.faulty_wire`) spoils what the instrument answers
 from the moment that the row names: one answer (*once*) or all (*lasting*). Commands still arrive. Then the physics is
 asked, past all instruments: is the table at rest, is everything off, and since when? Exit code, words and record must
 say the same.

@@ -10,7 +10,6 @@ from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import Bench_, Json_  # noqa: TC001  # typer reads them
 from vcfbench.cli.sim_new import new
-from vcfbench.cli.soak import soak
 
 app = typer.Typer(
     no_args_is_help=True, help="Show the simulated bench, give it your own gyroscope, serve and control it."
@@ -54,5 +53,4 @@ def _shown(value: Any) -> str:
 
 
 app.command("new")(new)
-app.command("soak")(soak)
 serve.register(app)

@@ -20,17 +20,15 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 from msgspec.structs import replace
 
+from tests.soaking.draw import Draw, drawn
+from tests.soaking.judge import VALUE_FAULTS, values_of, wrong_of, wrong_record, wrong_values
+from tests.soaking.trial import Clean, Ended, start
 from vcfbench.errors import ConfigError
 from vcfbench.records.journal import JournalRecord, read_journal
 from vcfbench.records.schema import Status
-from vcfbench.testing.soaking.draw import Draw, drawn
-from vcfbench.testing.soaking.judge import VALUE_FAULTS, values_of, wrong_of, wrong_record, wrong_values
-from vcfbench.testing.soaking.trial import Clean, Ended, start
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
-
-__all__ = ["Draw", "Verdict", "drawn", "shrunk", "soak", "tried"]
 
 _MEMORY = Path("/dev/shm")  # noqa: S108  # Linux has it, and directories in it are made by tempfile
 _IN_ONE_PIECE, _SAME_END = "cannot be resumed: a warm-up", "it would end again as it did"

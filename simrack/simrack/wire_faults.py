@@ -25,7 +25,7 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
-from vcfbench.clock import WallClock
+from simrack.clock import WallClock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

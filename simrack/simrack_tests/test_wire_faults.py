@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import pytest
 import serial
+from simrack.clock import WallClock
 from simrack.faults import Kind
-from simrack_tests.ports import PLENTY_S, eventually
+from simrack.wire_faults import WIRE_FAULTS, WireFault, faulty_wire
 
-from vcfbench.clock import WallClock
-from vcfbench.testing import WIRE_FAULTS, WireFault, faulty_wire
+from simrack_tests.ports import PLENTY_S, eventually
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
