@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -50,6 +52,24 @@ def test_the_scatter_of_differences_is_foreseen(coefficient: float) -> None:
     assert np.array(noise.covariance_v2) == pytest.approx(seen, rel=0.12)
     if coefficient:
         assert noise.flicker_v2 == pytest.approx(coefficient, rel=0.15)
+
+
+def test_a_flicker_that_is_known_counts_where_few_blocks_show_less() -> None:
+    rng, of_the_gyroscope = np.random.default_rng(7), 4e-9
+    quiet = scattered(rng, 5, 3e-5, 0.0)
+    alone = block_noise(quiet, 9.5e-5, 10, 10.0, 12.0)
+    known, by_five = (
+        block_noise(quiet, 9.5e-5, 10, 10.0, 12.0, known_flicker_v2=of_the_gyroscope, known_dof=dof)
+        for dof in (math.inf, 5.0)
+    )
+    true = block_noise(scattered(rng, 1500, 3e-5, of_the_gyroscope), 9.5e-5, 10, 10.0, 12.0)
+    assert known.covariance_v2[0] == pytest.approx(true.covariance_v2[0], rel=0.1)
+    assert alone.covariance_v2[0][0] < 0.7 * known.covariance_v2[0][0]
+    assert known.flicker_v2 == alone.flicker_v2
+    assert by_five.dof < 30.0 < known.dof
+    many = scattered(rng, 500, 3e-5, 0.0)
+    worst = block_noise(many, 9.5e-5, 10, 10.0, 12.0, known_flicker_v2=1e-6)  # contradicted by the blocks
+    assert worst.covariance_v2[0][0] < 1.2 * block_noise(many, 9.5e-5, 10, 10.0, 12.0).covariance_v2[0][0]
 
 
 def test_few_blocks_know_the_noise_less_well() -> None:

@@ -30,6 +30,8 @@ _AT = np.array(CHOPPED)
 _LEVELS: Floats = np.stack([_AT == 0, _AT == 1, _AT == -1], axis=1).astype(np.float64)
 DIFFERENCES: Floats = np.array([[-0.5 if s == 0 else 0.5 if s == sign else 0.0 for s in CHOPPED] for sign in (1, -1)])
 """Plus less zero and minus less zero, of the six windows."""
+_NOT_CONTRADICTED = 1.645
+"""Standard uncertainties above an estimate that 95 % of the true values lie below."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +74,20 @@ class BlockNoise:
     dof: float
 
 
-def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: float, slot_s: float) -> BlockNoise:
+def block_noise(
+    blocks: Sequence[Block],
+    std_v: float,
+    readings: int,
+    window_s: float,
+    slot_s: float,
+    *,
+    known_flicker_v2: float = 0.0,
+    known_dof: float = math.inf,
+) -> BlockNoise:
     """Return the noise of a run.
+
+    A few blocks show a flicker of 0 as often as not: one that is known counts where they show less, up to what they
+    do not contradict (one-sided, 95 %).
 
     Args:
         blocks: all of it.
@@ -81,6 +95,8 @@ def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: 
         readings: of each window.
         window_s: length of a window, s.
         slot_s: from the beginning of one window to that of the next, s, about.
+        known_flicker_v2: coefficient h of the flicker as it is known apart from the blocks, V^2.
+        known_dof: its degrees of freedom.
 
     Raises:
         ConfigError: no block, or windows that tell no scatter.
@@ -99,15 +115,21 @@ def block_noise(blocks: Sequence[Block], std_v: float, readings: int, window_s: 
     unit = float(np.trace(left.T @ flicker @ left)) / left.shape[1]
     coefficient = max(0.0, (per_degree - white) / unit)  # a density is not negative
     of_white, of_flicker = DIFFERENCES @ DIFFERENCES.T, DIFFERENCES @ flicker @ DIFFERENCES.T
-    covariance = white * of_white + coefficient * of_flicker
-    share = float(of_flicker[0, 0]) / unit
     within, between = len(blocks) * len(CHOPPED) * (readings - 1), seen.size
     most = max(per_degree, white)
-    spread = 2.0 * ((float(of_white[0, 0]) - share) * white) ** 2 / within + 2.0 * (share * most) ** 2 / between
+    u_flicker = math.sqrt(2.0 / between) * most / unit
+    counted = max(coefficient, min(known_flicker_v2, coefficient + _NOT_CONTRADICTED * u_flicker))
+    covariance = white * of_white + counted * of_flicker
+    if counted > coefficient:
+        share, by_flicker = 0.0, (float(of_flicker[0, 0]) * counted) ** 2 / known_dof
+    else:
+        share = float(of_flicker[0, 0]) / unit
+        by_flicker = (share * most) ** 2 / between
+    spread = 2.0 * ((float(of_white[0, 0]) - share) * white) ** 2 / within + 2.0 * by_flicker
     return BlockNoise(
         math.sqrt(white),
         coefficient,
-        math.sqrt(2.0 / seen.size) * most / unit,
+        u_flicker,
         ((float(covariance[0, 0]), float(covariance[0, 1])), (float(covariance[1, 0]), float(covariance[1, 1]))),
         2.0 * float(covariance[0, 0]) ** 2 / spread if spread > 0.0 else math.inf,
     )

@@ -17,6 +17,7 @@ from vcfbench.procedures.shared.budget.at_rest import (
     parts_at_rest,
 )
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.sweep.window_noise import Flicker
 from vcfbench.procedures.shared.sweep.windows import window_times
 from vcfbench.records.schema import pooled_std_v
 
@@ -112,9 +113,22 @@ def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
 
 
 def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
-    """Return the noise of a run from its blocks and from the scatter within all of its windows."""
+    """Return the noise of a run from its blocks, the scatter within all of its windows, and the flicker that is known.
+
+    Known is what static record or bench file tell, else the worst of the class: knowing less makes nothing smaller.
+    """
     window_s = settings.samples * settings.sample_interval_s
     readings = min(point.n for point in points)
     resolved_v = settings.meter_resolution_v / math.sqrt(12.0)  # as all readings of a window, where noise is small
     std_v = math.hypot(pooled_std_v(points), math.sqrt(readings) * resolved_v)
-    return block_noise(blocks, std_v, readings, window_s, window_s + settings.settle_s)
+    per_deg_s = float(np.polyfit([p.rate_deg_s for p in points], [p.output_v for p in points], 1)[0])
+    stated = flicker_stated(settings.station.sources) or Flicker(0.0, math.inf, "nothing known")
+    return block_noise(
+        blocks,
+        std_v,
+        readings,
+        window_s,
+        window_s + settings.settle_s,
+        known_flicker_v2=(per_deg_s * stated.deg_h / 3600.0) ** 2 / math.pi,  # the density is B^2 / (pi f)
+        known_dof=stated.dof,
+    )
