@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
-import sys
 from contextlib import contextmanager
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 from unittest.mock import ANY
 
@@ -70,9 +68,7 @@ class Station:
 @pytest.fixture
 def station(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Station:
     station = Station()
-    module = ModuleType("vcfbench.bench.bench")
-    module.open_bench = station.open_bench  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "vcfbench.bench.bench", module)
+    monkeypatch.setattr("vcfbench.runs.conduct.open_bench", station.open_bench)
     monkeypatch.chdir(tmp_path)
     return station
 

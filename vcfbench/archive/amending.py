@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+from vcfbench.archive.recorded import directory_of
+from vcfbench.errors import ConfigError
 from vcfbench.records.amendments import amend
+from vcfbench.records.devices import DeviceStore
 from vcfbench.records.signing import named_key
 
 if TYPE_CHECKING:
@@ -45,8 +48,6 @@ def amend_run(
         ConfigError: there is no such record, it is damaged, or something cannot be amended.
         BenchError: its run goes on, or it cannot be written.
     """
-    from vcfbench.archive.recorded import directory_of  # noqa: PLC0415
-
     directory = directory_of(run, runs)
     record = directory.read()
     by = f"{getpass.getuser()}@{socket.gethostname()}" if by is None else by
@@ -58,9 +59,6 @@ def amend_run(
 
 def _stays(directory: RunDirectory, record: JournalRecord, device: str) -> list[str]:
     """Name the effects of a run under the serial number that it was told."""
-    from vcfbench.errors import ConfigError  # noqa: PLC0415
-    from vcfbench.records.devices import DeviceStore  # noqa: PLC0415
-
     settings = record.header.get("settings")
     if not isinstance(settings, dict) or settings.get("dut") != device:
         return []

@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
+
+from vcfbench.archive.export_formats import WRITERS
 from vcfbench.archive.export_table import ExportColumn, ExportTable
 from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.run import Run
@@ -13,6 +16,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.records.amendments import amended, amendments_at
 from vcfbench.records.damage import own_readings
+from vcfbench.records.export import point_columns
 from vcfbench.records.journal import lines_of, read_header
 from vcfbench.records.metadata import equipment_of, metadata_from
 from vcfbench.records.outline import outline_of
@@ -91,8 +95,6 @@ def export_run(
         ConfigError: there is no such record, it is damaged, the format is unknown or needs the extra ``export``, the
             table is too long for it, or the file cannot be written.
     """
-    from vcfbench.archive.export_formats import WRITERS  # noqa: PLC0415
-
     directory = _directory(run, runs)
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format: expected one of {', '.join(FORMATS)}, came {format!r}")
@@ -129,8 +131,6 @@ def _directory(run: str | Path | Run, runs: str | Path) -> RunDirectory:
 
 def _points(directory: RunDirectory) -> ExportTable:
     """Return the points, in the columns of ``points.csv``."""
-    from vcfbench.records.export import point_columns  # noqa: PLC0415
-
     lines = lines_of(directory.journal)
     points = [Point.from_json(line["point"]) for line in lines if line.get("type") == "step" and "point" in line]
     rows = [point.as_json() for point in points]
@@ -229,8 +229,6 @@ def _table(
 
 def _about(directory: RunDirectory) -> dict[str, str | float]:
     """Return the facts of the run by its record, each a text or a number."""
-    import msgspec  # noqa: PLC0415
-
     header = read_header(directory.journal)
     amendments = amendments_at(directory.journal)
     metadata = amended(metadata_from(header), amendments).as_json()

@@ -5,8 +5,13 @@ from __future__ import annotations
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
+from vcfbench.archive.recomputed import evaluation_of
+from vcfbench.archive.recorded import directory_of
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.catalogue import procedure
+from vcfbench.procedures.layers import recorded_settings
 from vcfbench.procedures.procedure import Provenance
+from vcfbench.records.devices import DeviceStore
 from vcfbench.records.schema import Status
 
 if TYPE_CHECKING:
@@ -22,12 +27,6 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
         ConfigError: the run is not complete or keeps nothing of a device, its entry is there already, or the store
             does not take it.
     """
-    from vcfbench.archive.recomputed import evaluation_of  # noqa: PLC0415
-    from vcfbench.archive.recorded import directory_of  # noqa: PLC0415
-    from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
-    from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
-    from vcfbench.records.devices import DeviceStore  # noqa: PLC0415
-
     directory = directory_of(run, runs)
     record = directory.read()
     evaluation, why_none = evaluation_of(directory, record)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vcfbench.archive.index import indexed
 from vcfbench.archive.summary import RunSummary, ordered, selection_of, summary_of
 from vcfbench.records.directory import recorded_runs
 
@@ -40,8 +41,6 @@ def run_summaries(
     """
     chosen = selection_of(dut=dut, since=since, status=status, procedure=procedure, tags=tags)
     if (Path(runs) / "index.sqlite").is_file():
-        from vcfbench.archive.index import indexed  # noqa: PLC0415  # loads SQLite
-
         found = indexed(Path(runs), chosen)
         if found is not None:
             return found

@@ -5,7 +5,9 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from vcfbench.archive.results import evaluate, nothing
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.records.journal import lines_of
 from vcfbench.records.schema import Status
 
 if TYPE_CHECKING:
@@ -16,7 +18,6 @@ if TYPE_CHECKING:
 
 def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
     """Compute the results again from the points; where that cannot be, return the stored ones, with the reason."""
-    from vcfbench.archive.results import nothing  # noqa: PLC0415
     from vcfbench.archive.stored import stored  # noqa: PLC0415
 
     if record.status is not Status.COMPLETE:
@@ -37,10 +38,8 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     Raises:
         BenchError: procedure or settings are not known here, or the procedure gives no result of these points any more.
     """
-    from vcfbench.archive.results import evaluate  # noqa: PLC0415
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # it is needed for complete records alone
     from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
-    from vcfbench.records.journal import lines_of  # noqa: PLC0415
     from vcfbench.steps.measured import Measured  # noqa: PLC0415
 
     name = record.header.get("procedure")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from vcfbench import errors
+from vcfbench.archive.listing import run_summaries
 from vcfbench.archive.recomputed import evaluation_of, printable
 from vcfbench.archive.run import Run, breaks
 from vcfbench.errors import BenchError, ConfigError
@@ -70,7 +71,6 @@ def list_runs(
     """
     if all(each is None for each in (dut, since, status, procedure, tags)):
         return tuple(map(_run_or_why_not, recorded_runs(Path(runs))))
-    from vcfbench.archive.listing import run_summaries  # noqa: PLC0415
 
     asked = run_summaries(runs, dut=dut, since=since, status=status, procedure=procedure, tags=tags)
     return tuple(_run_or_why_not(RunDirectory(each.directory)) for each in asked)

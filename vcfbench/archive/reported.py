@@ -10,6 +10,8 @@ import shlex
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
+
 from vcfbench.archive.stored import STORED_SETTINGS
 from vcfbench.errors import ConfigError
 from vcfbench.records.amendments import check_of
@@ -301,8 +303,6 @@ def _metadata_words(metadata: Mapping[str, Any]) -> Iterator[str]:
 
 def _sha256_of_bench(header: Mapping[str, Any]) -> str | None:
     """Return the SHA-256 of the bench's values with their defaults, as the record has them: keys sorted, no spaces."""
-    import msgspec  # noqa: PLC0415  # it is loaded by now
-
     if not header.get("bench"):
         return None
     path = header.get("options", {}).get("bench")

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
+from zlib import crc32
 
 from msgspec import Struct, field
 from msgspec.structs import astuple
 
 from vcfbench.errors import ConfigError
 from vcfbench.records.damage import own_readings
+from vcfbench.records.export import point_columns
+from vcfbench.records.journal import lines_of, read_header, read_journal
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.records.plain import plain
-from vcfbench.reports.document import Report
+from vcfbench.reports.document import Report, Text
+from vcfbench.reports.generic import verdict_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -98,7 +102,6 @@ class Run(Struct, frozen=True, eq=False):
     @property
     def measured(self) -> Measured:
         """Measured data, as results are made of them; readings are read from the record when asked for."""
-        from vcfbench.records.journal import lines_of  # noqa: PLC0415
         from vcfbench.steps.measured import Measured  # noqa: PLC0415
 
         if self._measured is not None:
@@ -122,8 +125,6 @@ class Run(Struct, frozen=True, eq=False):
         Raises:
             ConfigError: the record cannot be read any more.
         """
-        from vcfbench.records.journal import read_header  # noqa: PLC0415
-
         return self._header if self.directory is None else read_header(self.directory / "journal.jsonl")
 
     @property
@@ -135,8 +136,6 @@ class Run(Struct, frozen=True, eq=False):
         Raises:
             ConfigError: the record cannot be read any more.
         """
-        from vcfbench.records.journal import read_journal  # noqa: PLC0415
-
         if self.directory is None:
             return ()
         return tuple(sorted(_readings(read_journal(self.directory / "journal.jsonl")), key=lambda each: each.t_s))
@@ -151,7 +150,6 @@ class Run(Struct, frozen=True, eq=False):
             import pandas as pd  # type: ignore[import-untyped, import-not-found, unused-ignore] # noqa: PLC0415
         except ImportError as error:
             raise ImportError("Run.table needs pandas, which is not installed: pip install pandas") from error
-        from vcfbench.records.export import point_columns  # noqa: PLC0415
 
         return pd.DataFrame([point.as_json() for point in self.points], columns=list(point_columns(self.points)))
 
@@ -191,9 +189,6 @@ class Run(Struct, frozen=True, eq=False):
 
     def report(self) -> Report:
         """Return the outcome as a report: its own, breaks and pauses, checks left out, the verdict."""
-        from vcfbench.reports.document import Text  # noqa: PLC0415
-        from vcfbench.reports.generic import verdict_table  # noqa: PLC0415
-
         broken = [Text(f"resumed: {each}") for each in self.resumed]
         broken += [Text(f"paused {each}") for each in self.pauses]
         left_out = [Text(f"not checked: {each}") for each in self.not_checked]
@@ -202,9 +197,6 @@ class Run(Struct, frozen=True, eq=False):
 
     def _repr_html_(self) -> str:
         """Show the run in a notebook: how it ended, and its report with its figures."""
-        from zlib import crc32  # noqa: PLC0415
-
-        from vcfbench.reports.document import Text  # noqa: PLC0415
         from vcfbench.reports.html_page import piece_of  # noqa: PLC0415  # loads Matplotlib
 
         said = [Text(f"{self.name or self.procedure}: {self.status.value}")]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from msgspec import structs
 
+from vcfbench.archive.recomputed import evaluation_of
 from vcfbench.archive.stored import stored_outcome
 from vcfbench.errors import ConfigError
 from vcfbench.records.amendments import amended, amended_fields, amendments_of
@@ -22,8 +23,6 @@ from vcfbench.records.schema import Status
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
-
-    from vcfbench.records.outline import Outline
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +164,27 @@ def summary_of(directory: RunDirectory) -> RunSummary:
     outline = outline_of(directory.journal)
     if outline is not None:
         with suppress(ConfigError):  # what was not stored with the run is computed from its points
-            return _outlined(directory, outline)
+            verdict, results = stored_outcome(directory.path / "result.json", outline)
+            as_run = structs.replace(outline.metadata, dut=outline.metadata.dut or outline.device)
+            metadata = amended(as_run, outline.amendments)
+            return RunSummary(
+                run=directory.run,
+                directory=directory.path,
+                started=began(directory, outline.utc),
+                status=outline.status,
+                procedure=outline.procedure,
+                bench=outline.bench,
+                seed=outline.seed,
+                points=outline.points,
+                dut=metadata.dut,
+                operator=metadata.operator,
+                note=metadata.note,
+                tags=ReadOnly(metadata.tags),
+                results=ReadOnly(dict(_stored_results(results))),
+                verdict=None if verdict is None else verdict.word,
+                revision=len(outline.amendments) + 1,
+                amended=amended_fields(outline.amendments),
+            )
     try:
         return _read(directory)
     except ConfigError as error:
@@ -179,34 +198,8 @@ def summary_of(directory: RunDirectory) -> RunSummary:
         )
 
 
-def _outlined(directory: RunDirectory, outline: Outline) -> RunSummary:
-    verdict, results = stored_outcome(directory.path / "result.json", outline)
-    as_run = structs.replace(outline.metadata, dut=outline.metadata.dut or outline.device)
-    metadata = amended(as_run, outline.amendments)
-    return RunSummary(
-        run=directory.run,
-        directory=directory.path,
-        started=began(directory, outline.utc),
-        status=outline.status,
-        procedure=outline.procedure,
-        bench=outline.bench,
-        seed=outline.seed,
-        points=outline.points,
-        dut=metadata.dut,
-        operator=metadata.operator,
-        note=metadata.note,
-        tags=ReadOnly(metadata.tags),
-        results=ReadOnly(dict(_stored_results(results))),
-        verdict=None if verdict is None else verdict.word,
-        revision=len(outline.amendments) + 1,
-        amended=amended_fields(outline.amendments),
-    )
-
-
 def _read(directory: RunDirectory) -> RunSummary:
     """Read a record in full, and compute its results again where they are not stored."""
-    from vcfbench.archive.recomputed import evaluation_of  # noqa: PLC0415  # few records need it
-
     record = directory.read()
     header, amendments = record.header, amendments_of(record.lines)
     metadata = amended(metadata_from(header), amendments)

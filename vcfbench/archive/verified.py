@@ -13,6 +13,7 @@ import msgspec
 from msgspec import Struct, field
 
 from vcfbench.archive.recomputed import evaluation_of
+from vcfbench.archive.recorded import directory_of
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import read_file, shown
 from vcfbench.records.amendments import amendments_of
@@ -20,9 +21,11 @@ from vcfbench.records.directory import RunDirectory
 from vcfbench.records.export import points_csv
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point, Status
+from vcfbench.records.signing import is_signed
 from vcfbench.steps.decode import Recorded, result_of, step_of
 from vcfbench.steps.step import Step, StepResult
 from vcfbench.typed import typed
+from vcfbench.version import other_versions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -70,8 +73,6 @@ def verify_run(run: str | Path, runs: str | Path = "runs", *, keys: Sequence[str
     Raises:
         ConfigError: there is no such record.
     """
-    from vcfbench.archive.recorded import directory_of  # noqa: PLC0415
-
     directory = directory_of(run, runs)
     try:
         record = directory.read()
@@ -191,8 +192,6 @@ class _Check(Struct):
             self.notes.append("whose key signed it was not asked: --key")
 
     def _signature(self, place: int, line: Mapping[str, Any]) -> Iterator[str]:
-        from vcfbench.records.signing import is_signed  # noqa: PLC0415  # few records have one
-
         if not is_signed(line, self.record.seals[place - 1]):
             yield f"line {place + 1} is no signature of the line before"
         if self.keys and line["key"] not in self.keys:
@@ -236,18 +235,13 @@ class _Check(Struct):
         verdict = None if evaluation.verdict is None else evaluation.verdict.as_json()
         again = json.loads(msgspec.json.encode({"results": plain(evaluation.results), "acceptance": verdict}))
         differing = next(_differences({key: stored.get(key) for key in again}, again), None)
-        others = self._other_versions()
+        others = other_versions(self.record.header)
         if differing is not None and others:
             self.notes.append(f"computed again with other versions ({others}): {differing}")
         elif differing is not None:
             yield f"result.json: {differing}"
         elif others:
             self.notes.append(f"computed again with other versions, to the same: {others}")
-
-    def _other_versions(self) -> str:
-        from vcfbench.version import other_versions  # noqa: PLC0415
-
-        return other_versions(self.record.header)
 
     def _earlier(self) -> Iterator[str]:
         """Hold the steps taken over against the record that they come from, where that is beside this one."""

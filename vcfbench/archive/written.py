@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import quote
 
+from vcfbench.archive.certificate import certificate_words
+from vcfbench.archive.dcc import dcc_of
 from vcfbench.archive.reported import full_report, title_of
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import shown
 from vcfbench.reports.document import Figure
+from vcfbench.reports.html_page import page_of
+from vcfbench.reports.markdown import markdown_of
+from vcfbench.reports.plot import save_figure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -45,9 +51,6 @@ def write_certificate(run: Run, path: str | Path, words: Mapping[str, str] | Non
         ConfigError: something is missing (all of it in one), the run can have no certificate, or the file cannot be
             written.
     """
-    from vcfbench.archive.certificate import certificate_words  # noqa: PLC0415
-    from vcfbench.archive.dcc import dcc_of  # noqa: PLC0415
-
     path = Path(path)
     written = dcc_of(run, certificate_words(run, words))
     try:
@@ -68,8 +71,6 @@ def write_figures(run: Run, path: Path, number: int | None = None) -> tuple[Path
     Raises:
         ConfigError: there is no such figure, the record cannot be read, or a file cannot be written.
     """
-    from vcfbench.reports.plot import save_figure  # noqa: PLC0415
-
     figures = [part for part in full_report(run).parts if isinstance(part, Figure)]
     if not figures:
         raise ConfigError(f"run {run.name or run.procedure}: its report has no figure")
@@ -99,15 +100,11 @@ def write_document(report: Report, title: str, name: str, path: Path) -> tuple[P
 
 
 def _html(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
-    from vcfbench.reports.html_page import page_of  # noqa: PLC0415
-
     path.write_bytes(page_of(report, f"{title} ({name})", name).encode())
     return (path,)
 
 
 def _pdf(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
-    from vcfbench.reports.html_page import page_of  # noqa: PLC0415
-
     try:
         weasyprint = need("weasyprint", "pdf", "a report as PDF")
     except OSError as error:  # its wheel brings no Pango
@@ -124,11 +121,6 @@ def _nothing_from_elsewhere(url: str) -> dict[str, object]:
 
 
 def _markdown(report: Report, _title: str, _name: str, path: Path) -> tuple[Path, ...]:
-    from urllib.parse import quote  # noqa: PLC0415
-
-    from vcfbench.reports.markdown import markdown_of  # noqa: PLC0415
-    from vcfbench.reports.plot import save_figure  # noqa: PLC0415
-
     pictures: list[Path] = []
 
     def place(figure: Figure, number: int) -> str:

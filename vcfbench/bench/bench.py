@@ -6,6 +6,7 @@ import sys
 import warnings
 from contextlib import ExitStack, nullcontext, suppress
 from functools import partial
+from mmap import mmap
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -219,8 +220,6 @@ def open_bench(
     try:
         opening: AbstractContextManager[None] = nullcontext()
         if description.simulation is None:
-            from mmap import mmap  # noqa: PLC0415
-
             from vcfbench.drivers.calls import Calls, attended  # noqa: PLC0415
             from vcfbench.safety.watchdog import Watchdog  # noqa: PLC0415  # a bench in this process dies with it
 

@@ -20,7 +20,7 @@ from vcfbench.station.equipment import equipment_on
 
 if TYPE_CHECKING:
     from vcfbench.bench.ground import UnopenedBench
-    from vcfbench.interfaces import Identity, Instrument, RateTable, SafeReport
+    from vcfbench.interfaces import Identity, RateTable, SafeReport
     from vcfbench.records.metadata import Equipment
     from vcfbench.safety.roles import Role
     from vcfbench.safety.trust import Trust
@@ -123,7 +123,12 @@ def _check(role: Role, description: BenchDescription, stand: UnopenedBench, safe
         return _checked(role, description, None, str(error))
     safety.register(safe_action(role, instrument, description))
     try:
-        _examine(role, instrument)
+        instrument.check_errors()
+        if role.stage is Stage.MOTION:
+            table = cast("RateTable", instrument)
+            if fault := table.fault():
+                raise InterlockError(fault, instrument=table.name, resource=table.resource)
+            require_still(table)
     except BenchError as error:
         return _checked(role, description, identity, str(error))
     return _checked(role, description, identity, None)
@@ -135,12 +140,3 @@ def _checked(
     known = {} if identity is None else {role.name: identity}
     [equipment] = equipment_on(utc_now().date(), description, [role.name], known)
     return CheckedInstrument(role.name, equipment.resource, identity, problem, equipment)
-
-
-def _examine(role: Role, instrument: Instrument) -> None:
-    instrument.check_errors()
-    if role.stage is Stage.MOTION:
-        table = cast("RateTable", instrument)
-        if fault := table.fault():
-            raise InterlockError(fault, instrument=table.name, resource=table.resource)
-        require_still(table)

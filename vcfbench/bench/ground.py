@@ -32,6 +32,7 @@ class Builder(Protocol):
 
     def __call__(self, description: BenchDescription, seed: int, clock: Clock, /) -> SimulatedBench:
         """Build the bench on `clock`; the same seed gives the same bench."""
+        ...
 
 
 class UnopenedBench(Struct, frozen=True):

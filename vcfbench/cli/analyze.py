@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from json import dumps
 from pathlib import Path  # noqa: TC003 - typer reads the annotation when it runs
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -41,8 +43,6 @@ def analyze(
 
     analysis = analyzed(file, None if compare is None else _two_names(compare))
     if json:
-        from json import dumps  # noqa: PLC0415
-
         typer.echo(dumps(analysis.as_json(), allow_nan=False))
     else:
         _print_tables(analysis.series, analysis.compared, analysis.comparison)
@@ -58,8 +58,6 @@ def _two_names(asked: str) -> list[str]:
 def _print_tables(
     results: Mapping[str, ScaleFactorResult], pair: tuple[str, str] | None, comparison: Comparison | None
 ) -> None:
-    from shutil import get_terminal_size  # noqa: PLC0415
-
     from rich.console import Console  # noqa: PLC0415
 
     tables = [_fit_table(results), _nonlinearity_table(results)]

@@ -8,6 +8,7 @@ import sys
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
 import typer
 
 from vcfbench.cli.ending import discard_stdout, terminal_gone
@@ -24,8 +25,6 @@ _NARROWEST: Final = 40
 
 def print_json(values: dict[str, Any]) -> None:
     """Print `values` as one JSON object on one line of stdout."""
-    import msgspec  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
-
     typer.echo(msgspec.json.encode(values).decode())
 
 

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 import typer
+from msgspec import to_builtins
 
+from vcfbench.bench.check import check_bench
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
 from vcfbench.cli.discover import discover
 from vcfbench.cli.options import Bench_, Json_  # noqa: TC001  # typer reads them
+from vcfbench.cli.person import agreed
 from vcfbench.cli.tracing import Trace_, tracing
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.procedures.resolved import as_resolved, resolved_text
+from vcfbench.reports.text import left_table
+from vcfbench.runs.needs import what_can_run
+from vcfbench.station import file
+from vcfbench.station.equipment import calibration_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,13 +46,9 @@ def show(
     json: Json_ = False,
 ) -> None:
     """Show the bench as resolved: every key, defaults included."""
-    from vcfbench.station import file  # noqa: PLC0415
-
     if template:
         typer.echo(file.template(), nl=False)
         return
-    from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415
-    from vcfbench.procedures.resolved import as_resolved, resolved_text  # noqa: PLC0415
 
     description = load_bench(bench)
     if json:
@@ -57,11 +63,6 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
 
     Also shows calibrations, limits and acceptance from the bench file, and which procedures can run here.
     """
-    from vcfbench.bench.check import check_bench  # noqa: PLC0415
-    from vcfbench.cli.person import agreed  # noqa: PLC0415
-    from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415
-    from vcfbench.runs.needs import what_can_run  # noqa: PLC0415
-
     description = load_bench(bench)
     with tracing(trace):
         done = check_bench(description, trust=agreed)
@@ -70,7 +71,19 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
         if json:
             print_json({**_check_json(description.name, done), **_station_json(description, what_can_run(description))})
         else:
-            _print_check(description.title, done)
+            rows = (
+                (
+                    *(each.role, "ok" if each.problem is None else "FAILED", each.equipment.model, each.resource),
+                    *(calibration_words(each.equipment), _who(each)),
+                )
+                for each in done.instruments
+            )
+            table = left_table(("role", "state", "model", "resource", "calibration", "who answers"), rows)
+            typer.echo(f"{description.title}\n\n{table}\n")
+            for each in done.instruments:
+                if each.problem is not None:
+                    typer.echo(each.problem)
+            typer.echo(f"{left_table(('watchdog', 'state', ''), _watchdog_rows(done.watchdog))}\n")
             # Print limits and acceptance, and the procedures that can run here; of the others the missing parts
             procedures = what_can_run(description)
             station = _station_json(description, procedures)
@@ -88,8 +101,6 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
 
 
 def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
-    import msgspec  # noqa: PLC0415
-
     safe = {report.instrument: report.safe for report in done.safe_reports}
     instruments = {
         each.role: {
@@ -113,8 +124,6 @@ def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
 
 def _station_json(description: BenchDescription, procedures: dict[str, str | None]) -> dict[str, Any]:
     """Return the bench file's settings of the station, and the procedures that can run there."""
-    from msgspec import to_builtins  # noqa: PLC0415
-
     return {
         "limits": to_builtins(description.limits),
         "acceptance": to_builtins(description.acceptance),
@@ -126,25 +135,6 @@ def _shown(value: object) -> str:
     if isinstance(value, list | tuple):
         return " to ".join(map(_shown, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _print_check(title: str, done: BenchCheck) -> None:
-    from vcfbench.reports.text import left_table  # noqa: PLC0415
-    from vcfbench.station.equipment import calibration_words  # noqa: PLC0415
-
-    rows = (
-        (
-            *(each.role, "ok" if each.problem is None else "FAILED", each.equipment.model, each.resource),
-            *(calibration_words(each.equipment), _who(each)),
-        )
-        for each in done.instruments
-    )
-    table = left_table(("role", "state", "model", "resource", "calibration", "who answers"), rows)
-    typer.echo(f"{title}\n\n{table}\n")
-    for each in done.instruments:
-        if each.problem is not None:
-            typer.echo(each.problem)
-    typer.echo(f"{left_table(('watchdog', 'state', ''), _watchdog_rows(done.watchdog))}\n")
 
 
 def _watchdog_rows(watchdog: CheckedWatchdog) -> Iterator[tuple[str, str, str]]:

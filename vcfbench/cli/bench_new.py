@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path  # typer reads the annotations when it runs
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from vcfbench.cli.interview import Interview, written_anew
+from vcfbench.cli.station_questions import DiscoveryOptions, interviewed
 from vcfbench.cli.tracing import Trace_, tracing
+from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from vcfbench.station.new_station import Draft
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.station.new_station import Draft
 
 File_ = Annotated[
     Path, typer.Argument(metavar="FILE", help="Where the bench file goes. A file there is not overwritten.")
@@ -53,17 +55,16 @@ def new(
 
     Enter accepts what is proposed. Each answer is checked at once. Nothing is written before the last one.
     """
-    from vcfbench.cli.interview import Interview  # noqa: PLC0415
-    from vcfbench.cli.station_questions import DiscoveryOptions, interviewed  # noqa: PLC0415
-    from vcfbench.station.new_station import Draft  # noqa: PLC0415
-
     interview = Interview(_given(answers or []), silent=yes)
     path = interview.free_file(file)
     draft = Draft(str(path))
     with tracing(trace):
         interviewed(draft, interview, DiscoveryOptions(library, tuple(tries or ()), timeout, probe_serial, served))
     interview.require_all_used()
-    _write(path, draft)
+    # Check the file as a whole and write it
+    text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
+    parse_bench(text, str(path))
+    written_anew(path, text)
     typer.echo(f"{path} is written; next: vcfbench bench check --bench {path}")
     if yes:
         typer.echo("nobody has looked at its [limits], [wiring] and [site]: do, before anything moves", err=True)
@@ -75,14 +76,3 @@ def _given(answers: list[str]) -> dict[str, str]:
         if not (key.strip() and equals):
             raise ConfigError(f"--set {answer}: expected KEY=VALUE, as in limits.max_rate_deg_s=100")
     return {key.strip(): value.strip() for key, _, value in pairs}
-
-
-def _write(path: Path, draft: Draft) -> None:
-    """Check the file as a whole and write it."""
-    from vcfbench.cli.interview import written_anew  # noqa: PLC0415
-    from vcfbench.clock import utc_now  # noqa: PLC0415
-    from vcfbench.procedures.bench_file import parse_bench  # noqa: PLC0415
-
-    text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
-    parse_bench(text, str(path))
-    written_anew(path, text)

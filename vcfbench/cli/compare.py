@@ -7,9 +7,14 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.archive.compared import compare_runs
+from vcfbench.archive.recorded import load_run
+from vcfbench.archive.written import write_document
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.completion import run_names
 from vcfbench.cli.options import Json_, Runs_  # noqa: TC001  # typer reads them
+from vcfbench.records.directory import list_runs
+from vcfbench.reports.text import text_of
 
 
 def compare(
@@ -30,12 +35,6 @@ def compare(
     json: Json_ = False,
 ) -> None:
     """Compare runs with the first of them: results with E_n, points, settings and equipment that differ."""
-    from vcfbench.archive.compared import compare_runs  # noqa: PLC0415
-    from vcfbench.archive.recorded import load_run  # noqa: PLC0415
-    from vcfbench.archive.written import write_document  # noqa: PLC0415
-    from vcfbench.records.directory import list_runs  # noqa: PLC0415
-    from vcfbench.reports.text import text_of  # noqa: PLC0415
-
     names = runs or [run.run for run in list_runs(directory)[-2:]]
     comparison = compare_runs(*(load_run(each, directory) for each in names))
     if output is not None:

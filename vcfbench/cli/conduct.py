@@ -12,7 +12,13 @@ import typer
 from msgspec import Struct, structs, to_builtins
 
 from vcfbench.cli.answer import given, print_json, print_report
+from vcfbench.cli.person import agreed, at_the_terminal
 from vcfbench.errors import BenchError
+from vcfbench.records.metadata import metadata_of
+from vcfbench.reports.shielded import NoProgress
+from vcfbench.runs.conduct import conduct as conducted
+from vcfbench.runs.request import Checked, Request, prepare
+from vcfbench.safety.signals import StopSignals
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -23,12 +29,10 @@ if TYPE_CHECKING:
     from vcfbench.cli.keys import Keys
     from vcfbench.page.server import LivePage
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.reports.shielded import NoProgress
     from vcfbench.runs.conduct import Preparing
     from vcfbench.runs.expected import Expectation
-    from vcfbench.runs.request import Beginning, DryRun, Request
+    from vcfbench.runs.request import Beginning, DryRun
     from vcfbench.safety.control import RunControl
-    from vcfbench.safety.signals import StopSignals
     from vcfbench.station.layering import Layer
 
 _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
@@ -63,8 +67,6 @@ def conduct(
     if options.dry_run:
         _dry_run(procedure, settings, options)
         return
-    from vcfbench.records.metadata import metadata_of  # noqa: PLC0415
-    from vcfbench.runs.request import Request, prepare  # noqa: PLC0415
 
     metadata = metadata_of(options.metadata)
     request = Request(procedure, options.bench, options.seed, settings, options.runs, options.speed, metadata=metadata)
@@ -73,8 +75,6 @@ def conduct(
 
 def resume(name: str, procedure: Path | None, options: RunOptions, ending: SignalsWithoutBench | None = None) -> None:
     """Take up the run called `name`, or recorded in that directory; the rest as of :func:`conduct`."""
-    from vcfbench.cli.person import agreed  # noqa: PLC0415
-    from vcfbench.runs.request import Request  # noqa: PLC0415
     from vcfbench.runs.resumed import broken_off  # noqa: PLC0415
 
     broken = broken_off(name, options.runs)
@@ -87,8 +87,6 @@ def resume(name: str, procedure: Path | None, options: RunOptions, ending: Signa
 
 
 def _carry_out(request: Request, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
-    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
-
     control = _control(options)
     with (
         StopSignals() as signals,  # until all is written: a second Ctrl-C shall not cost the results
@@ -156,9 +154,6 @@ def _conducted(
     request: Request, preparing: Preparing, options: RunOptions, signals: StopSignals, page: LivePage | None
 ) -> Run:
     """Return the run, also one that an error ended."""
-    from vcfbench.cli.person import agreed, at_the_terminal  # noqa: PLC0415
-    from vcfbench.runs.conduct import conduct as conducted  # noqa: PLC0415
-
     try:
         with _keys(options, request.control) as keys:
             watched = structs.replace(
@@ -198,8 +193,6 @@ def _display(options: RunOptions, beginning: Beginning, page: LivePage | None) -
         page.begin(beginning)
     estimate_s = beginning.planned.bench_seconds
     if options.quiet:
-        from vcfbench.reports.shielded import NoProgress  # noqa: PLC0415
-
         return NoProgress()
     from vcfbench.reports.progress import LineProgress, LiveProgress  # noqa: PLC0415
 
@@ -213,27 +206,20 @@ def _show(run: Run, options: RunOptions) -> None:
     if options.json:
         print_json(run.as_json())
     elif run.physical_minimum_s is not None:  # the bench did open
-        _show_text(run, run.physical_minimum_s)
-
-
-def _show_text(run: Run, physical_minimum_s: float) -> None:
-    print_report(run.report())
-    for said in run.asked_again:
-        typer.echo(f"\nasked again: {said}")
-    typer.echo(
-        f"\n{run.status.value}: {run.bench_seconds or 0.0:.1f} s of bench time, "
-        f"{physical_minimum_s:.1f} s of it windows, ramps and settling"
-    )
-    if run.directory is not None:
-        typer.echo(f"record: {run.directory}")
-    if run.device_entry is not None:
-        typer.echo(f"device: {run.device_entry}")
+        print_report(run.report())
+        for said in run.asked_again:
+            typer.echo(f"\nasked again: {said}")
+        typer.echo(
+            f"\n{run.status.value}: {run.bench_seconds or 0.0:.1f} s of bench time, "
+            f"{run.physical_minimum_s:.1f} s of it windows, ramps and settling"
+        )
+        if run.directory is not None:
+            typer.echo(f"record: {run.directory}")
+        if run.device_entry is not None:
+            typer.echo(f"device: {run.device_entry}")
 
 
 def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> None:
-    from vcfbench.records.metadata import metadata_of  # noqa: PLC0415
-    from vcfbench.runs.request import Checked, Request, prepare  # noqa: PLC0415
-
     try:
         metadata = metadata_of(options.metadata)
         request = Request(procedure, options.bench, options.seed, settings, speed=options.speed, metadata=metadata)

@@ -5,15 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 import typer
 
+from vcfbench.archive.keeping import keep_of_device
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.completion import device_names
 from vcfbench.cli.options import Json_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
+from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, SelfCalibration, StaticNoise
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
+from vcfbench.reports.plot import save_figure
+from vcfbench.reports.text import table_text, text_of
 
 if TYPE_CHECKING:
-    from vcfbench.records.devices import Certificate, Device, DeviceStore, Entry
+    from vcfbench.records.devices import Device, Entry
 
 _COLUMNS = (
     *("entry", "kind", "done", "scale_factor_v_per_deg_s", "u_scale_factor", "bias_v", "u_bias_v"),
@@ -48,11 +55,7 @@ def device(
     ] = None,
 ) -> None:
     """Show the certificates, self-calibrations and static records of a gyroscope, oldest first."""
-    from vcfbench.records.devices import DeviceStore  # noqa: PLC0415
-
     if add is not None:
-        from vcfbench.archive.keeping import keep_of_device  # noqa: PLC0415
-
         if serial is not None:
             raise ConfigError(f"SERIAL: expected none with --add, came {serial!r}: the record says whose it is")
         typer.echo(keep_of_device(add, runs, devices).path)
@@ -69,21 +72,38 @@ def device(
         _plot(serial, entries, plot)
     rows = [_row(entry) for entry in entries]
     if json:
-        _print_entries(known)
+        since = known.failed_since
+        print_json(
+            {
+                "serial": known.serial,
+                "failed_since": None if since is None else since.name,
+                "entries": [{"entry": each.name, **msgspec.to_builtins(each.record)} for each in known.entries],
+            }
+        )
     elif csv:
         typer.echo("\n".join([",".join(_COLUMNS), *(",".join(map(_plain, row.values())) for row in rows)]))
     else:
-        _print_table(known, rows)
+        # Print the table, whether the device has failed, and the scale factor drawn entry by entry
+        columns = (
+            *(Column("entry"), Column("kind", align="left"), Column("done")),
+            *(Column("scale factor", "V/(deg/s)", ".8f"), Column("u", "V/(deg/s)", ".1e")),
+            *(Column("bias", "V", ".6f"), Column("u", "V", ".1e"), Column("non-linearity", "ppm", ".0f")),
+            *(Column("drift", "ppm", "+.1f"), Column("u", "ppm", ".1f"), Column("E_n", "", ".2f")),
+            *(Column("CUSUM", "", ".1f"), Column("verdict")),
+            *(Column("B", "deg/h", ".2f"), Column("u", "deg/h", ".2f")),
+        )
+        print_verdicts(table_text(Table(columns, [tuple(row.values()) for row in rows], f"device {known.serial}")))
+        if known.failed_since is not None:
+            print_verdicts(f"\n{_failed(known.failed_since)}")
+        drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]
+        if len(drawn) > 1:
+            typer.echo("\n" + "\n".join(_drawn(drawn)))
         _print_certificate(known.certificate)
         _print_health(known)
 
 
 def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
     """Draw the scale factor of each entry against the first that has one, ppm, over days."""
-    from vcfbench.records.devices import Certificate, SelfCalibration  # noqa: PLC0415
-    from vcfbench.reports.document import Axis, Figure, Series  # noqa: PLC0415
-    from vcfbench.reports.plot import save_figure  # noqa: PLC0415
-
     found = [
         (record.done if isinstance(record, SelfCalibration) else record.issued, record.scale_factor_v_per_deg_s)
         for record in (entry.record for entry in entries)
@@ -125,8 +145,6 @@ def _failed(since: Entry) -> str:
 
 def _row(entry: Entry) -> dict[str, Any]:
     """Return an entry by the names of the columns; None where it has no such value."""
-    from vcfbench.records.devices import Characterisation, SelfCalibration, StaticNoise  # noqa: PLC0415
-
     record = entry.record
     if isinstance(record, Characterisation):
         made = {"kind": "characterisation", "done": record.done.isoformat(timespec="seconds")}
@@ -156,45 +174,8 @@ def _plain(value: object) -> str:
     return "" if value is None else repr(value) if isinstance(value, float) else str(value)
 
 
-def _print_entries(known: Device) -> None:
-    import msgspec  # noqa: PLC0415
-
-    since = known.failed_since
-    print_json(
-        {
-            "serial": known.serial,
-            "failed_since": None if since is None else since.name,
-            "entries": [{"entry": each.name, **msgspec.to_builtins(each.record)} for each in known.entries],
-        }
-    )
-
-
-def _print_table(known: Device, rows: list[dict[str, Any]]) -> None:
-    """Print the table, whether the device has failed, and the scale factor drawn entry by entry."""
-    from vcfbench.reports.document import Column, Table  # noqa: PLC0415
-    from vcfbench.reports.text import table_text  # noqa: PLC0415
-
-    columns = (
-        *(Column("entry"), Column("kind", align="left"), Column("done")),
-        *(Column("scale factor", "V/(deg/s)", ".8f"), Column("u", "V/(deg/s)", ".1e")),
-        *(Column("bias", "V", ".6f"), Column("u", "V", ".1e"), Column("non-linearity", "ppm", ".0f")),
-        *(Column("drift", "ppm", "+.1f"), Column("u", "ppm", ".1f"), Column("E_n", "", ".2f")),
-        *(Column("CUSUM", "", ".1f"), Column("verdict")),
-        *(Column("B", "deg/h", ".2f"), Column("u", "deg/h", ".2f")),
-    )
-    print_verdicts(table_text(Table(columns, [tuple(row.values()) for row in rows], f"device {known.serial}")))
-    if known.failed_since is not None:
-        print_verdicts(f"\n{_failed(known.failed_since)}")
-    drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]
-    if len(drawn) > 1:
-        typer.echo("\n" + "\n".join(_drawn(drawn)))
-
-
 def _print_certificate(known: Certificate | None) -> None:
     """Print until when the K_Vc of the last certificate is good, and its sensitivities."""
-    from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table  # noqa: PLC0415
-    from vcfbench.reports.text import table_text  # noqa: PLC0415
-
     if known is None or not known.sensitivities:
         return
     when = "never" if known.u95_until is None else f"on {known.u95_until:%Y-%m-%d}"
@@ -208,8 +189,6 @@ def _print_certificate(known: Certificate | None) -> None:
 def _print_health(known: Device) -> None:
     """Print the properties that the last self-calibration measured, beside the certificate's."""
     from vcfbench.procedures.health.check import checked, health_parts  # noqa: PLC0415
-    from vcfbench.reports.document import Report  # noqa: PLC0415
-    from vcfbench.reports.text import text_of  # noqa: PLC0415
 
     last = known.self_calibrations[-1] if known.self_calibrations else None
     named = {each.name: each.record for each in known.entries}

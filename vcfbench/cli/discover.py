@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 import typer
 
 from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
 from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError
+from vcfbench.station import discovery
 
 if TYPE_CHECKING:
     from vcfbench.station.discovery import DiscoveredInstrument, Discovery
@@ -40,13 +42,9 @@ def discover(
 
     Exit code 3 when a resource given with --try does not answer.
     """
-    from vcfbench.station import discovery  # noqa: PLC0415
-
     with tracing(trace):
         found = discovery.discover(library, tries or (), timeout_s=timeout, serial_probe=probe_serial)
     if json:
-        import msgspec  # noqa: PLC0415
-
         typer.echo(msgspec.json.encode(_as_json(found, discovery.stanza(found))).decode())
     else:
         _print(found, discovery.stanza(found))

@@ -115,7 +115,8 @@ def _safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
     while True:
         try:
             done = safe_bench(description)
-            own = _still_held(done, charge["owner"])
+            owner = charge["owner"]
+            own = [each for each in done.left_to.values() if each.owner is not None and each.owner.pid == owner]
             if left or not own:
                 return done
             error, taken, alone = own[0], False, len(own) == len(done.left_to)
@@ -131,11 +132,6 @@ def _safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
         if error is not None and clock.now() > longest_s:
             return _without_locks(description, error, left=taken, dead=alone and not owner_lives())
         sleep(clock, _LOOK_S)
-
-
-def _still_held(done: MadeSafe, owner: int) -> list[InUse]:
-    """Return what the dying program still holds."""
-    return [each for each in done.left_to.values() if each.owner is not None and each.owner.pid == owner]
 
 
 def _without_locks(description: BenchDescription, error: InUse, *, left: bool, dead: bool) -> MadeSafe:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.archive.recorded import load_run
+from vcfbench.archive.written import write_figures
 from vcfbench.cli.options import Run_, Runs_  # noqa: TC001  # typer reads them
 
 
@@ -27,9 +29,6 @@ def plot(
     runs: Runs_ = Path("runs"),
 ) -> None:
     """Draw the figures of a run."""
-    from vcfbench.archive.recorded import load_run  # noqa: PLC0415
-    from vcfbench.archive.written import write_figures  # noqa: PLC0415
-
     recorded = load_run(run, runs)
     for path in write_figures(recorded, output or Path(f"{recorded.name}.svg"), figure):
         typer.echo(path)

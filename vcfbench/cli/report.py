@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.archive.recorded import load_run
+from vcfbench.archive.written import write_certificate, write_report
 from vcfbench.cli.options import Run_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 
@@ -30,9 +32,6 @@ def report(
     ] = False,
 ) -> None:
     """Write the report of a run: device, conditions, equipment, results, figures, verdict, provenance."""
-    from vcfbench.archive.recorded import load_run  # noqa: PLC0415
-    from vcfbench.archive.written import write_certificate, write_report  # noqa: PLC0415
-
     if words and not dcc:
         raise ConfigError("--set: what a certificate says goes with --dcc")
     recorded = load_run(run, runs)

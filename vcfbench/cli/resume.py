@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.cli.conduct import RunOptions
+from vcfbench.cli.conduct import resume as resumed
 from vcfbench.cli.ending import SignalsWithoutBench
 from vcfbench.cli.options import Json_, Run_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.cli.run import (  # typer reads them in the signature
@@ -43,9 +45,6 @@ def resume(
     yes: Yes_ = False,
 ) -> None:
     """Go on with a run that failed, or was stopped or killed. Nothing is measured twice; the record is new."""
-    from vcfbench.cli.conduct import RunOptions  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
-    from vcfbench.cli.conduct import resume as resumed  # noqa: PLC0415
-
     options = RunOptions(
         bench=bench,
         seed=None,

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import asdict
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from msgspec import to_builtins
 
+from vcfbench.archive.amending import amend_run
+from vcfbench.archive.export import export_run
+from vcfbench.archive.index import RunIndex
+from vcfbench.archive.listing import run_summaries
 from vcfbench.archive.recomputed import printable
+from vcfbench.archive.recorded import recorded_run
+from vcfbench.archive.verified import verify_run
 from vcfbench.cli.answer import print_json, print_report, print_verdicts
 from vcfbench.cli.completion import run_names
+from vcfbench.cli.metadata import tags_of
 from vcfbench.cli.options import Json_, Run_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 from vcfbench.files import is_utf8, shown
+from vcfbench.records.directory import find_run
+from vcfbench.records.signing import public_key_of
+from vcfbench.reports.document import Column, Table
+from vcfbench.reports.text import table_text
+from vcfbench.station.equipment import overdue_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -48,9 +64,6 @@ def list_(
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each run.")] = False,
 ) -> None:
     """List the records, oldest first: device, key results, verdict."""
-    from vcfbench.archive.listing import run_summaries  # noqa: PLC0415
-    from vcfbench.cli.metadata import tags_of  # noqa: PLC0415
-
     if json and csv:
         raise ConfigError("--json and --csv: expected one of the two, came both")
     asked = {"dut": dut, "since": since, "status": status, "procedure": procedure}
@@ -76,16 +89,32 @@ def show(
     json: Json_ = False,
 ) -> None:
     """Show one record: points, results, and how it ended. All is computed again from the journal."""
-    from vcfbench.archive.recorded import recorded_run  # noqa: PLC0415
-    from vcfbench.records.directory import find_run  # noqa: PLC0415
-
     directory = find_run(runs, run)
     record = directory.read()
     shown_run = recorded_run(directory, record)
     if json:
         print_json(_answer(directory, record, shown_run))
     else:
-        _print_record(directory, record, shown_run)
+        line = _line(directory, record)
+        status = _status(line["status"], line["damage"])
+        typer.echo(
+            f"{printable(line['run'])}: {status}, {printable(line['procedure'])}, bench {printable(line['bench'])}, "
+            f"seed {printable(line['seed'])}, {line['points']} points, began {printable(record.header.get('utc'))}\n"
+        )
+        for words in _metadata_lines(shown_run):
+            typer.echo(f"{printable(words)}\n")
+        print_report(shown_run.report())
+        for said in shown_run.asked_again:
+            typer.echo(f"\nasked again: {printable(said)}")
+        if shown_run.no_results is not None:
+            typer.echo(
+                f"\n{'no results' if shown_run.results is None else 'results as stored'}: {shown_run.no_results}"
+            )
+        for error in record.errors:
+            typer.echo(f"\nerror: {printable(error.get('error'))}")
+        for words in _made_with(record, shown_run):
+            typer.echo(f"\n{printable(words)}")
+        typer.echo(f"\nrecord: {shown(directory.path)}")
     if record.damage is not None:
         raise ConfigError(f"{shown(directory.journal)}: the record is damaged: {record.damage}")
 
@@ -110,10 +139,6 @@ def index(
     json: Json_ = False,
 ) -> None:
     """Make or update the index of the records, which lists then use."""
-    from msgspec import to_builtins  # noqa: PLC0415
-
-    from vcfbench.archive.index import RunIndex  # noqa: PLC0415
-
     if not runs.is_dir():
         raise ConfigError(f"{shown(runs)}: there are no records to make an index of")
     made = RunIndex(runs)
@@ -145,10 +170,6 @@ def export(
     json: Json_ = False,
 ) -> None:
     """Write the points of a run, or every raw reading, for other programs."""
-    from dataclasses import asdict  # noqa: PLC0415
-
-    from vcfbench.archive.export import export_run  # noqa: PLC0415
-
     done = export_run(run, output, format=format_, raw=raw, runs=runs, progress=_progress())
     if json:
         print_json({**asdict(done), "file": str(done.file)})
@@ -174,10 +195,6 @@ def amend(
     json: Json_ = False,
 ) -> None:
     """Amend the metadata of a run, by a line that is added to its record. No reading can be changed."""
-    from msgspec import to_builtins  # noqa: PLC0415
-
-    from vcfbench.archive.amending import amend_run  # noqa: PLC0415
-
     changes = dict(_key_and_value(each) for each in set_)
     done = amend_run(run, changes, reason=reason, by=by, runs=runs)
     for words in done.stays:
@@ -203,11 +220,6 @@ def verify(
     json: Json_ = False,
 ) -> None:
     """Check that records are as written: PASS, or the first fault; exit 1 unless all pass."""
-    from msgspec import to_builtins  # noqa: PLC0415
-
-    from vcfbench.archive.verified import verify_run  # noqa: PLC0415
-    from vcfbench.records.signing import public_key_of  # noqa: PLC0415
-
     keys = [public_key_of(each) for each in key or ()]
     found = [verify_run(each, runs, keys=keys) for each in names]
     if json:
@@ -242,8 +254,6 @@ def _key_and_value(text: str) -> tuple[str, str]:
 
 def _progress() -> Callable[[int, int], None] | None:
     """Return a display of an export's progress on a terminal: a million rows take a spreadsheet most of a minute."""
-    import sys  # noqa: PLC0415
-
     if not sys.stderr.isatty():
         return None
 
@@ -264,9 +274,6 @@ _SHOWN_RESULTS = 2
 
 
 def _print_list(known: Sequence[RunSummary]) -> None:
-    from vcfbench.reports.document import Column, Table  # noqa: PLC0415
-    from vcfbench.reports.text import table_text  # noqa: PLC0415
-
     rows = [list(map(str, _cells(each))) for each in known]  # a table escapes what would write on the terminal itself
     table = table_text(Table([Column(name) for name in _HEAD], rows))
     if _fits(table):
@@ -292,7 +299,6 @@ def _device(run: RunSummary) -> str:
 def _print_csv(known: Sequence[RunSummary]) -> None:
     """Print a row a run; for each result that one of them has: value, uncertainty, unit, missing contributions."""
     import csv  # noqa: PLC0415
-    import sys  # noqa: PLC0415
 
     names = list(dict.fromkeys(name for each in known for name in each.results))
     writer = csv.writer(sys.stdout, lineterminator="\n")
@@ -319,9 +325,6 @@ def _status(status: str, damage: str | None) -> str:
 
 def _fits(table: str) -> bool:
     """Tell whether lines fit where they are printed; into a pipe or a file any do."""
-    import sys  # noqa: PLC0415
-    from shutil import get_terminal_size  # noqa: PLC0415
-
     return not sys.stdout.isatty() or max(map(len, table.splitlines())) <= get_terminal_size().columns
 
 
@@ -351,8 +354,6 @@ def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[st
 
 def _metadata_lines(run: Run) -> Iterator[str]:
     """Yield in lines the metadata of the record."""
-    from vcfbench.station.equipment import overdue_words  # noqa: PLC0415
-
     metadata = run.metadata
     conditions = ((metadata.ambient_temperature_c, "degC"), (metadata.humidity_percent, "% relative humidity"))
     words = [
@@ -379,24 +380,3 @@ def _made_with(record: JournalRecord, run: Run) -> Iterator[str]:
     firmware = [f"{each.model} {each.identity.firmware}" for each in run.equipment if each.identity is not None]
     if firmware:
         yield f"firmware: {', '.join(firmware)}"
-
-
-def _print_record(directory: RunDirectory, record: JournalRecord, run: Run) -> None:
-    line = _line(directory, record)
-    status = _status(line["status"], line["damage"])
-    typer.echo(
-        f"{printable(line['run'])}: {status}, {printable(line['procedure'])}, bench {printable(line['bench'])}, "
-        f"seed {printable(line['seed'])}, {line['points']} points, began {printable(record.header.get('utc'))}\n"
-    )
-    for words in _metadata_lines(run):
-        typer.echo(f"{printable(words)}\n")
-    print_report(run.report())
-    for said in run.asked_again:
-        typer.echo(f"\nasked again: {printable(said)}")
-    if run.no_results is not None:
-        typer.echo(f"\n{'no results' if run.results is None else 'results as stored'}: {run.no_results}")
-    for error in record.errors:
-        typer.echo(f"\nerror: {printable(error.get('error'))}")
-    for words in _made_with(record, run):
-        typer.echo(f"\n{printable(words)}")
-    typer.echo(f"\nrecord: {shown(directory.path)}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 import typer
 
 from vcfbench.cli.answer import answer, print_json
@@ -12,6 +13,8 @@ from vcfbench.cli.ending import say
 from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
 from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import ConfigError
+from vcfbench.reports.text import left_table
+from vcfbench.station.file import read_bench
 
 if TYPE_CHECKING:
     from vcfbench.bench.make_safe import MadeSafe
@@ -32,7 +35,6 @@ def safe(
 ) -> None:
     """Stop the table, switch the outputs off, check both, and list those that were on. Exit code 0 or 5."""
     from vcfbench.bench.make_safe import safe_bench  # noqa: PLC0415
-    from vcfbench.station.file import read_bench  # noqa: PLC0415
 
     if bench is None:  # a simulated bench that is safe would be said to be yours
         raise ConfigError(
@@ -52,14 +54,16 @@ def safe(
         if json:
             print_json(_json(description.name, done))
         else:
-            _print(description.title, done)
+            rows = (
+                (each.role, each.found or "not known", "safe" if each.safe else "NOT SAFE", each.detail)
+                for each in done.instruments
+            )
+            typer.echo(f"{description.title}\n\n{left_table(('role', 'found', 'now', 'proof'), rows)}")
 
     answer(show, done.failure())
 
 
 def _json(bench: str, done: MadeSafe) -> dict[str, Any]:
-    import msgspec  # noqa: PLC0415
-
     return {
         "bench": bench,
         "safe": done.failure() is None,
@@ -67,13 +71,3 @@ def _json(bench: str, done: MadeSafe) -> dict[str, Any]:
         "left_to": {role: str(error.owner or "another process") for role, error in done.left_to.items()},
         "instruments": {each.role: msgspec.to_builtins(each) for each in done.instruments},
     }
-
-
-def _print(title: str, done: MadeSafe) -> None:
-    from vcfbench.reports.text import left_table  # noqa: PLC0415
-
-    rows = (
-        (each.role, each.found or "not known", "safe" if each.safe else "NOT SAFE", each.detail)
-        for each in done.instruments
-    )
-    typer.echo(f"{title}\n\n{left_table(('role', 'found', 'now', 'proof'), rows)}")

@@ -4,20 +4,29 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import json as encoder
 import re
 import signal
+import sys
 from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
 from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
+from msgspec import structs
+from simrack.faults import FaultScript, fault_from
+from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, Rs232, ServedClock, ServerSettings
 
 from vcfbench.cli.options import Bench_  # noqa: TC001  # typer reads them
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.fault_scripts import read_script
+from vcfbench.sim.served import build_served, on_wires
+from vcfbench.station.writing import bench_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from simrack.serve import BenchServer, Offer, Rs232, ServerSettings
+    from simrack.serve import Offer
 
     from vcfbench.station.description import BenchDescription
 
@@ -94,15 +103,13 @@ def serve(
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object on the first line of stdout.")] = False,
 ) -> None:
     """Serve every simulated instrument on sockets, VXI-11, HiSLIP or a pseudo-terminal, until SIGTERM or Ctrl-C."""
-    from msgspec import structs  # noqa: PLC0415
-    from simrack.serve import BenchServer, ServedClock  # noqa: PLC0415
-
-    from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415
-    from vcfbench.sim.served import build_served  # noqa: PLC0415
-
     description = load_bench(bench)
+    if ports != "auto" and not (re.fullmatch(r"[0-9]{1,5}", ports) and 0 < int(ports) < 65536):
+        raise ConfigError(f"--ports {ports}: expected a port number, or 'auto'")
+    base = None if ports == "auto" else int(ports)
+    planned = FaultScript(()) if faults is None else read_script(faults)
     settings = structs.replace(
-        _settings(host, ports, faults),
+        ServerSettings(host, base, faults=planned),
         control_port=control_port,
         offers=_offers(offer or []),
         port_mapper=port_mapper,
@@ -140,8 +147,6 @@ def ctl(
     """
     import json  # noqa: PLC0415
 
-    from simrack.serve import Control, ControlError  # noqa: PLC0415
-
     name, asked = command[0], _arguments(command[0], command[1:])
     try:
         with Control(port) as control:
@@ -155,8 +160,6 @@ def ctl(
 
 def _armed(asked: dict[str, Any]) -> str:
     """Describe the armed fault and its duration; arguments that were not given have their defaults."""
-    from simrack.faults import fault_from  # noqa: PLC0415
-
     return fault_from(asked).describe()
 
 
@@ -195,8 +198,6 @@ def _value(text: str) -> Any:
 
 
 def _speed(text: str) -> float:
-    from simrack.serve import MAX_SPEED  # noqa: PLC0415
-
     with contextlib.suppress(ValueError):
         speed = MAX_SPEED if text == "max" else float(text)
         if speed > 0:
@@ -204,22 +205,7 @@ def _speed(text: str) -> float:
     raise ConfigError(f"--speed {text}: expected a number above 0, or 'max'")
 
 
-def _settings(host: str, ports: str, faults: Path | None) -> ServerSettings:
-    from simrack.faults import FaultScript  # noqa: PLC0415
-    from simrack.serve import ServerSettings  # noqa: PLC0415
-
-    from vcfbench.sim.fault_scripts import read_script  # noqa: PLC0415
-
-    if ports != "auto" and not (re.fullmatch(r"[0-9]{1,5}", ports) and 0 < int(ports) < 65536):
-        raise ConfigError(f"--ports {ports}: expected a port number, or 'auto'")
-    base = None if ports == "auto" else int(ports)
-    planned = FaultScript(()) if faults is None else read_script(faults)
-    return ServerSettings(host, base, faults=planned)
-
-
 def _rs232(kind: str) -> Rs232:
-    from simrack.serve import Rs232  # noqa: PLC0415
-
     if kind not in get_args(Rs232):
         raise ConfigError(f"--rs232 {kind}: expected {', '.join(get_args(Rs232))}")
     return cast("Rs232", kind)
@@ -240,9 +226,6 @@ def _offers(texts: list[str]) -> dict[str, frozenset[Offer]]:
 
 
 def _write_bench(path: Path, description: BenchDescription, server: BenchServer, kind: str) -> None:
-    from vcfbench.sim.served import on_wires  # noqa: PLC0415
-    from vcfbench.station.writing import bench_text  # noqa: PLC0415
-
     where = {role: wires.as_json() for role, wires in server.wires.items()}
     if not any(kind in wires and kind != "model" for wires in where.values()):
         raise ConfigError(f"--wires {kind}: expected tcp, vxi11, hislip or pty")
@@ -276,11 +259,7 @@ def _stopped_by_signals(server: BenchServer) -> Iterator[None]:
 
 def _announce(server: BenchServer, title: str, *, json: bool) -> None:
     """Say where everything is, at once: whoever started the server reads it from a pipe."""
-    import sys  # noqa: PLC0415
-
     if json:
-        import json as encoder  # noqa: PLC0415
-
         typer.echo(encoder.dumps(server.as_json()))
     else:
         typer.echo(f"{title}, served until Ctrl-C")

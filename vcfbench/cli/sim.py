@@ -10,6 +10,8 @@ from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import Bench_, Json_  # noqa: TC001  # typer reads them
 from vcfbench.cli.sim_new import new
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.inventory import inventory
 
 app = typer.Typer(
     no_args_is_help=True, help="Show the simulated bench, give it your own gyroscope, serve and control it."
@@ -31,9 +33,6 @@ def show(
     json: Json_ = False,
 ) -> None:
     """Show every physical parameter and every instrument error: value, unit, meaning, source."""
-    from vcfbench.procedures.bench_file import load_bench  # noqa: PLC0415
-    from vcfbench.sim.inventory import inventory  # noqa: PLC0415
-
     description = load_bench(bench)
     rows = inventory(description, seed)
     if json:

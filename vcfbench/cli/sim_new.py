@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vcfbench.cli.interview import Interview, number, written_anew
 from vcfbench.errors import ConfigError
+from vcfbench.sim.own_gyro import data_sheet, own_gyro_bench
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -88,8 +90,6 @@ def new(
         "bandwidth": bandwidth,
         "k_vc": k_vc,
     }
-    from vcfbench.cli.interview import Interview, written_anew  # noqa: PLC0415
-    from vcfbench.sim.own_gyro import data_sheet, own_gyro_bench  # noqa: PLC0415
 
     answers = {option: f"{value:.15g}" for option, value in given.items() if value is not None}
     interview = Interview(answers, silent=yes or not sys.stdin.isatty())
@@ -103,9 +103,6 @@ def new(
 
 def _figures(interview: Any, instead: Mapping[str, str]) -> dict[str, float]:
     """Ask for each figure; each is held against those before it."""
-    from vcfbench.cli.interview import number  # noqa: PLC0415
-    from vcfbench.sim.own_gyro import data_sheet  # noqa: PLC0415
-
     figures: dict[str, float] = {}
     for key, (option, words, usual) in _FIGURES.items():
         proposed = f"{0.75 * figures['range_deg_s']:g}" if key == "k_vc_deg_s_per_v" else instead.get(key, usual)

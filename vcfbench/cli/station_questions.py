@@ -51,8 +51,32 @@ def interviewed(draft: Draft, interview: Interview, finding: DiscoveryOptions) -
     questions = _Questions(draft, interview)
     _names(questions)
     for role in draft.roles():
-        _calibration(questions, role)
-    _limits(questions)
+        # Ask for the dates of an instrument's calibration, and its certificate
+        path = f"{role}.calibrated"
+        questions.ask(path, f"{role}: calibrated on (YYYY-MM-DD; Enter: not known)", "", day)
+        made: date | None = questions.draft.value(path)
+        if made is not None:
+            leap = (made.month, made.day) == (2, 29)
+            due = made.replace(year=made.year + 1, day=28 if leap else made.day)
+            questions.ask(f"{role}.calibration_due", "  due again on", str(due), day)
+            questions.ask(f"{role}.certificate", "  number of the certificate (Enter: none)")
+    # Ask for the limits of the station; proposals of procedures that would leave them follow
+    roles = questions.draft.roles()
+    say("Limits: what must never be exceeded here. They are checked before anything is sent.")
+    if "rate_table" in roles:
+        questions.limit("max_rate_deg_s", "Highest rate, deg/s", _fitting_rates)
+        acceleration = "procedure.acceleration_deg_s2"
+        words = "Highest acceleration, deg/s^2"
+        questions.limit("max_acceleration_deg_s2", words, lambda most: {acceleration: most if most < 100.0 else None})
+    if "rate_source" in roles or "vibration_source" in roles:
+        questions.limit("max_v_vc_v", "Highest V_Vc, V, either sign")
+    if "power" in roles:
+        _rails(questions)
+        current, words = "procedure.rail_current_limit_a", "Highest current limit of a rail, A"
+        questions.limit("max_rail_current_a", words, lambda most: {current: most if most < 0.1 else None})
+    if "chamber" in roles:
+        for key, words in _CHAMBER_LIMITS:
+            questions.limit(key, words)
     _wiring_and_site(questions)
     _results(questions)
 
@@ -282,38 +306,6 @@ def _names(questions: _Questions) -> None:
     questions.ask("title", "Its title, for reports", values["title"])
     for key, words in _LABORATORY:
         questions.ask(f"laboratory.{key}", f"{words} (Enter: none)")
-
-
-def _calibration(questions: _Questions, role: str) -> None:
-    """Ask for the dates of an instrument's calibration, and its certificate."""
-    path = f"{role}.calibrated"
-    questions.ask(path, f"{role}: calibrated on (YYYY-MM-DD; Enter: not known)", "", day)
-    made: date | None = questions.draft.value(path)
-    if made is not None:
-        leap = (made.month, made.day) == (2, 29)
-        due = made.replace(year=made.year + 1, day=28 if leap else made.day)
-        questions.ask(f"{role}.calibration_due", "  due again on", str(due), day)
-        questions.ask(f"{role}.certificate", "  number of the certificate (Enter: none)")
-
-
-def _limits(questions: _Questions) -> None:
-    """Ask for the limits of the station; proposals of procedures that would leave them follow."""
-    roles = questions.draft.roles()
-    say("Limits: what must never be exceeded here. They are checked before anything is sent.")
-    if "rate_table" in roles:
-        questions.limit("max_rate_deg_s", "Highest rate, deg/s", _fitting_rates)
-        acceleration = "procedure.acceleration_deg_s2"
-        words = "Highest acceleration, deg/s^2"
-        questions.limit("max_acceleration_deg_s2", words, lambda most: {acceleration: most if most < 100.0 else None})
-    if "rate_source" in roles or "vibration_source" in roles:
-        questions.limit("max_v_vc_v", "Highest V_Vc, V, either sign")
-    if "power" in roles:
-        _rails(questions)
-        current, words = "procedure.rail_current_limit_a", "Highest current limit of a rail, A"
-        questions.limit("max_rail_current_a", words, lambda most: {current: most if most < 0.1 else None})
-    if "chamber" in roles:
-        for key, words in _CHAMBER_LIMITS:
-            questions.limit(key, words)
 
 
 def _fitting_rates(limit_deg_s: float) -> dict[str, Any]:

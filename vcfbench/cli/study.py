@@ -12,11 +12,19 @@ import typer
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
+from vcfbench.files import shown
+from vcfbench.reports.outlet import Outlet
+from vcfbench.reports.text import left_table, text_of
+from vcfbench.studies.conduct import Quiet, StudyOptions, conduct, journal_of, plan_of
+from vcfbench.studies.file import read_study
+from vcfbench.studies.progress import BarProgress, StudyLineProgress
+from vcfbench.studies.result import beside
+from vcfbench.studies.table import in_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.studies.conduct import Plan, Progress, StudyOptions
+    from vcfbench.studies.conduct import Plan, Progress
     from vcfbench.studies.result import StudyResult
 
 
@@ -56,10 +64,6 @@ def study(
 
     A study that was stopped, or killed, goes on where it was with the same command.
     """
-    from vcfbench.files import shown  # noqa: PLC0415  # nothing heavy is imported before a command runs
-    from vcfbench.studies.conduct import StudyOptions, conduct, plan_of  # noqa: PLC0415
-    from vcfbench.studies.file import read_study  # noqa: PLC0415
-
     asked = read_study(file)
     if trace is not None:
         raise ConfigError(
@@ -79,10 +83,6 @@ def study(
 @contextmanager
 def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
     """Show the progress of the study on stderr; when it is stopped say which runs are kept."""
-    from vcfbench.reports.outlet import Outlet  # noqa: PLC0415
-    from vcfbench.studies.conduct import Quiet, journal_of  # noqa: PLC0415
-    from vcfbench.studies.progress import BarProgress, StudyLineProgress  # noqa: PLC0415
-
     if quiet:
         yield Quiet()
         return
@@ -110,8 +110,6 @@ def _show_plan(plan: Plan, *, as_json: bool) -> None:
         figures = {"runs": total, "done": plan.had, "workers": plan.workers, "run_s": plan.run_s, "left_s": plan.left_s}
         print_json({"dry_run": True, "cases": cases, **figures})
         return
-    from vcfbench.reports.text import left_table  # noqa: PLC0415
-    from vcfbench.studies.table import in_words  # noqa: PLC0415
 
     heads = list(cases[0])
     rows = [[str(number), *(in_words(values[head]) for head in heads)] for number, values in enumerate(cases)]
@@ -132,8 +130,6 @@ def _show(result: StudyResult, *, as_json: bool) -> None:
     if as_json:
         print_json(result.as_json())
         return
-    from vcfbench.reports.text import text_of  # noqa: PLC0415
-    from vcfbench.studies.result import beside  # noqa: PLC0415
 
     typer.echo(text_of(result.report()))
     assert result.table_path is not None  # noqa: S101  # a command always writes

@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vcfbench.bench.console import data_of, open_console, summary
 from vcfbench.cli.completion import role_names
 from vcfbench.cli.options import Bench_  # noqa: TC001  # typer reads them
+from vcfbench.cli.person import agreed
 from vcfbench.cli.prompt import history
+from vcfbench.cli.talk_bench import talk_to_bench
 from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError, ConfigError, LimitError, TransportError
+from vcfbench.records.raw import RawRecord
+from vcfbench.safety.signals import Interrupted
+from vcfbench.station.file import read_bench
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -67,17 +73,11 @@ def talk(
     fails ends the command with exit code 3, unless a person types them.
     """
     if role is None:
-        from vcfbench.cli.talk_bench import talk_to_bench  # noqa: PLC0415
-
         if raw:
             _remark(_RAW.format(runs / "raw.jsonl"))
         with tracing(trace):
             talk_to_bench(bench, seed, command, raw=runs if raw else None, timeout_s=timeout)
         return
-    from vcfbench.bench.console import open_console  # noqa: PLC0415
-    from vcfbench.cli.person import agreed  # noqa: PLC0415
-    from vcfbench.records.raw import RawRecord  # noqa: PLC0415
-    from vcfbench.station.file import read_bench  # noqa: PLC0415
 
     lines = iter(command) if command else None
     interactive = lines is None and sys.stdin.isatty()
@@ -114,8 +114,6 @@ def _recite(console: Console, lines: Iterator[str]) -> None:
 
 def _converse(console: Console) -> None:
     """Send the lines that a person types; one that is refused or fails is told, and the next taken."""
-    from vcfbench.safety.signals import Interrupted  # noqa: PLC0415
-
     conversation = _Conversation(console)
     with history("talk-history"):
         while not console.closed:
@@ -159,7 +157,6 @@ class _Conversation:
         if text.startswith("."):
             self._direct(text)
             return None
-        from vcfbench.bench.console import summary  # noqa: PLC0415
 
         said = self._console.say(text)
         if said.answer is not None:
@@ -189,8 +186,6 @@ class _Conversation:
                 raise ConfigError(f"{text!r}: there are .wait SECONDS, .errors, .clear, .save FILE, .help and .quit")
 
     def _save(self, name: str) -> None:
-        from vcfbench.bench.console import data_of  # noqa: PLC0415
-
         if not name:
             raise ConfigError(".save: expected the name of a file")
         if self._answer is None:

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import sys
 from contextlib import suppress
+from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 import typer
 
+from vcfbench.bench.bench import open_bench
+from vcfbench.bench.console import summary
+from vcfbench.cli.person import agreed
 from vcfbench.cli.prompt import history
-from vcfbench.errors import BenchError, ConfigError, NotSafe, PlanError
+from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe, PlanError
+from vcfbench.records.raw import RawRecord
+from vcfbench.runs.by_hand import ALIASES, WORDS, ByHand
+from vcfbench.safety.signals import StopSignals
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from vcfbench.runs.by_hand import ByHand
-    from vcfbench.safety.signals import StopSignals
 
 _OWN = ("help", "quit")
 
@@ -32,12 +37,6 @@ def talk_to_bench(
 
     Raw commands are recorded in the directory `raw`; None refuses them.
     """
-    from vcfbench.bench.bench import open_bench  # noqa: PLC0415
-    from vcfbench.cli.person import agreed  # noqa: PLC0415
-    from vcfbench.records.raw import RawRecord  # noqa: PLC0415
-    from vcfbench.runs.by_hand import ByHand  # noqa: PLC0415
-    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
-
     with StopSignals() as signals, open_bench(bench, seed=seed, signals=signals, trust=agreed) as opened:
         record = None if raw is None else RawRecord(raw, opened.description.name)
         by_hand = ByHand(opened, signals, _remark, raw=record, timeout_s=timeout_s)
@@ -60,8 +59,6 @@ def _recite(by_hand: ByHand, signals: StopSignals, lines: Iterable[str]) -> None
 
 def _converse(by_hand: ByHand, signals: StopSignals) -> None:
     """Do the lines that a person types; one that is refused or fails is told, and the next taken."""
-    from vcfbench.errors import Aborted  # noqa: PLC0415
-
     with history("talk-bench-history", lambda: [*by_hand.names(), *_OWN]), suppress(_Stop):
         while True:
             try:
@@ -97,30 +94,21 @@ def _perform(by_hand: ByHand, line: str) -> str | None:
     elif name in by_hand.words:
         typer.echo(by_hand.perform(name, rest.split()) or "done")
     elif name in by_hand.names():
-        return _raw(by_hand, name, rest.strip())
+        message = rest.strip()
+        if not message:
+            raise ConfigError(f"{name}: expected what is to be sent, as in {name} *IDN?")
+        said = by_hand.raw(name, message)
+        if said.answer is not None:
+            typer.echo(summary(said.answer))
+        elif said.refusal is None:
+            _remark("no error")
+        return said.refusal
     else:
         raise _unknown(by_hand, name)
     return None
 
 
-def _raw(by_hand: ByHand, name: str, message: str) -> str | None:
-    from vcfbench.bench.console import summary  # noqa: PLC0415
-
-    if not message:
-        raise ConfigError(f"{name}: expected what is to be sent, as in {name} *IDN?")
-    said = by_hand.raw(name, message)
-    if said.answer is not None:
-        typer.echo(summary(said.answer))
-    elif said.refusal is None:
-        _remark("no error")
-    return said.refusal
-
-
 def _unknown(by_hand: ByHand, name: str) -> PlanError:
-    from difflib import get_close_matches  # noqa: PLC0415
-
-    from vcfbench.runs.by_hand import ALIASES, WORDS  # noqa: PLC0415
-
     roles = {word.name: word.role for word in WORDS}
     role = roles.get(name, ALIASES.get(name, name))
     if role in {*filter(None, roles.values())}:

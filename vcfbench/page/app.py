@@ -21,12 +21,15 @@ from starlette.responses import FileResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
+from vcfbench.archive.recorded import load_run
+from vcfbench.archive.reported import full_report, title_of
 from vcfbench.clock import WallClock
 from vcfbench.errors import BenchError
 from vcfbench.page.following import JournalFollower
 from vcfbench.page.parts import end_of
 from vcfbench.page.view import BrowserPosition
 from vcfbench.records.journal import being_written
+from vcfbench.reports.html_page import page_of
 
 if TYPE_CHECKING:
     from starlette.requests import Request
@@ -119,8 +122,6 @@ class PageContent:
 
 def _ended(directory: Path) -> dict[str, Any]:
     """Return results and verdict of a recorded run as the page shows them."""
-    from vcfbench.archive.recorded import load_run  # noqa: PLC0415  # needed once a run is over
-
     try:
         return end_of(load_run(directory))
     except BenchError as error:
@@ -129,10 +130,6 @@ def _ended(directory: Path) -> dict[str, Any]:
 
 def _report(directory: Path) -> str:
     """Return the whole report of a recorded run as one HTML file."""
-    from vcfbench.archive.recorded import load_run  # noqa: PLC0415
-    from vcfbench.archive.reported import full_report, title_of  # noqa: PLC0415
-    from vcfbench.reports.html_page import page_of  # noqa: PLC0415  # matplotlib comes with it
-
     with _DRAWING:
         run = load_run(directory)
         return page_of(full_report(run), title_of(run), directory.name)

@@ -7,6 +7,8 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from vcfbench.analysis.running_fit import line_so_far
 from vcfbench.reports.bench_state import BenchState
 from vcfbench.safety.control import RunState
@@ -141,8 +143,6 @@ class View:
 
     def drawn(self, first_s: float | None, last_s: float | None, most: int) -> dict[str, Any]:
         """Return the readings from `first_s` to `last_s` (bench time, s; None: all), at most about `most` to draw."""
-        import numpy as np  # noqa: PLC0415
-
         from vcfbench.page.buckets import drawn  # noqa: PLC0415
 
         count = self.readings

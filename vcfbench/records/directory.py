@@ -80,26 +80,22 @@ def create_run(runs: Path, procedure: str) -> RunDirectory:
     path = runs / f"{utc_now():{_STAMP}}-{procedure}-{secrets.token_hex(3)}"
     try:
         path.mkdir(parents=True)
-        _try_out(path)
+        # Write a file as long as a short record, and take it away; take the directory away too when that fails
+        trial = path / "trial"
+        try:
+            with trial.open("wb") as file:
+                file.write(bytes(_TRIAL_BYTES))
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError:
+            with suppress(OSError):
+                trial.unlink(missing_ok=True)
+                path.rmdir()
+            raise
+        trial.unlink()
     except OSError as error:
         raise ConfigError(f"{path}: no record can be kept there: {error.strerror}", hint="choose --runs") from error
     return RunDirectory(path)
-
-
-def _try_out(path: Path) -> None:
-    """Write a file as long as a short record, and take it away; take the directory away too when that fails."""
-    trial = path / "trial"
-    try:
-        with trial.open("wb") as file:
-            file.write(bytes(_TRIAL_BYTES))
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError:
-        with suppress(OSError):
-            trial.unlink(missing_ok=True)
-            path.rmdir()
-        raise
-    trial.unlink()
 
 
 def list_runs(runs: Path) -> tuple[RunDirectory, ...]:

@@ -337,7 +337,24 @@ def read_journal(path: Path) -> JournalRecord:
         running = being_written(path)  # asked for before it is read: it may end meanwhile, and then has its last line
         lines, torn, unreadable = _whole_lines(file)
     seals = [line.pop("seal", None) for line in lines]
-    record = _record(lines, path, torn=torn, running=running, seals=seals)
+    header = lines[0] if lines and lines[0].get("type") == "header" else {}
+    number = header.get("format", FORMAT)
+    if type(number) is not int or number not in READABLE:
+        known = " and ".join(map(str, sorted(READABLE)))
+        raise ConfigError(f"{shown(path)}: a record of format {number!r}; this version reads formats {known}")
+    footers = _of_type(lines, "footer")
+    record = JournalRecord(
+        header,
+        _of_type(lines, "step"),
+        _of_type(lines, "error"),
+        footers[-1] if footers else None,
+        torn=torn,
+        chunks=_of_type(lines, "readings"),
+        restored=_of_type(lines, "restored"),
+        lines=tuple(lines),
+        running=running,
+        seals=tuple(seal if isinstance(seal, str) else None for seal in seals),
+    )
     try:
         _ = record.status, record.points, record.header.get("bench", {}).get("name")
         _ = None if (error := (record.footer or {}).get("error")) is None else error.get("what")
@@ -402,29 +419,6 @@ def lines_of(path: Path) -> Iterator[dict[str, Any]]:
     with opened(path, _EXPECTED) as file:
         while (line := file.readline(_LONGEST_LINE)).endswith(b"\n") and (values := _decoded(line)) is not None:
             yield values
-
-
-def _record(
-    lines: Sequence[Mapping[str, Any]], path: Path, *, torn: bool, running: bool, seals: Sequence[object]
-) -> JournalRecord:
-    header = lines[0] if lines and lines[0].get("type") == "header" else {}
-    number = header.get("format", FORMAT)
-    if type(number) is not int or number not in READABLE:
-        known = " and ".join(map(str, sorted(READABLE)))
-        raise ConfigError(f"{shown(path)}: a record of format {number!r}; this version reads formats {known}")
-    footers = _of_type(lines, "footer")
-    return JournalRecord(
-        header,
-        _of_type(lines, "step"),
-        _of_type(lines, "error"),
-        footers[-1] if footers else None,
-        torn=torn,
-        chunks=_of_type(lines, "readings"),
-        restored=_of_type(lines, "restored"),
-        lines=tuple(lines),
-        running=running,
-        seals=tuple(seal if isinstance(seal, str) else None for seal in seals),
-    )
 
 
 def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | None]:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from datetime import date  # noqa: TC003 - msgspec reads it
 from typing import Any, Final, Literal
 
+import msgspec
 from msgspec import Struct, field
 from msgspec.structs import asdict, force_setattr
 
@@ -19,6 +20,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import is_utf8
 from vcfbench.interfaces import Identity  # noqa: TC001 - msgspec reads it
 from vcfbench.records.plain import ReadOnly
+from vcfbench.typed import typed
 
 _LINE: Final = 200
 _NOTE: Final = 10_000
@@ -142,10 +144,6 @@ def equipment_of(header: Mapping[str, Any]) -> tuple[Equipment, ...]:
     Raises:
         ConfigError: it cannot be what it is to be.
     """
-    import msgspec  # noqa: PLC0415  # lists of runs do without
-
-    from vcfbench.typed import typed  # noqa: PLC0415  # as above
-
     identities, bench = header.get("identities", {}), header.get("bench", {})
     recorded = header.get("equipment")
     if recorded is None:

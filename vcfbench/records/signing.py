@@ -7,6 +7,7 @@ A seal vouches for all lines before it, so one signature vouches for the record 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import ConfigError
@@ -15,7 +16,6 @@ from vcfbench.files import read_file, shown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
 _SAID: Final = b"vcfbench seal "
 _MOST: Final = 10_000
@@ -55,8 +55,6 @@ def named_key(bench_file: str | None) -> SigningKey | None:
     Raises:
         ConfigError: it cannot be used.
     """
-    from pathlib import Path  # noqa: PLC0415  # few records are signed
-
     path = os.environ.get("VCFBENCH_SIGNING_KEY") or bench_file
     return None if path is None else SigningKey(Path(path))
 

@@ -15,6 +15,7 @@ from msgspec import Struct, structs
 
 from vcfbench.bench.console import Console
 from vcfbench.clock import sleep
+from vcfbench.drivers.plain import plain
 from vcfbench.errors import BenchError, ConfigError, InterlockError, LimitError
 from vcfbench.procedures.shared.routines import look_at_drive, rails_of
 from vcfbench.station.limits import LimitChecks, driver_of
@@ -394,8 +395,6 @@ def _station(bench: Bench) -> Station:
 
 def _can_be_typed(instrument: Any) -> bool:
     """Tell whether lines can be sent to it; frames of bytes cannot be typed."""
-    from vcfbench.drivers.plain import plain  # noqa: PLC0415  # the drivers are loaded when a bench is opened
-
     try:
         plain(instrument, 1.0)
     except ConfigError:

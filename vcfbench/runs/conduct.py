@@ -10,21 +10,35 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
 from msgspec import Struct, field, structs, to_builtins
 
 from vcfbench.archive.results import evaluate, nothing
 from vcfbench.archive.run import Run, breaks
+from vcfbench.bench.bench import open_bench
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import shown
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.layers import asked_in_python
+from vcfbench.procedures.procedure import Provenance
+from vcfbench.records.directory import create_run
 from vcfbench.records.export import points_csv, result_text, write_text
+from vcfbench.records.journal import Journal, MemoryJournal, SimulatedJournal
 from vcfbench.records.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.records.schema import Status
 from vcfbench.reports.kept import plain_report
+from vcfbench.reports.shielded import Shielded
 from vcfbench.runs.ambient import with_ambient
 from vcfbench.runs.hands import operator_of, require_operator
+from vcfbench.runs.needs import roles_of
 from vcfbench.runs.request import Beginning, Checked, Request, blamed_on, prepare
+from vcfbench.safety.roles import needed_roles
+from vcfbench.safety.signals import StopSignals
+from vcfbench.safety.trust import require_library
+from vcfbench.station.equipment import equipment_on, overdue_words
 from vcfbench.steps.executor import Executor, Paused, StepStarted
+from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import LOOK_AT_SIGNALS
 from vcfbench.version import installed_versions
 
@@ -35,15 +49,12 @@ if TYPE_CHECKING:
     from vcfbench.archive.results import Evaluation
     from vcfbench.bench.bench import Bench
     from vcfbench.interfaces import Identity, SafeReport
-    from vcfbench.procedures.procedure import AnyProcedure, Provenance
+    from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.directory import RunDirectory
-    from vcfbench.records.journal import Journal
     from vcfbench.records.signing import SigningKey
-    from vcfbench.reports.shielded import Shielded
     from vcfbench.runs.pausing import Pausing
     from vcfbench.runs.request import DryRun, Prepared
     from vcfbench.safety.control import RunControl
-    from vcfbench.safety.signals import StopSignals
     from vcfbench.safety.trust import Trust
     from vcfbench.safety.watchdog import Watchdog
     from vcfbench.station.description import BenchDescription
@@ -100,13 +111,9 @@ def run(
         BenchError: the run did not come to its end. The error's `run` holds what was measured, which is recorded too.
         NotSafe: something could not be made safe; whatever else went wrong is in its words.
     """
-    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
-
     if runs is not None and not str(runs).strip():
         raise ConfigError("runs: expected a directory, came an empty name")
     with _PREPARING:
-        from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
-
         asked_settings = asked_in_python(settings or {})
         said = metadata_of(metadata)
     options = {
@@ -236,11 +243,6 @@ class _Course(Struct):
 
 def _perform(course: _Course, signals: StopSignals) -> None:
     """Open the bench, perform the plan, make all safe, and only then close the record."""
-    from vcfbench.bench.bench import open_bench  # noqa: PLC0415
-    from vcfbench.reports.shielded import Shielded  # noqa: PLC0415
-    from vcfbench.runs.needs import roles_of  # noqa: PLC0415
-    from vcfbench.safety.trust import require_library  # noqa: PLC0415
-
     request = course.request
     with _PREPARING:
         prepared = course.preparing(request, course.checked)
@@ -251,7 +253,10 @@ def _perform(course: _Course, signals: StopSignals) -> None:
             _load_numpy()
     _warn_of_calibrations(request, prepared)
     record = _Record(course, prepared, planned)
-    course.observers = _shielded(request.observers)
+    course.observers = {
+        f"{number} ({type(each).__name__})": Shielded(partial(_as_context, each))
+        for number, each in enumerate(request.observers, start=1)
+    }
     directory = record.prepare()
     procedure, description = prepared.procedure, prepared.description
     kept = None if directory is None else directory.path
@@ -288,10 +293,6 @@ def _perform(course: _Course, signals: StopSignals) -> None:
 
 def _warn_of_calibrations(request: Request, prepared: Prepared) -> None:
     """Say which of the instruments that the run opens are overdue, before anything else is said."""
-    from vcfbench.runs.needs import roles_of  # noqa: PLC0415
-    from vcfbench.safety.roles import needed_roles  # noqa: PLC0415
-    from vcfbench.station.equipment import equipment_on, overdue_words  # noqa: PLC0415
-
     description = prepared.description
     roles = [each.name for each in needed_roles(description, roles_of(prepared.procedure, description))]
     for words in overdue_words(equipment_on(utc_now().date(), description, roles, {})):
@@ -304,16 +305,6 @@ def _load_numpy() -> None:
     import numpy.ma  # noqa: PLC0415
     import numpy.polynomial  # noqa: PLC0415
     import numpy.random  # noqa: F401, PLC0415
-
-
-def _shielded(observers: Sequence[Observer]) -> dict[str, Shielded]:
-    """Return each observer such that it can harm nobody, by a name for the record."""
-    from vcfbench.reports.shielded import Shielded  # noqa: PLC0415
-
-    return {
-        f"{number} ({type(each).__name__})": Shielded(partial(_as_context, each))
-        for number, each in enumerate(observers, start=1)
-    }
 
 
 def _as_context(observer: Observer) -> AbstractContextManager[Observer]:
@@ -377,8 +368,6 @@ class _Record(Struct):
 
         None where no record is to be kept, which real benches are not run without.
         """
-        from vcfbench.records.directory import create_run  # noqa: PLC0415
-
         self.key = _key_of(self.prepared.description)
         runs = self.course.request.runs
         if runs is not None:
@@ -423,8 +412,6 @@ class _Record(Struct):
         return Pausing.of(request.control, bench, self.prepared, request.speed)
 
     def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0, done_s: float = 0.0) -> Journal:
-        from vcfbench.records.journal import Journal, MemoryJournal, SimulatedJournal  # noqa: PLC0415
-
         kept = self.course.directory
         on_disk = SimulatedJournal if self.prepared.description.simulated else Journal
         journal = MemoryJournal() if kept is None else on_disk(kept.journal)
@@ -441,10 +428,6 @@ class _Record(Struct):
         return journal
 
     def _header(self, name: str, identities: Mapping[str, Identity], times: Mapping[str, float]) -> dict[str, Any]:
-        import msgspec  # noqa: PLC0415
-
-        from vcfbench.station.equipment import equipment_on  # noqa: PLC0415
-
         course, description = self.course, self.prepared.description
         equipment = equipment_on(utc_now().date(), description, identities, identities)
         return {
@@ -514,8 +497,6 @@ class _Record(Struct):
                 raise
 
     def _made(self, evaluation: Evaluation) -> Provenance:
-        from vcfbench.procedures.procedure import Provenance  # noqa: PLC0415
-
         assert self.course.directory is not None  # noqa: S101  # there is a journal
         description, verdict = self.prepared.description, evaluation.verdict
         return Provenance(
@@ -541,8 +522,6 @@ class _Record(Struct):
             course.directory = None
 
     def _compute(self) -> None:
-        from vcfbench.steps.measured import Measured  # noqa: PLC0415
-
         course, settings = self.course, self.prepared.settings
         assert self.journal is not None  # noqa: S101  # the plan was performed
         measured = Measured(course.as_run().points, self.journal.lines)
@@ -590,8 +569,6 @@ class _Record(Struct):
 
     def _report_kept(self) -> dict[str, Any]:
         """Return the report of a procedure that does not come along: its code may not be there when it is asked for."""
-        from vcfbench.procedures.catalogue import BUILT_IN  # noqa: PLC0415
-
         if self.course.evaluation is None or self.prepared.procedure.name in BUILT_IN:
             return {}
         with suppress(ConfigError):  # a number in it is not finite: the results are kept all the same

@@ -15,10 +15,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from msgspec import Struct, field, structs, to_builtins
 
+from vcfbench.archive.quantities import named_values
 from vcfbench.errors import BenchError
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps import ConfigureMeter, ModulatedRecord, Window
+from vcfbench.steps.measured import Foreseen
 from vcfbench.steps.step import Reading
+from vcfbench.steps.tally import Tally
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -192,9 +195,7 @@ def _stated(
     procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]
 ) -> tuple[tuple[ExpectedValue, ...], tuple[tuple[str, str], ...]]:
     """Return the results with their U95, and the names of those with one that nobody can expect, with the reason."""
-    from vcfbench.archive.quantities import named_values  # noqa: PLC0415
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
-    from vcfbench.steps.measured import Foreseen  # noqa: PLC0415
 
     lines, points, gyro = [], [], _gyro(settings)
     for line, point in _lines(steps, gyro, settings.station.mains_hz):
@@ -232,8 +233,6 @@ def _lines(steps: Iterable[Step], gyro: _Scattering, mains_hz: float) -> Iterato
 
 def _long_window(step: Any, result: Window, gyro: _Scattering, t_s: float) -> tuple[list[Any], Window]:
     """Return the readings of a window that are in the journal alone, and the window with their mean and scatter."""
-    from vcfbench.steps.tally import Tally  # noqa: PLC0415
-
     at = [number * step.interval_s for number in range(step.samples)]
     readings = [Reading(t_s + each, result.point.output_v + gyro.noise_v(each)) for each in at]
     tally = Tally()

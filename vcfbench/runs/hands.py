@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from vcfbench.bench.simulated_operator import simulated_operator
 from vcfbench.errors import PlanError
+from vcfbench.steps import AskOperator
+from vcfbench.steps.step import nobody
 
 if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
@@ -19,8 +22,6 @@ def require_operator(request: Request, description: BenchDescription, planned: D
     Raises:
         PlanError: the bench is real and nobody is.
     """
-    from vcfbench.steps import AskOperator  # noqa: PLC0415
-
     if description.simulated or request.operator is not None or request.person is not None:
         return
     requests = [each.step for each in planned.steps if isinstance(each.step, AskOperator)]
@@ -34,7 +35,4 @@ def require_operator(request: Request, description: BenchDescription, planned: D
 
 def operator_of(request: Request, bench: Bench) -> Operator:
     """Return the operator: the caller's own, on a simulated bench the simulation, else a person if any."""
-    from vcfbench.bench.simulated_operator import simulated_operator  # noqa: PLC0415
-    from vcfbench.steps.step import nobody  # noqa: PLC0415
-
     return request.operator or simulated_operator(bench) or request.person or nobody

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import lacking
 
@@ -52,8 +53,6 @@ def roles_of(procedure: AnyProcedure, description: BenchDescription) -> tuple[st
 
 
 def _require_capable(procedure: AnyProcedure, description: BenchDescription, role: str, capability: type) -> None:
-    from vcfbench.drivers.registry import find_driver  # noqa: PLC0415  # the drivers are loaded when a run needs them
-
     part = getattr(description, role)
     model = part.dialect if role == "rate_table" else part.model
     driver = find_driver(model, None if role == "rate_table" else part.like)

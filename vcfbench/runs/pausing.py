@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import WallClock, sleep
 from vcfbench.procedures.shared.pause import AroundPause
 
@@ -36,8 +37,6 @@ class Pausing(Struct, frozen=True):
     @classmethod
     def of(cls, control: RunControl, bench: Bench, prepared: Prepared, speed: str | float | None) -> Pausing:
         """Return it for a run that was `prepared`, on the open `bench`."""
-        from vcfbench.bench.ground import checked_pace  # noqa: PLC0415
-
         pace = checked_pace(prepared.description, speed) or 0.0
         return cls(control, bench, AroundPause(prepared.settings, bool(prepared.procedure.in_one_piece)), pace)
 

@@ -11,9 +11,17 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct, field
 from msgspec.structs import replace
 
+from vcfbench.bench.ground import checked_pace
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.files import dotted, shown
+from vcfbench.procedures.layers import asked_in_python, settings_of, with_settings
 from vcfbench.records.metadata import RunMetadata, metadata_of
+from vcfbench.runs.ambient import require_ambient
+from vcfbench.runs.needs import require_needs
+from vcfbench.station.description import whole_seed
+from vcfbench.station.layering import Layer, merged
+from vcfbench.station.limits import LimitChecks
+from vcfbench.steps.dry_run import dry_run as walked
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,7 +35,6 @@ if TYPE_CHECKING:
     from vcfbench.safety.control import RunControl
     from vcfbench.safety.trust import Trust
     from vcfbench.station.description import BenchDescription
-    from vcfbench.station.layering import Layer
     from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.dry_run import PlannedStep
     from vcfbench.steps.executor import Event, Execution, Executor, Observer
@@ -127,9 +134,6 @@ class Prepared(Struct, frozen=True):
 
     def planned(self) -> DryRun:
         """Walk the plan; raises LimitError when a step of it would leave a limit of the bench."""
-        from vcfbench.station.limits import LimitChecks  # noqa: PLC0415
-        from vcfbench.steps.dry_run import dry_run as walked  # noqa: PLC0415
-
         with blamed_on(self.procedure):
             steps = walked(self.plan(), self.settings.expected_gyro(), LimitChecks.of(self.description))
         return DryRun(self.procedure.name, tuple(steps), self)
@@ -208,8 +212,6 @@ def dry_run(
         PlanError: there is no such procedure.
         LimitError: a step would leave a limit of the bench; it names step, limit and the time in the plan.
     """
-    from vcfbench.procedures.layers import asked_in_python  # noqa: PLC0415
-
     described, asked_of = metadata_of(metadata), asked_in_python(settings or {})
     return prepare(Request(procedure, bench, seed, asked_of, speed=speed, metadata=described), Checked()).planned()
 
@@ -219,12 +221,8 @@ def prepare(request: Request, checked: Checked) -> Prepared:
 
     Findings are put into `checked` as they become known.
     """
-    from vcfbench.bench.ground import checked_pace  # noqa: PLC0415
     from vcfbench.procedures.bench_file import described  # noqa: PLC0415
     from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
-    from vcfbench.procedures.layers import settings_of, with_settings  # noqa: PLC0415
-    from vcfbench.runs.ambient import require_ambient  # noqa: PLC0415
-    from vcfbench.runs.needs import require_needs  # noqa: PLC0415
 
     checked.name = getattr(request.procedure, "name", str(request.procedure))
     checked.metadata = request.metadata
@@ -265,8 +263,6 @@ def blamed_on(procedure: AnyProcedure) -> Iterator[None]:
 
 def _with_device(request: Request, procedure: AnyProcedure) -> Layer | None:
     """Return the requested settings, with the device for a procedure that uses the device's history."""
-    from vcfbench.station.layering import Layer, merged  # noqa: PLC0415
-
     of_device = {} if request.metadata.dut is None else procedure.settings.keys_of_device(request.metadata.dut)
     if not of_device or request.settings is None:
         return Layer(of_device, dotted) if of_device else request.settings
@@ -285,6 +281,5 @@ def _seed(description: BenchDescription, seed: int | None) -> int | None:
         raise ConfigError(f"--seed {seed}: {description.name} is served, its server was given the seed")
     if description.simulation is None:
         raise ConfigError(f"--seed {seed}: {description.name} is a real bench, only simulated ones have a seed")
-    from vcfbench.station.description import whole_seed  # noqa: PLC0415  # a bench is described by now
 
     return whole_seed(seed)

@@ -4,33 +4,48 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msgspec import ValidationError, to_builtins
+from msgspec.json import decode, encode
+from msgspec.structs import replace
+
+from vcfbench.archive.recorded import directory_of
+from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
+from vcfbench.procedures.bench_file import described
+from vcfbench.procedures.layers import recorded_settings, with_settings
 from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.metadata import metadata_from
 from vcfbench.records.schema import Status
+from vcfbench.runs.conduct import conduct, profile_of
+from vcfbench.runs.needs import require_needs
 from vcfbench.runs.request import Checked, DryRun, Prepared, Request, blamed_on
-from vcfbench.station.description import CALIBRATION_KEYS
+from vcfbench.safety.signals import StopSignals
+from vcfbench.station.description import CALIBRATION_KEYS, BenchDescription
+from vcfbench.station.file import EMBEDDED
+from vcfbench.station.limits import LimitChecks
+from vcfbench.steps.dry_run import PlannedStep, dry_run
+from vcfbench.steps.replay import is_left, rest_of, start_up_again, taken_over
 from vcfbench.steps.step import Effect, Outcome
 from vcfbench.typed import typed
+from vcfbench.version import other_versions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from vcfbench.archive.run import Run
     from vcfbench.bench.bench import Bench
-    from vcfbench.interfaces import Identity
     from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.records.directory import RunDirectory
     from vcfbench.records.journal import JournalRecord
     from vcfbench.records.schema import Point
     from vcfbench.safety.control import RunControl
     from vcfbench.safety.trust import Trust
-    from vcfbench.station.description import BenchDescription
     from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.executor import Execution, Executor, Observer
     from vcfbench.steps.replay import TakenOver
@@ -76,9 +91,6 @@ def resume(
         PlanError: the procedure or its settings were changed since.
         BenchError: as of :func:`vcfbench.run`.
     """
-    from vcfbench.runs.conduct import conduct  # noqa: PLC0415
-    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
-
     broken = broken_off(run, runs)
     if procedure is None:
         broken.require_trust(trust)
@@ -103,8 +115,6 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
     Raises:
         ConfigError: there is none, or it cannot be resumed.
     """
-    from vcfbench.archive.recorded import directory_of  # noqa: PLC0415
-
     path = run if isinstance(run, str | Path) else run.directory
     if path is None:
         raise ConfigError("the run has no record, so it cannot be resumed")
@@ -151,7 +161,6 @@ class BrokenOff:
         file = self.record.header.get("procedure_file")
         if not isinstance(file, dict):
             return str(self.record.header.get("procedure"))
-        from hashlib import sha256  # noqa: PLC0415  # few procedures are one's own
 
         path = Path(str(file.get("path")))
         hint = "give the file with --procedure; it must ask for the same steps up to here"
@@ -171,15 +180,19 @@ class BrokenOff:
 
     def prepare(self, request: Request, checked: Checked) -> Prepared:
         """Check the request against the record; nothing is opened."""
-        from vcfbench.bench.ground import checked_pace  # noqa: PLC0415
         from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
-        from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
-        from vcfbench.runs.needs import require_needs  # noqa: PLC0415
-        from vcfbench.steps.replay import taken_over  # noqa: PLC0415
-        from vcfbench.version import other_versions  # noqa: PLC0415
 
         header = self.record.header
-        _require_shape(header, shown(self.directory.journal))
+        # Raise ConfigError where a header, which anybody may have written, has what resuming would stumble over
+        journal = shown(self.directory.journal)
+        identities, before = header.get("identities", {}), header.get("resumed_from") or {}
+        earlier = before.get("before", []) if isinstance(before, dict) else None
+        if not isinstance(identities, dict) or not all(isinstance(each, dict) for each in identities.values()):
+            raise ConfigError(f"{journal}: identities: expected a table of each role, came {str(identities)[:60]}")
+        if not isinstance(earlier, list) or not all(isinstance(each, dict) for each in earlier):
+            raise ConfigError(
+                f"{journal}: resumed_from: expected the earlier breaks as a list, came {str(before)[:60]}"
+            )
         checked.name = str(header.get("procedure"))
         checked.metadata = amended(metadata_from(header), amendments_of(self.record.lines))
         chosen = procedure(request.procedure) if isinstance(request.procedure, str | Path) else request.procedure
@@ -203,15 +216,6 @@ class BrokenOff:
 
     def _bench(self, request: Request, settings: ProcedureSettings) -> BenchDescription:
         """Return the bench of the record, or that which was asked for, if nothing that matters differs."""
-        from msgspec import ValidationError, to_builtins  # noqa: PLC0415
-        from msgspec.json import decode, encode  # noqa: PLC0415
-        from msgspec.structs import replace  # noqa: PLC0415
-
-        from vcfbench.procedures.bench_file import described  # noqa: PLC0415
-        from vcfbench.procedures.layers import with_settings  # noqa: PLC0415
-        from vcfbench.runs.conduct import profile_of  # noqa: PLC0415
-        from vcfbench.station.description import BenchDescription  # noqa: PLC0415
-
         header = self.record.header
         try:
             description = replace(typed(header.get("bench"), BenchDescription), notify=None)  # a record names none
@@ -231,24 +235,12 @@ class BrokenOff:
         return description
 
 
-def _require_shape(header: Mapping[str, Any], journal: str) -> None:
-    """Raise ConfigError where a header, which anybody may have written, has what resuming would stumble over."""
-    identities, before = header.get("identities", {}), header.get("resumed_from") or {}
-    earlier = before.get("before", []) if isinstance(before, dict) else None
-    if not isinstance(identities, dict) or not all(isinstance(each, dict) for each in identities.values()):
-        raise ConfigError(f"{journal}: identities: expected a table of each role, came {str(identities)[:60]}")
-    if not isinstance(earlier, list) or not all(isinstance(each, dict) for each in earlier):
-        raise ConfigError(f"{journal}: resumed_from: expected the earlier breaks as a list, came {str(before)[:60]}")
-
-
 def _file_of_station(header: Mapping[str, Any]) -> Path | None:
     """Return the bench file that the run was given; None where a script gave it a description.
 
     Raises:
         ConfigError: it is not there any more.
     """
-    from vcfbench.station.file import EMBEDDED  # noqa: PLC0415
-
     options = header.get("options")
     given = options.get("bench") if isinstance(options, dict) else None
     if not isinstance(given, str) or given in EMBEDDED:
@@ -285,9 +277,6 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             PlanError: the plan asks for other steps than the record has.
             ConfigError: the plan ends by itself where the record ends: what was measured is refused.
         """
-        from vcfbench.station.limits import LimitChecks  # noqa: PLC0415
-        from vcfbench.steps.dry_run import PlannedStep, dry_run  # noqa: PLC0415
-
         whole = Prepared.planned(self)
         if not self._is_left():
             return DryRun(whole.procedure, ())
@@ -334,7 +323,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             raise ConfigError(f"the bench has the seed {bench.seed}, that of the record is {header.get('seed')}")
         known = header.get("identities", {})
         for role, identity in bench.identities.items():
-            now, then = _who(identity), known.get(role)
+            now, then = (identity.maker, identity.model, identity.serial), known.get(role)
             if then is not None and now != tuple(map(then.get, _WHO)):
                 said = ", ".join(str(then.get(each)) for each in _WHO)
                 raise ConfigError(f"another {role} is on the bench: {', '.join(now)}; the record has {said}")
@@ -359,8 +348,6 @@ class Resumed(Prepared, frozen=True, kw_only=True):
 
     def perform(self, executor: Executor) -> Execution:
         """Take over the steps done, restore the bench as it was, and go on; no more than that if nothing is left."""
-        from vcfbench.steps.replay import rest_of  # noqa: PLC0415
-
         executor.take_over(self.taken)
         if not self._is_left():
             return executor.execute(_ended())
@@ -368,8 +355,6 @@ class Resumed(Prepared, frozen=True, kw_only=True):
         return executor.execute(rest_of(self.plan(), self.taken))
 
     def _is_left(self) -> bool:
-        from vcfbench.steps.replay import is_left, rest_of  # noqa: PLC0415
-
         rest = rest_of(self.plan(), self.taken)
         try:
             with blamed_on(self.procedure):
@@ -385,16 +370,10 @@ class Resumed(Prepared, frozen=True, kw_only=True):
         return Outcome("started up")
 
     def _start_up(self) -> Routine[None]:
-        from vcfbench.steps.replay import start_up_again  # noqa: PLC0415
-
         return start_up_again([each.step for each in self.taken], self.settings)
 
 
 _WHO = ("maker", "model", "serial")
-
-
-def _who(identity: Identity) -> tuple[str, ...]:
-    return identity.maker, identity.model, identity.serial
 
 
 def _ended() -> Plan:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ipaddress import ip_address
 from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -146,8 +147,6 @@ def _served(description: BenchDescription) -> Iterator[InvalidValue]:
 
 
 def _is_this_host(host: str) -> bool:
-    from ipaddress import ip_address  # noqa: PLC0415  # few bench files need it
-
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:

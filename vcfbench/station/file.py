@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from vcfbench.drivers.rate_table.dialect import AxisSettings
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.station.description import BenchDescription
@@ -84,7 +85,6 @@ def _signing(description: BenchDescription, folder: Path) -> BenchDescription:
 
 def _check_profile(dialect: str, axis: int) -> None:
     """Read the profile of a table now: its mistakes shall not be found with the bench half open."""
-    from vcfbench.drivers.rate_table.dialect import AxisSettings  # noqa: PLC0415
     from vcfbench.drivers.rate_table.dialects import spoken  # noqa: PLC0415
 
     spoken(dialect, AxisSettings(axis))

@@ -21,6 +21,7 @@ from vcfbench.studies.one_run import PlannedRun, perform
 from vcfbench.studies.result import beside, of_rows
 from vcfbench.studies.table import require_writable
 from vcfbench.studies.vary import Drawn
+from vcfbench.studies.workers import LOST, here, in_processes, on_cluster, processors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -206,15 +207,11 @@ def _require(how: StudyOptions) -> None:
 
 
 def _workers(how: StudyOptions) -> int:
-    from vcfbench.studies.workers import processors  # noqa: PLC0415
-
     return processors() if how.workers is None else how.workers
 
 
 def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -> Iterator[RunRow]:
     """Do the missing runs where they are to be done, and yield each row when it is there."""
-    from vcfbench.studies.workers import here, in_processes, on_cluster  # noqa: PLC0415
-
     works = (_work(asked, case, seed, how.keep_records) for case, seed in missing)
     workers = min(_workers(how), len(missing))
     if not missing:
@@ -256,8 +253,6 @@ def _work(asked: Study, case: int, seed: int, keep: Path | None) -> PlannedRun:
 
 def _kept(rows: Iterator[RunRow], journal: StudyJournal | None) -> Iterator[RunRow]:
     """Yield `rows`, and write them to the journal in batches; those of a process that died are not kept."""
-    from vcfbench.studies.workers import LOST  # noqa: PLC0415
-
     batch: list[RunRow] = []
     clock, written_s = WallClock(), 0.0
     try:

@@ -12,6 +12,10 @@ from msgspec import Meta, Struct, field, structs
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, require_numbers, shown
+from vcfbench.procedures.bench_file import checked_bench
+from vcfbench.procedures.catalogue import is_file
+from vcfbench.runs.request import Checked, Request, prepare
+from vcfbench.station.file import EMBEDDED, embedded_text
 from vcfbench.station.layering import Layer, merged
 from vcfbench.station.strict import converted, refusal
 from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, count, placed, varied
@@ -21,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.runs.request import Prepared, Request
+    from vcfbench.runs.request import Prepared
     from vcfbench.station.description import BenchDescription
 
 _MOST_CASES = 10_000
@@ -114,8 +118,6 @@ class Study(Struct, frozen=True, kw_only=True):
         return self._bench_of(table), asked[SETTINGS]
 
     def _bench_of(self, table: Mapping[str, Any]) -> BenchDescription:
-        from vcfbench.procedures.bench_file import checked_bench  # noqa: PLC0415
-
         marked = "\0"  # no file is called so: what follows it in an error is the key
         try:
             return checked_bench(table, marked)
@@ -135,8 +137,6 @@ class Study(Struct, frozen=True, kw_only=True):
 
     def request(self, case: Case, seed: int) -> Request:
         """Return one run of the study as :func:`vcfbench.runs.conduct.conduct` takes it; it keeps no record."""
-        from vcfbench.runs.request import Request  # noqa: PLC0415
-
         description, settings = self.described(case, seed)
         return Request(_loaded(self.procedure), description, seed, Layer(settings, self._naming), runs=None)
 
@@ -165,8 +165,6 @@ class Study(Struct, frozen=True, kw_only=True):
         Raises:
             BenchError: it cannot be; the words name file, key and case.
         """
-        from vcfbench.runs.request import Checked, prepare  # noqa: PLC0415
-
         try:
             prepared = prepare(self.request(case, seed), Checked())
             prepared.planned()
@@ -198,8 +196,6 @@ class Study(Struct, frozen=True, kw_only=True):
             yield case
 
     def _check_drawn(self, case: Case, seed: int) -> None:
-        from vcfbench.runs.request import Checked, prepare  # noqa: PLC0415
-
         try:
             prepare(self.request(case, seed), Checked())
         except BenchError as error:
@@ -274,8 +270,6 @@ def _require_few(said: _File, cases: int, source: str) -> None:
 
 def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
     """Return a bench's name for errors, and its file as a table; profiles are found from anywhere."""
-    from vcfbench.station.file import EMBEDDED, embedded_text  # noqa: PLC0415
-
     file = folder / bench
     if bench in EMBEDDED and not file.is_file():
         return f"embedded {bench} bench", parse_toml(embedded_text(bench), bench)
@@ -292,8 +286,6 @@ def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
 
 def _beside(procedure: str, folder: Path) -> str:
     """Return the procedure, the file of one's own as it is found from anywhere."""
-    from vcfbench.procedures.catalogue import is_file  # noqa: PLC0415
-
     return str((folder / procedure).resolve()) if is_file(procedure) else procedure
 
 
@@ -316,6 +308,4 @@ def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[str]:
 
 def _code_of(procedure: str) -> str:
     """Return the code of a procedure of one's own, whose change changes the study; empty of one that is installed."""
-    from vcfbench.procedures.catalogue import is_file  # noqa: PLC0415
-
     return read_text(procedure, "a procedure") if is_file(procedure) else ""

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct, field, structs
 
 from vcfbench.errors import Aborted, BenchError
+from vcfbench.runs.conduct import conduct
+from vcfbench.safety.signals import StopSignals
+from vcfbench.studies.metrics import metrics_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,10 +48,6 @@ def perform(work: PlannedRun) -> RunRow:
     Raises:
         Aborted: a signal came.
     """
-    from vcfbench.runs.conduct import conduct  # noqa: PLC0415
-    from vcfbench.safety.signals import StopSignals  # noqa: PLC0415
-    from vcfbench.studies.metrics import metrics_of  # noqa: PLC0415
-
     case, study = work.study.cases[0], work.study
     try:
         request = structs.replace(study.request(case, work.seed), runs=work.keep)

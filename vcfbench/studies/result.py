@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path as AnyPath
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from vcfbench.errors import ConfigError
+from vcfbench.extras import need
 from vcfbench.files import shown
 from vcfbench.reports.document import Report, Text
+from vcfbench.reports.html import html_of
+from vcfbench.studies.figures import picture
 from vcfbench.studies.journal import read_rows
 from vcfbench.studies.summary import CaseSummary, headlines, summaries, summary_table
 from vcfbench.studies.table import columns_of, write_table, written
@@ -59,8 +63,6 @@ class StudyResult:
         Raises:
             ConfigError: pandas is not installed.
         """
-        from vcfbench.extras import need  # noqa: PLC0415
-
         pandas = need("pandas", "export", "a table of a study")
         return pandas.DataFrame({column.name: list(column.values) for column in self.columns})
 
@@ -85,8 +87,6 @@ class StudyResult:
             ConfigError: what one of them needs is not installed.
             BenchError: the disk does not take them.
         """
-        from vcfbench.studies.figures import picture  # noqa: PLC0415  # loads Matplotlib
-
         summary, drawing = beside(path, ".summary.json"), beside(path, ".svg")
         write_table(path, self.columns)
         written(summary, msgspec.json.format(msgspec.json.encode(self.as_json())) + b"\n")
@@ -101,8 +101,6 @@ class StudyResult:
 
     def _repr_html_(self) -> str:
         """Show the summary in a notebook."""
-        from vcfbench.reports.html import html_of  # noqa: PLC0415
-
         return html_of(self.report())
 
 
@@ -128,8 +126,6 @@ def load_study(path: str | Path) -> StudyResult:
     Raises:
         ConfigError: there is no journal of a study.
     """
-    from pathlib import Path as AnyPath  # noqa: PLC0415  # an annotation elsewhere
-
     asked = AnyPath(path)
     journal = asked if asked.suffix == ".jsonl" else beside(asked, ".journal.jsonl")
     if not journal.is_file():

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult
+from vcfbench.sim.builder import true_output
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
@@ -34,9 +37,6 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
 
     The bench is that of `description`, which is simulated.
     """
-    from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult  # noqa: PLC0415
-    from vcfbench.sim.builder import true_output  # noqa: PLC0415  # loads the simulation
-
     if run.procedure == "turntable":
         rates = [point.rate_deg_s for point in run.points if point.step == 1]
         return turntable_truth(true_output(description, rails_v=_rails_v(run)), rates)

@@ -7,6 +7,7 @@ process of its own making, so that a run that kills its process is found, and no
 from __future__ import annotations
 
 import gc
+import logging
 import multiprocessing
 import os
 import signal
@@ -179,8 +180,6 @@ def on_cluster(works: Iterable[PlannedRun], address: str) -> Iterator[RunRow]:
 @contextmanager
 def _silent(logger: str) -> Iterator[None]:
     """Let `logger` say nothing: its messages are told as an error, once."""
-    import logging  # noqa: PLC0415  # few studies are done on a cluster
-
     said = logging.getLogger(logger)
     before = said.level
     said.setLevel(logging.CRITICAL + 1)

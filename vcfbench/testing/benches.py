@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import threading
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +27,7 @@ from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.builder import SimulatedBench, chosen_seed
 from vcfbench.sim.consistency import check_simulation
 from vcfbench.sim.fault_scripts import parse_script, read_script
+from vcfbench.sim.served import build_served
 from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription, Simulation, SimulationErrors
 
@@ -200,11 +202,7 @@ def serve_simulated(
 
     Without `speed` (times real time) bench time jumps to whatever a client waits for.
     """
-    import threading  # noqa: PLC0415  # only served benches need one
-
     from simrack.serve import MAX_SPEED, BenchServer, ServedClock, ServerSettings  # noqa: PLC0415
-
-    from vcfbench.sim.served import build_served  # noqa: PLC0415
 
     settings = ServerSettings(faults=FaultScript(()) if faults is None else _script(faults))
     description = bench if isinstance(bench, BenchDescription) else load_bench(bench)

@@ -121,19 +121,21 @@ class AtlDialect(Struct):
                 self.hold(line, deadline)
         if rate_deg_s != 0.0:
             self._steady.demand(rate_deg_s)
-            command = f"JOG{_decimal(rate_deg_s)}"
-            patience = Deadline.after(line.clock, min(_PATIENCE_S, deadline.remaining()))
-            with line.exclusive():
-                try:
-                    self._find_place(line, deadline)
-                    line.send(f"{command}\r".encode("ascii"), deadline)
-                    self._owed = True
-                    with suppress(DeadlineExceeded):
-                        self._acknowledged(line, command, patience)
-                        self._owed = False
-                except TransportError as error:
-                    raise line.locate(error, command, deadline)  # noqa: B904
-                line.dirty = False
+            self._jog(line, f"JOG{_decimal(rate_deg_s)}", deadline)
+
+    def _jog(self, line: TableLine, command: str, deadline: Deadline) -> None:
+        patience = Deadline.after(line.clock, min(_PATIENCE_S, deadline.remaining()))
+        with line.exclusive():
+            try:
+                self._find_place(line, deadline)
+                line.send(f"{command}\r".encode("ascii"), deadline)
+                self._owed = True
+                with suppress(DeadlineExceeded):
+                    self._acknowledged(line, command, patience)
+                    self._owed = False
+            except TransportError as error:
+                raise line.locate(error, command, deadline)  # noqa: B904
+            line.dirty = False
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Return the state last set: no question for it is known."""
