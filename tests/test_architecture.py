@@ -43,6 +43,7 @@ KNOW_THE_SIMULATION = (
     "pyvisa_simrack",
     "simrack",
 )
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 HEAVY = {"numpy", "scipy", "pyvisa", "pyvisa_py", "serial", "rich", "numba", "starlette", "uvicorn"}
 
 
@@ -52,20 +53,27 @@ def modules() -> dict[str, ast.Module]:
     return {module_name(path): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
 
 
+@cache
+def nodes(module: str) -> list[ast.AST]:
+    return list(ast.walk(modules()[module]))
+
+
 def module_name(path: Path) -> str:
     home = ROOT / "simrack" if path.is_relative_to(ROOT / "simrack") else ROOT
     return ".".join(path.relative_to(home).with_suffix("").parts).removesuffix(".__init__")
 
 
-def imports(tree: ast.Module) -> Iterator[str]:
+@cache
+def imports(module: str) -> list[str]:
     """Every module named in an import, wherever it stands."""
-    for node in ast.walk(tree):
+    found = []
+    for node in nodes(module):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, "relative imports hide who imports whom"
-            yield str(node.module)
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            found += [str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return found
 
 
 def floor_of(part: str) -> int:
@@ -73,8 +81,8 @@ def floor_of(part: str) -> int:
 
 
 def inner_imports() -> Iterator[tuple[str, str]]:
-    for name, tree in modules().items():
-        yield from ((name, target) for target in imports(tree) if target.startswith("vcfbench."))
+    for name in modules():
+        yield from ((name, target) for target in imports(name) if target.startswith("vcfbench."))
 
 
 def test_every_part_of_the_package_has_its_floor() -> None:
@@ -98,8 +106,8 @@ def test_imports_point_downwards() -> None:
 def test_only_the_bench_knows_that_there_is_a_simulation() -> None:
     wrong = [
         f"{name} -> {target}"
-        for name, tree in modules().items()
-        for target in imports(tree)
+        for name in modules()
+        for target in imports(name)
         if f"{target}.".startswith(("vcfbench.sim.", "simrack.")) and not name.startswith(KNOW_THE_SIMULATION)
         if not target.startswith(FROM_THE_RACK.get(name, "-"))
     ]
@@ -108,17 +116,17 @@ def test_only_the_bench_knows_that_there_is_a_simulation() -> None:
 
 def test_the_rack_knows_nobody() -> None:
     ours = ("vcfbench", "pyvisa_vcfbench")
-    rack = {name: tree for name, tree in modules().items() if name.split(".")[0] in ("simrack", "pyvisa_simrack")}
+    rack = [name for name in modules() if name.split(".")[0] in ("simrack", "pyvisa_simrack")]
     assert rack
-    seen = [(name, target) for name, tree in rack.items() for target in imports(tree)]
+    seen = [(name, target) for name in rack for target in imports(name)]
     assert [each for each in seen if each[1].startswith(ours)] == []
 
 
 def parts_and_what_they_import() -> dict[str, dict[str, set[str]]]:
     """By package: which of its parts import which others, for types alone and inside functions too."""
     found: dict[str, dict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
-    for name, tree in modules().items():
-        for target in imports(tree):
+    for name in modules():
+        for target in imports(name):
             ours, theirs = name.split("."), target.split(".")
             same = next((n for n, (a, b) in enumerate(zip(ours, theirs, strict=False)) if a != b), None)
             if same and ".".join(theirs[: same + 1]) in modules():
@@ -149,9 +157,9 @@ def test_nothing_heavy_is_imported_before_it_is_needed(module: str) -> None:
 
 def body_lengths() -> Iterator[tuple[str, int]]:
     """Lines of every function body, its docstring not counted; a body of one expression is a table of values."""
-    for name, tree in modules().items():
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+    for name in modules():
+        for node in nodes(name):
+            if isinstance(node, FUNCTIONS):
                 body = node.body[1:] if ast.get_docstring(node) is not None else node.body
                 table = len(body) == 1 and isinstance(body[0], ast.Return | ast.Expr)
                 lines = sum(int(each.end_lineno or 0) - each.lineno + 1 for each in body)
@@ -162,48 +170,49 @@ def test_no_function_is_longer_than_a_screen() -> None:
     assert {name: lines for name, lines in body_lengths() if lines > 60} == {}
 
 
-FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 CLAUSES = {"What", "Who", "Whose", "Whence", "Which", "Where", "Whether", "When", "How"}
 PASS_NAMES_ON = {"clock", "errors", "specifications", "steps"}
 """Modules from which others take names that are defined elsewhere."""
 
 
-def of_vcfbench() -> dict[str, ast.Module]:
-    return {name.removeprefix("vcfbench."): tree for name, tree in modules().items() if name.startswith("vcfbench.")}
+def of_vcfbench() -> list[str]:
+    return [name for name in modules() if name.startswith("vcfbench.")]
 
 
 def test_first_lines_of_docstrings_name_their_subject() -> None:
     """A clause in the place of a noun, "What is known of a gyroscope", is rare."""
     kinds = (*FUNCTIONS, ast.ClassDef, ast.Module)
-    nodes = [node for tree in of_vcfbench().values() for node in ast.walk(tree) if isinstance(node, kinds)]
-    words = [said.split()[0] for node in nodes if (said := ast.get_docstring(node))]
+    found = [node for name in of_vcfbench() for node in nodes(name) if isinstance(node, kinds)]
+    words = [said.split()[0] for node in found if (said := ast.get_docstring(node))]
     assert sum(word in CLAUSES for word in words) <= 0.01 * len(words)
 
 
 def test_few_private_functions_are_called_once() -> None:
     """A helper with one caller in its file sends the reader there and back."""
     once, count = 0, 0
-    for tree in of_vcfbench().values():
-        nodes = list(ast.walk(tree))
-        uses = Counter(node.id for node in nodes if isinstance(node, ast.Name))
-        uses.update(node.attr for node in nodes if isinstance(node, ast.Attribute))
-        names = [node.name for node in nodes if isinstance(node, FUNCTIONS)]
+    for module in of_vcfbench():
+        uses = Counter(node.id for node in nodes(module) if isinstance(node, ast.Name))
+        uses.update(node.attr for node in nodes(module) if isinstance(node, ast.Attribute))
+        names = [node.name for node in nodes(module) if isinstance(node, FUNCTIONS)]
         once += sum(uses[name] == 1 for name in names if name.startswith("_") and not name.startswith("__"))
         count += len(names)
     assert once <= 0.24 * count
 
 
 def test_lists_of_public_names_stand_where_names_are_passed_on() -> None:
-    lists = {name for name, tree in of_vcfbench().items() if "\n__all__ = " in f"\n{ast.unparse(tree)}"}
+    lists = {name.removeprefix("vcfbench.") for name in of_vcfbench() if "__all__" in set(names(name))}
     assert lists <= PASS_NAMES_ON
 
 
 def test_imports_within_functions_are_few() -> None:
     """At most eight in a thousand lines: they keep the start quick where a library or a module is large."""
-    trees = of_vcfbench().values()
-    functions = [node for tree in trees for node in ast.walk(tree) if isinstance(node, FUNCTIONS)]
-    within = [each for node in functions for each in ast.walk(node) if isinstance(each, ast.Import | ast.ImportFrom)]
-    assert 1000.0 * len(set(within)) <= 8.0 * sum(int(tree.body[-1].end_lineno or 0) for tree in trees)
+    lines, within = 0, 0
+    for name in of_vcfbench():
+        spans = [(node.lineno, int(node.end_lineno or 0)) for node in nodes(name) if isinstance(node, FUNCTIONS)]
+        found = [node.lineno for node in nodes(name) if isinstance(node, ast.Import | ast.ImportFrom)]
+        within += sum(any(first < line <= last for first, last in spans) for line in found)
+        lines += int(modules()[name].body[-1].end_lineno or 0)
+    assert 1000.0 * within <= 8.0 * lines
 
 
 def test_every_module_explains_itself() -> None:
@@ -211,8 +220,8 @@ def test_every_module_explains_itself() -> None:
 
 
 def class_names(part: str) -> set[str]:
-    found = {name: tree for name, tree in modules().items() if f"{name}.".startswith(f"{part}.")}
-    kinds = {each.name for tree in found.values() for each in ast.walk(tree) if isinstance(each, ast.ClassDef)}
+    found = [node for name in modules() if f"{name}.".startswith(f"{part}.") for node in nodes(name)]
+    kinds = {node.name for node in found if isinstance(node, ast.ClassDef)}
     return {kind for kind in kinds if not kind.startswith("_")}
 
 
@@ -221,10 +230,10 @@ def test_no_class_has_the_name_of_one_on_the_other_side_of_the_wire() -> None:
     assert (class_names("vcfbench.drivers") | class_names("vcfbench.interfaces")) & class_names("simrack") == set()
 
 
-def names(tree: ast.Module) -> Iterator[str]:
+def names(module: str) -> Iterator[str]:
     """Yield what a module names by itself: functions, classes, parameters, variables, fields."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+    for node in nodes(module):
+        if isinstance(node, (*FUNCTIONS, ast.ClassDef)):
             yield node.name
         elif isinstance(node, ast.arg):
             yield node.arg
@@ -237,7 +246,7 @@ def names(tree: ast.Module) -> Iterator[str]:
 def test_names_are_words_of_the_field() -> None:
     """What was told is stated, commanded, reported or recorded: a name says which."""
     private = {"told", "misfit", "misfits", "mishap", "mishaps"}
-    found = {f"{module}: {name}" for module, tree in modules().items() for name in names(tree)}
+    found = {f"{module}: {name}" for module in modules() for name in names(module)}
     assert {each for each in found if private & set(each.partition(": ")[2].lower().split("_"))} == set()
 
 
