@@ -12,7 +12,7 @@ import sys
 from functools import cache
 from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vcfbench.faces import homes
 
@@ -88,7 +88,7 @@ def described(name: str, module: str) -> Iterator[str]:
         yield from a_function(node, text)
     else:
         yield f"### {name}\n"
-        yield fenced(str(ast.get_source_segment(text, node)))
+        yield fenced(source(text, node))
         if said:
             yield markdown(said)
 
@@ -125,7 +125,7 @@ def defined(node: ast.stmt) -> list[str]:
 
 def a_class(node: ast.ClassDef, text: str) -> Iterator[str]:
     """Yield a class: how it is made, its docstring, its fields, properties and methods."""
-    names = (ast.get_source_segment(text, base) or "" for base in node.bases)
+    names = (source(text, base) for base in node.bases)
     bases = ", ".join(name for name in names if name and name != "Struct")  # how its fields are kept is nothing to know
     methods = [each for each in node.body if isinstance(each, Function)]
     constructor = next((each for each in methods if each.name == "__init__"), None)
@@ -150,11 +150,11 @@ def fields_of(node: ast.ClassDef, text: str) -> Iterator[str]:
             continue
         if isinstance(each, ast.AnnAssign):
             annotation, description = described_type(each.annotation)
-            kind = f"{names[0]}: {ast.get_source_segment(text, annotation)}"
-            default = "" if each.value is None else f" = {ast.get_source_segment(text, each.value)}"
+            kind = f"{names[0]}: {source(text, annotation)}"
+            default = "" if each.value is None else f" = {source(text, each.value)}"
         else:
             description = ""
-            kind, default = names[0], f" = {ast.get_source_segment(text, each.value)}"
+            kind, default = names[0], f" = {source(text, each.value)}"
         words = " ".join(markdown(said or description).split())
         yield f"- `{' '.join(f'{kind}{default}'.split())}`{words and f': {words}'}"
 
@@ -171,7 +171,7 @@ def described_type(annotation: ast.expr) -> tuple[ast.expr, str]:
 
 def a_method(node: Function, owner: str, text: str) -> Iterator[str]:
     """Yield a method or property."""
-    decorators = {ast.get_source_segment(text, each) for each in node.decorator_list}
+    decorators = {source(text, each) for each in node.decorator_list}
     said = markdown(ast.get_docstring(node) or "")
     if "property" in decorators:
         yield f"`{owner}.{node.name}{returned(node, text, ': ')}`\n"
@@ -188,7 +188,7 @@ def a_function(node: Function, text: str) -> Iterator[str]:
 
 def returned(node: Function, text: str, before: str = " -> ") -> str:
     """Return the type that comes back, as it is written."""
-    return "" if node.returns is None else f"{before}{ast.get_source_segment(text, node.returns)}"
+    return "" if node.returns is None else f"{before}{source(text, node.returns)}"
 
 
 def arguments(node: Function, text: str) -> str:
@@ -211,13 +211,28 @@ def arguments(node: Function, text: str) -> str:
     return line if len(line) <= WIDEST else "(\n    " + ",\n    ".join(shown) + ",\n)"
 
 
+def source(text: str, node: ast.AST) -> str:
+    """Return the source of a node. `ast.get_source_segment` splits all of the text each time: that is most of it."""
+    place: Any = node
+    lines = encoded_lines(text)[place.lineno - 1 : place.end_lineno]
+    lines[-1] = lines[-1][: place.end_col_offset]
+    lines[0] = lines[0][place.col_offset :]
+    return b"".join(lines).decode()
+
+
+@cache
+def encoded_lines(text: str) -> list[bytes]:
+    """Return the lines of a source, which columns count in bytes."""
+    return text.encode().splitlines(keepends=True)
+
+
 def argument(node: ast.arg, default: ast.expr | None, text: str) -> str:
     """Return one argument with its type and default."""
-    kind = "" if node.annotation is None else f": {ast.get_source_segment(text, node.annotation)}"
+    kind = "" if node.annotation is None else f": {source(text, node.annotation)}"
     if default is None:
         return f"{node.arg}{kind}"
     equals = " = " if kind else "="
-    return f"{node.arg}{kind}{equals}{ast.get_source_segment(text, default)}"
+    return f"{node.arg}{kind}{equals}{source(text, default)}"
 
 
 def fenced(code: str) -> str:
