@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
+from simrack_tests.ports import PLENTY_S
 from typer.testing import CliRunner
 
 from tests.bench.test_holding import SCRIPT, what_is_on
@@ -129,11 +130,13 @@ def test_the_process_that_has_the_bench_is_ended_on_request(
     lab: ServedLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, hangs: bool
 ) -> None:
     path = bench_file(lab, tmp_path)
-    monkeypatch.setattr("vcfbench.bench.make_safe._STOPPING_S", 0.3 if hangs else 10.0)
+    monkeypatch.setattr("vcfbench.bench.make_safe._STOPPING_S", 0.3 if hangs else PLENTY_S)
     end = UNWATCHED + "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n" if hangs else ""
-    with left_live(path, end + "sys.stdin.read()") as process:
+    with left_live(path, end + "print('ready', flush=True)\nsys.stdin.read()") as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"  # a signal before would end also one that is to hang
         code, out, err = call(path, "--end-owner", "--json")
-        assert process.wait(10.0) == (-9 if hangs else 4)
+        assert process.wait(PLENTY_S) == (-9 if hangs else 4)
     assert code == 0, err
     assert f"vcfbench: process {process.pid} of " in err
     assert err.endswith(" was ended\n")
