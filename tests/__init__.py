@@ -9,8 +9,8 @@ from hypothesis import settings
 # It is read when numpy loads.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-settings.register_profile("any machine", deadline=None, max_examples=25)
-settings.register_profile("ci", deadline=None, max_examples=100)
+settings.register_profile("any machine", deadline=None, max_examples=10)
+settings.register_profile("ci", deadline=None, max_examples=50)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "any machine"))
 
 # A shell without job control has its background jobs ignore SIGINT, nohup SIGHUP, and children inherit that.

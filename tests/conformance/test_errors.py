@@ -228,7 +228,7 @@ STRANGER = {model: walk.bench(model) for model in walk.MODELS}
 
 
 @pytest.mark.parametrize("model", walk.MODELS)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(noise=NOISE)
 def test_whatever_one_command_is_it_is_at_most_one_error_and_the_instrument_goes_on(model: str, noise: bytes) -> None:
     """Bytes of every value, NUL and those above 127 among them."""
@@ -246,7 +246,7 @@ def test_whatever_one_command_is_it_is_at_most_one_error_and_the_instrument_goes
 
 
 @pytest.mark.parametrize("model", walk.MODELS)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(units=st.lists(st.one_of(NOISE, st.sampled_from([b"", b"\n", b"*OPC?", b":SYST:ERR?"])), max_size=6))
 def test_whatever_a_stream_of_messages_is_the_instrument_goes_on(model: str, units: list[bytes]) -> None:
     bench = STRANGER[model]

@@ -82,7 +82,7 @@ MOODS = st.tuples(
 )
 
 
-@settings(max_examples=400)
+@settings(max_examples=120)
 @given(st.lists(MOODS, max_size=12), st.lists(st.sampled_from(["Q", "*IDN?", "*OPC?"]), min_size=1, max_size=12))
 def test_an_answer_is_the_answer_to_the_question_or_there_is_none(
     moods: list[tuple[float, str]], asked: list[str]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.binary())
 def test_any_bytes_come_back_from_their_text(data: bytes) -> None:
     text = escaped(data)

@@ -98,7 +98,7 @@ def text() -> bytes:
     return b"".join(json.dumps(line).encode() + b"\n" for line in whole())
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(place=st.integers(0, 2000), data=st.binary(min_size=1, max_size=4), insert=st.booleans())
 def test_bytes_changed_anywhere_are_a_record_or_one_sentence(
     text: bytes, tmp_path_factory: pytest.TempPathFactory, place: int, data: bytes, *, insert: bool

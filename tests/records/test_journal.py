@@ -52,7 +52,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return write(tmp_path_factory.mktemp("journal") / "j")
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(cut=st.floats(0.0, 1.0, exclude_max=True))
 def test_a_journal_cut_at_any_byte_keeps_its_whole_lines_and_is_never_complete(
     whole: bytes, tmp_path_factory: pytest.TempPathFactory, cut: float
@@ -66,7 +66,7 @@ def test_a_journal_cut_at_any_byte_keeps_its_whole_lines_and_is_never_complete(
     assert record.points == (POINT,) * whole_steps
 
 
-@settings(max_examples=50)
+@settings(max_examples=25)
 @given(data=st.binary(max_size=200))
 def test_noise_is_an_empty_record_that_is_never_complete(data: bytes, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.getbasetemp() / "noise.jsonl"

@@ -121,7 +121,7 @@ def test_the_response_at_0_54_times_the_split_is_a_rise_of_3_db() -> None:
     assert 20 * math.log10(response_gain(locked_chain(SINGLE), 0.5412 * 24.8)) == pytest.approx(3.0, abs=0.1)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.floats(-3.5, 3.5), st.floats(-50, 50), st.floats(0.01, 2.0), st.floats(0.05, 0.95))
 def test_two_intervals_are_one_interval(rate: float, slope: float, duration: float, part: float) -> None:
     chain = locked_chain(PAPER)
@@ -183,7 +183,7 @@ def test_filter_takes_the_whole_product_of_v_s_and_reference_through_a_ramp() ->
 @given(
     later_s=st.floats(1e-6, 0.3), rate=st.floats(-3.0, 3.0), slope=st.floats(-1.0, 1.0), sine_hz=st.floats(0.1, 500.0)
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_a_response_looked_at_later_is_the_same_signal(
     later_s: float, rate: float, slope: float, sine_hz: float
 ) -> None:

@@ -63,14 +63,14 @@ def test_an_error_after_a_measurement_costs_no_answer(query: str, mistake: str) 
 
 
 @pytest.mark.parametrize("role", UNITS)
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_any_queries_are_answered_in_order_in_one_message(role: str, data: st.DataObject) -> None:
     _hold(role, data.draw(messages(role)))
 
 
 @pytest.mark.parametrize("role", UNITS)
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(data=st.data())
 def test_an_error_anywhere_ends_the_message_and_takes_no_answer_back(role: str, data: st.DataObject) -> None:
     _hold(role, data.draw(wrong_messages(role)))

@@ -126,7 +126,7 @@ def test_a_corner_is_left_behind_once_it_is_reached() -> None:
     assert levels == [(5.0, 1.0), (10.0, -1.0), (15.0, 1.0), (20.0, -1.0), (25.0, 1.0), (30.0, -1.0)]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.floats(1e-6, 31.0), st.floats(0.01, 0.99), st.floats(0.0, 1e6))
 def test_pieces_of_slow_pulses_always_go_on(hertz: float, duty: float, start: float) -> None:
     playing, reached = Playing(0.0, 1.0, PulseCycle(duty), Steady(hertz, 0.123)), start
