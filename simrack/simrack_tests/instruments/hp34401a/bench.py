@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
+import numpy as np
 from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
 
 from simrack_tests.instruments.conversation import Conversation
@@ -22,6 +24,12 @@ class MeterBench(NamedTuple):
         start = self.world.clock.now()
         assert self.talk.ask(query) is not None
         return self.world.clock.now() - start
+
+
+@cache
+def specimens() -> list[MeterErrors]:
+    """A thousand meters."""
+    return [MeterErrors.drawn(np.random.default_rng(seed)) for seed in range(1000)]
 
 
 def bench(

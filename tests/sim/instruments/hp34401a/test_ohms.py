@@ -11,7 +11,7 @@ from simrack.instruments.hp34401a.imperfections import CurrentErrors, OhmsErrors
 from simrack.leads import Leads
 from simrack.sources import Drive
 from simrack_tests.instruments.conversation import Conversation
-from simrack_tests.instruments.hp34401a.bench import MeterBench, bench
+from simrack_tests.instruments.hp34401a.bench import MeterBench, bench, specimens
 
 from vcfbench.clock import VirtualClock
 from vcfbench.sim.gyro.design import ideal_bench
@@ -115,16 +115,12 @@ def test_errors_are_shares_of_the_published_accuracy_of_the_range(range_ohm: flo
 def test_a_thousand_specimens_are_within_the_published_accuracy_and_differ(range_ohm: float) -> None:
     """Noise at 100 cycles is far below: 0.3 of 3e-7 of the range."""
     of_reading, of_range = ONE_YEAR[range_ohm]
-    errors = np.array(
-        [
-            (drawn.reading_share * of_reading + drawn.range_share * of_range) * range_ohm
-            for drawn in (MeterErrors.drawn(np.random.default_rng(seed)).ohms for seed in range(1000))
-        ]
-    )
+    ohms = [each.ohms for each in specimens()]
+    errors = range_ohm * np.array([each.reading_share * of_reading + each.range_share * of_range for each in ohms])
     limit = (of_reading + of_range) * range_ohm
     assert float(np.abs(errors).max()) <= limit
     assert float(errors.std()) > 0.15 * limit
-    leads = [MeterErrors.drawn(np.random.default_rng(seed)).ohms.lead_ohm for seed in range(1000)]
+    leads = [each.lead_ohm for each in ohms]
     assert 0.0 <= min(leads) < 0.01
     assert 0.19 < max(leads) <= 0.2
 
@@ -203,7 +199,7 @@ def test_a_current_waits_for_the_trigger_delay() -> None:
 def test_an_open_current_input_reads_its_offset(query: str, limit_a: float) -> None:
     made = bench(MeterErrors(current=CurrentErrors(dc_range_share=-0.4)))
     assert made.value(query) == pytest.approx(-0.4 * limit_a)
-    drawn = [MeterErrors.drawn(np.random.default_rng(seed)).current.dc_range_share for seed in range(1000)]
+    drawn = [each.current.dc_range_share for each in specimens()]
     assert max(map(abs, drawn)) <= 1.0
     assert float(np.std(drawn)) == pytest.approx(0.25, rel=0.1)
 
