@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
+from simrack_tests.cells import few
 
 from tests.conformance import walk
 from tests.conformance.walk import Bench, matches
 
 
-def _exchanges() -> list[Any]:
-    return [
-        pytest.param(
-            *(model, entry),
-            id=f"{model}: {entry['name']} [{entry['grade']}]",
-            marks=[pytest.mark.exhaustive] if entry.get("long") else [],
-        )
-        for model in (*walk.MODELS, *walk.SUCCESSORS)
-        for entry in walk.load(model)["exchange"]
-    ]
-
-
-@pytest.mark.parametrize(("model", "exchange"), _exchanges())
-def test_exchange(model: str, exchange: dict[str, Any]) -> None:
-    bench = walk.bench(model, exchange.get("interface", "gpib"))
-    for number, step in enumerate(exchange["talk"]):
-        act(bench, step, f"step {number}, {step!r}")
+@pytest.mark.parametrize("length", few(["short", "long"], "short"))
+@pytest.mark.parametrize("model", [*walk.MODELS, *walk.SUCCESSORS])
+def test_exchanges(model: str, length: str) -> None:
+    for exchange in walk.load(model)["exchange"]:
+        if exchange.get("long", False) is (length == "long"):
+            bench = walk.bench(model, exchange.get("interface", "gpib"))
+            for number, step in enumerate(exchange["talk"]):
+                act(bench, step, f"{exchange['name']} [{exchange['grade']}], step {number}, {step!r}")
 
 
 def act(bench: Bench, step: str, place: str) -> None:
