@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack_tests.cells import few
 
 import vcfbench
 from tests import warm
@@ -50,7 +51,7 @@ def bytes_of(directory: Path) -> list[bytes]:
 # --- the same as the command's ---
 
 
-@pytest.mark.parametrize("procedure", ["turntable", "virtual-coriolis"])
+@pytest.mark.parametrize("procedure", few(["turntable", "virtual-coriolis"], "virtual-coriolis"))
 def test_points_and_results_are_those_of_the_command(procedure: str, tmp_path: Path) -> None:
     run = vcfbench.run(procedure, seed=3, runs=tmp_path / "python")
     done = warm.run(["vcfbench", "run", procedure, "--seed", "3", "--quiet", "--json"], tmp_path)

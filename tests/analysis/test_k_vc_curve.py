@@ -101,6 +101,7 @@ def test_stated_uncertainties_are_what_repetition_shows() -> None:
     assert np.std(chi_squares) == pytest.approx(math.sqrt(12.0), rel=0.12)
 
 
+@pytest.mark.exhaustive
 def test_what_a_meter_has_in_common_goes_into_k_vc_as_a_whole() -> None:
     """30 ppm of gain: 1000 meters; the z of k1 and of a rate at another V_Vc, and no sign of it in the lack of fit."""
     rng, scores, tails = np.random.default_rng(4), [], []

@@ -46,6 +46,7 @@ def test_the_spacing_that_a_meter_really_has_is_found() -> None:
     assert demodulated(readings, APERTURE_S, FREQUENCY_HZ, 5).phasors[0].real == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.exhaustive
 def test_the_noise_about_the_sine_is_the_scatter_of_its_amplitude() -> None:
     random = np.random.default_rng(4)
     sine = averaged(1.0, 1, 0.4)

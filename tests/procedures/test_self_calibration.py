@@ -225,6 +225,7 @@ def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator_s_ranges(t
     )
 
 
+@pytest.mark.exhaustive
 def test_a_served_bench_tells_its_instruments_apart_by_its_seed(tmp_path: Path) -> None:
     """A server does not say which of its instruments are drawn: all of another seed are others."""
     cancelled = []

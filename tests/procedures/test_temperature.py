@@ -235,6 +235,7 @@ def test_three_means_that_move_less_than_is_allowed_stand_still() -> None:
     assert not stands_still(means(2.5, 2.5), settings)
 
 
+@pytest.mark.exhaustive
 def test_coefficients_scatter_as_their_uncertainties_say() -> None:
     settings = TemperatureSettings(reference_c=20.0, u_temperature_k=0.0)
     at, claimed = np.array([0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0]), 0

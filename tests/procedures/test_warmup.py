@@ -143,6 +143,7 @@ def synthetic(rng: np.random.Generator, tau_s: float, amplitude: float, noise: f
     )
 
 
+@pytest.mark.exhaustive
 def test_u95_of_a_weak_exponential_holds_its_time_constant() -> None:
     """By the slope of a fit at what was found 3 of 100 of these stood out."""
     rng, true_s = np.random.default_rng(3), (230.0, 230.0 * math.log(100.0 / 3600.0 / 1e-6))

@@ -331,8 +331,7 @@ def test_without_anything_told_the_papers_scale_factor_is_named_as_such(tmp_path
     assert "set noise_bandwidth_hz, or measure it with mode=gapless" in text
 
 
-@pytest.mark.parametrize("procedure", ["zero", "warmup"])
-@pytest.mark.parametrize("table", [True, False], ids=["table", "no table"])
+@pytest.mark.parametrize(("procedure", "table"), [("zero", True), ("warmup", False)])
 def test_a_demodulator_that_is_dead_ends_a_record_at_rest(procedure: str, *, table: bool) -> None:
     """Its output stands still anyway: it is asked by a rate, or by V_Vc, whether it answers."""
     bench = vcfbench.load_bench("paper")

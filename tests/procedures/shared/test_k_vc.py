@@ -96,7 +96,7 @@ def test_without_noise_and_errors_the_parameters_come_out(tmp_path: Path) -> Non
     assert found.curvature.third_per_v2 == pytest.approx(0.0145, rel=0.01)
 
 
-@pytest.mark.parametrize("by", ["v_vc_meter", "hand"])
+@pytest.mark.parametrize("by", few(["v_vc_meter", "hand"], "v_vc_meter"))
 def test_what_is_measured_with_drawn_instruments_is_within_its_uncertainty(by: str, tmp_path: Path) -> None:
     errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
     bench = structs.replace(LAB, simulation=structs.replace(LAB.simulation, errors=errors))

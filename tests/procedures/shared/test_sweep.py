@@ -95,6 +95,7 @@ def test_a_hysteresis_without_a_known_flicker_can_be_written(zeros: Zeros) -> No
     assert plain(loop)
 
 
+@pytest.mark.exhaustive
 def test_without_hysteresis_noise_is_said_to_be_noise_in_95_of_100_runs() -> None:
     settings = make_settings(order=Order.LOOP, station=WHITE, samples=READINGS)
     points, rng = blank(settings), np.random.default_rng(8)
