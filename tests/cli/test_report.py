@@ -43,9 +43,36 @@ def test_what_is_not_there_is_said(folder: Path) -> None:
 def test_figures_are_drawn_alone_or_all(folder: Path) -> None:
     drawn = warm.run(["vcfbench", "plot", "-o", "fig.png"], folder)
     assert drawn.stdout.split() == ["fig-1.png", "fig-2.png"], drawn.stderr
-    drawn = warm.run(["vcfbench", "plot", "last", "--figure", "2", "-o", "residuals.svg"], folder)
+    drawn = warm.run(["vcfbench", "plot", "last", "--figure", "1", "-o", "residuals.svg"], folder)
     assert drawn.stdout.split() == ["residuals.svg"]
-    assert "residual of full scale / ppm" in (folder / "residuals.svg").read_text(encoding="utf-8")
+    assert "residual of the span / ppm" in (folder / "residuals.svg").read_text(encoding="utf-8")
     refused = warm.run(["vcfbench", "plot", "--figure", "3"], folder)
     assert (refused.returncode, refused.stdout) == (2, "")
     assert "expected a figure from 1 to 2, came 3" in refused.stderr
+
+
+def test_all_runs_of_a_tag_are_reported_by_one_template(folder: Path) -> None:
+    vcfbench.run("turntable", seed=4, settings=QUICK, runs=folder / "runs", metadata={"tags": {"batch": "7"}})
+    (folder / "out").mkdir()
+    (folder / "lab.toml").write_text('title = "Our certificate"\nlaboratory = "L & Co"\nlogo = "l.svg"\n', "utf-8")
+    (folder / "l.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>', "utf-8")
+    words = ["--template", "lab.toml", "--set", "customer=ACME", "--set", "issued=2026-11-23"]
+    done = warm.run(["vcfbench", "report", "--all", "--tag", "batch=7", *words, "-o", "out"], folder)
+    (page,) = (folder / "out").iterdir()
+    assert (done.returncode, done.stdout) == (0, f"out/{page.name}\n"), done.stderr
+    text = page.read_text("utf-8")
+    for said in ("<h1>Our certificate</h1>", "L &amp; Co", "ACME", "2026-11-23", 'src="data:image/svg+xml;base64,'):
+        assert said in text
+
+
+def test_words_that_no_certificate_has_are_refused(folder: Path) -> None:
+    for words, said in (
+        (["--set", "custommer=x"], "came 'custommer'"),
+        (["--set", "issued=tomorrow"], "issued: expected a day such as 2026-11-23, came 'tomorrow'"),
+        (["--set", "logo=a.exe"], "expected a name that ends in .png, .jpg, .svg"),
+        (["--tag", "batch=7"], "--tag: it chooses runs for --all"),
+        (["--all", "-o", "nowhere"], "expected a directory in -o"),
+        (["--all", "--tag", "batch=none"], "there is no such run"),
+    ):
+        refused = warm.run(["vcfbench", "report", *words], folder)
+        assert (refused.returncode, said in " ".join(refused.stderr.split())) == (2, True), refused.stderr

@@ -83,10 +83,10 @@ def test_turntable_has_the_output_against_the_rate_and_what_its_line_leaves_over
     assert measured.u_y[0] == pytest.approx(10e-6 / 12**0.5)
     assert line.x == (-200.0, 200.0)
     assert line.y == pytest.approx((2.458, -2.542))
-    assert residuals.y.title == "residual of full scale / ppm"
+    assert residuals.y.title == "residual of the span / ppm"
 
 
-def test_residuals_are_in_ppm_of_full_scale() -> None:
+def test_the_largest_residual_is_the_non_linearity() -> None:
     settings = make_settings()
     procedure = PROCEDURES["turntable"]
     points = list(Executor(FakeBench(), MemoryJournal()).execute(procedure.plan(settings)).points)
@@ -94,7 +94,7 @@ def test_residuals_are_in_ppm_of_full_scale() -> None:
     measured = Measured(points)
     results = procedure.results(settings, measured)
     drawn = [part for part in procedure.report(settings, measured, results).parts if isinstance(part, Figure)]
-    assert max(map(abs, drawn[1].series[0].y)) == pytest.approx(results.nonlinearity_ppm.max_fs)
+    assert max(map(abs, drawn[1].series[0].y)) == pytest.approx(results.nonlinearity_ppm.max_span)
 
 
 def test_virtual_coriolis_has_both_columns_and_their_difference() -> None:

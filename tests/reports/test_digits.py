@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.reports.digits import digits_of_u, digits_of_value, stated_cells
+from vcfbench.reports.digits import digits_of_u, digits_of_value, grouped, shorthand, stated_cells
 
 if TYPE_CHECKING:
     from vcfbench.reports.document import Cell
@@ -51,3 +51,22 @@ def test_nothing_printed_is_further_off_than_half_of_the_last_place_of_u(u: floa
     assert abs(float(said) - value) <= 0.051 * u + 1e-12 * abs(value)
     assert sum(each.isdigit() for each in said_u.split("e", maxsplit=1)[0].lstrip("0.")) == 2
     assert math.isfinite(float(said))
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "said"),
+    [
+        (-12.541604, 2.96e-4, "-12.541 60(30)"),
+        (817.3, 6.4, "817.3(6.4)"),
+        (99.97, 0.0996, "99.97(10)"),
+        (1234567.0, 560.0, "1 234 567(560)"),
+        (3.2e-9, 1.1e-11, "3.200(11)e-09"),
+        (12.0, None, "12"),
+    ],
+)
+def test_a_value_has_its_uncertainty_in_parentheses(value: float, u: float | None, said: str) -> None:
+    assert shorthand(value, u) == said
+
+
+def test_digits_of_an_uncertainty_stand_in_threes() -> None:
+    assert (grouped(0.000588), grouped(13.2), grouped(11234.0)) == ("0.000 59", "13", "11 234")

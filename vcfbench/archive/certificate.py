@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, fields
+from datetime import date
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import ConfigError
@@ -19,7 +20,8 @@ class CertificateWords:
     """Laboratory, customer, device and responsible person of a calibration; entries with a default may be left out.
 
     `country` is that of the laboratory, two capital letters (ISO 3166-1); `identifier` the certificate's own number;
-    `responsible` the person who answers for it; `item` what the device is, `serial` its serial number.
+    `responsible` the person who answers for it; `item` what the device is, `serial` its serial number; `issued` is the
+    day of issue, 2026-11-23.
     """
 
     laboratory: str
@@ -36,6 +38,7 @@ class CertificateWords:
     laboratory_email: str = ""
     laboratory_code: str = ""
     customer_email: str = ""
+    issued: str = ""
 
 
 _KNOWN: Final = tuple(field.name for field in fields(CertificateWords))
@@ -57,13 +60,7 @@ def certificate_words(run: Run, given: Mapping[str, str] | None = None) -> Certi
     Raises:
         ConfigError: something is missing, all of it in one; a key is unknown; a country is no two capital letters.
     """
-    given = given or {}
-    unknown = [key for key in given if key not in _KNOWN]
-    if unknown:
-        raise ConfigError(f"certificate: expected keys of {', '.join(_KNOWN)}, came {', '.join(map(repr, unknown))}")
-    tags = {key: value for key, value in run.metadata.tags.items() if key in _KNOWN}
-    stated = {**_of_record(run), **tags, **given}
-    found = {key: " ".join(value.split()) for key, value in stated.items() if value and value.strip()}
+    found = stated_words(run, given)
     missing = [key for key in _NEEDED if key not in found]
     if missing:
         words = "; ".join(f"{key} ({_NEEDED[key]})" if _NEEDED[key] else key for key in missing)
@@ -74,6 +71,26 @@ def certificate_words(run: Run, given: Mapping[str, str] | None = None) -> Certi
     if not re.fullmatch("[A-Z]{2}", found["country"]):
         raise ConfigError(f"country: expected two capital letters (ISO 3166-1), came {found['country']!r}")
     return CertificateWords(**found)
+
+
+def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Return as many entries of a certificate of `run` as are known, by the fields of `CertificateWords`.
+
+    Raises:
+        ConfigError: a key is unknown, or `issued` is no day.
+    """
+    given = given or {}
+    unknown = [key for key in given if key not in _KNOWN]
+    if unknown:
+        raise ConfigError(f"certificate: expected keys of {', '.join(_KNOWN)}, came {', '.join(map(repr, unknown))}")
+    tags = {key: value for key, value in run.metadata.tags.items() if key in _KNOWN}
+    stated = {**_of_record(run), **tags, **given}
+    found = {key: " ".join(value.split()) for key, value in stated.items() if value and value.strip()}
+    try:
+        date.fromisoformat(found.get("issued", "2000-01-01"))
+    except ValueError:
+        raise ConfigError(f"issued: expected a day such as 2026-11-23, came {found['issued']!r}") from None
+    return found
 
 
 def _of_record(run: Run) -> dict[str, str | None]:

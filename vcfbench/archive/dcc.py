@@ -6,10 +6,10 @@ and is no certificate of an accredited laboratory unless a laboratory makes it o
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Final
 from xml.etree import ElementTree as ET
 
+from vcfbench.archive.front_page import days_of
 from vcfbench.archive.quantities import values_of
 from vcfbench.archive.reported import method_of
 from vcfbench.archive.si_units import in_si
@@ -112,7 +112,7 @@ def _software(run: Run) -> Sequence[tuple[str, str]]:
 
 
 def _core(parent: ET.Element, run: Run, words: CertificateWords) -> None:
-    began, ended = _days(run)
+    began, ended = days_of(run) or ("", "")
     _under(parent, "countryCodeISO3166_1", words.country)
     _under(parent, "usedLangCodeISO639_1", "en")
     _under(parent, "mandatoryLangCodeISO639_1", "en")
@@ -122,13 +122,6 @@ def _core(parent: ET.Element, run: Run, words: CertificateWords) -> None:
     _under(parent, "beginPerformanceDate", began)
     _under(parent, "endPerformanceDate", ended)
     _under(parent, "performanceLocation", "laboratory")
-
-
-def _days(run: Run) -> tuple[str, str]:
-    """Return the days on which the run began and ended; simulated bench time passed on no calendar."""
-    began = datetime.fromisoformat(str(run.header.get("utc")))
-    took_s = 0.0 if run.simulated else run.bench_seconds or 0.0
-    return f"{began:%Y-%m-%d}", f"{began + timedelta(seconds=took_s):%Y-%m-%d}"
 
 
 def _identification(parent: ET.Element, issuer: str, value: str, name: str) -> None:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from vcfbench.archive.front_page import BLANK, checked, front_page
 from vcfbench.archive.stored import STORED_SETTINGS
 from vcfbench.errors import ConfigError
-from vcfbench.records.amendments import check_of
 from vcfbench.records.plain import plain
-from vcfbench.records.schema import Status
-from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Heading, Report, Series, Table, Text
 from vcfbench.reports.generic import results_table
+from vcfbench.reports.names import in_words
 from vcfbench.reports.thinning import DRAWN, thinned
 from vcfbench.version import installed_version
 
@@ -34,28 +34,37 @@ if TYPE_CHECKING:
     from vcfbench.reports.document import Part
     from vcfbench.steps.measured import WindowReadings
 
+_RESIDUALS: Final = "Residuals of"
+"""Beginning of the title of a figure that stands on the first page."""
 _LONG: Final = 50
 """A window of so many readings is drawn reading by reading."""
 
 
-def full_report(run: Run) -> Report:
-    """Return the whole report of `run`; headings of level 2 begin its sections.
+def full_report(run: Run, words: Mapping[str, str] | None = None, title: str = "") -> Report:
+    """Return the whole report of `run`: its first page, and sections that headings of level 2 begin.
+
+    Args:
+        run: any run.
+        words: what no measurement tells, by the fields of `CertificateWords`; blank lines stand for the rest.
+        title: that of the first page; none for the usual one.
 
     Raises:
-        ConfigError: the record cannot be read any more.
+        ConfigError: the record cannot be read any more, or a word is none of a certificate.
     """
     header = run.header
+    found = [part for part in run.report().parts if not (isinstance(part, Table) and part.title == STORED_SETTINGS)]
+    figures = [part for part in found if isinstance(part, Figure)]
+    first = next((each for each in figures if each.title.startswith(_RESIDUALS)), figures[0] if figures else None)
     return Report(
         [
-            Heading(title_of(run)),
-            *_notices(run),
-            *_identification(run, header),
+            *front_page(run, title or title_of(run), words, first),
+            *_method(run),
             *_conditions(run, header),
             *_equipment(run),
-            *_method(run),
-            *_results(run),
+            *_results(run, [part for part in found if part is not first], first),
             *_remarks(run),
             *_settings(header),
+            *_record(run),
             *_provenance(run, header),
         ]
     )
@@ -67,46 +76,25 @@ def title_of(run: Run) -> str:
     return f"Calibration report: {run.procedure}{device}"
 
 
-def _notices(run: Run) -> Iterator[Notice]:
-    """Yield the notices that nobody must overlook: a simulation, a run that is not whole, the verdict."""
-    if run.simulated:
-        seed = "" if run.seed is None else f" (seed {run.seed})"
-        yield Notice(f"SIMULATED: instruments and gyroscope were simulated{seed}. Nothing here was measured.")
-    if run.status is not Status.COMPLETE:
-        why = "" if run.error is None else f": {run.error}"
-        yield Notice(f"This run is not complete, its record is {run.status.value}{why}", "fail")
-    for each in run.equipment:
-        if each.overdue:
-            yield Notice(f"OVERDUE: the calibration of {each.role} ({each.model}) was due {each.calibration_due}.")
-    if run.verdict is not None:
-        word = run.verdict.word
-        yield Notice(f"Verdict: {word.upper()}", word)
-
-
 def _pairs(rows: Sequence[tuple[str, Any]], *, verbatim: bool = False) -> Table:
     """Lay out names beside values; unknown values are left out."""
     known = [(name, str(value)) for name, value in rows if value is not None]
     return Table([Column("", align="left"), Column("", align="left", verbatim=verbatim)], known)
 
 
-def _identification(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
-    yield Heading("Identification", 2)
-    metadata, laboratory = run.metadata, header.get("bench", {}).get("laboratory") or {}
+def _record(run: Run) -> Iterator[Part]:
+    yield Heading("Record", 2)
+    last = run.amendments[-1] if run.amendments else None
     rows = [
-        ("device under test", metadata.dut),
         ("run", run.name or "not recorded"),
-        ("procedure", run.procedure),
-        ("what it is", header.get("title")),
         ("status", run.status.value),
-        ("revision", _revision(run)),
-        ("checked by", _checked(run)),
-        ("laboratory", ", ".join(filter(None, map(laboratory.get, ("name", "address", "email")))) or None),
-        ("operator", metadata.operator),
-        *((f"tag {key}", value) for key, value in metadata.tags.items()),
+        ("revision", "1" if last is None else f"{last.revision}, of {_clock(last.utc)}: amended since the run"),
+        ("checked by", checked(run)),
+        *((f"tag {key}", value) for key, value in run.metadata.tags.items()),
     ]
     yield _pairs(rows, verbatim=True)
-    if metadata.note is not None:
-        yield Text(f"Note: {metadata.note}", verbatim=True)
+    if run.metadata.note is not None:
+        yield Text(f"Note: {run.metadata.note}", verbatim=True)
     if run.amendments:
         columns = [Column(name, align="left", verbatim=True) for name in _AMENDED]
         rows_of = [_amended_rows(each) for each in run.amendments]
@@ -121,25 +109,10 @@ def _amended_rows(each: Amendment) -> list[tuple[str | None, ...]]:
     return [(str(each.revision), change.field, change.was, change.now, *said) for change in each.changes]
 
 
-def _revision(run: Run) -> str:
-    last = run.amendments[-1] if run.amendments else None
-    return "1" if last is None else f"{last.revision}, of {_clock(last.utc)}: amended since the run"
-
-
-def _checked(run: Run) -> str | None:
-    """Name the person that checked the run; later amendments are unchecked."""
-    check = check_of(run.amendments)
-    if check is None:
-        return None
-    since = "" if check.revision == run.revision else f"; revision {run.revision} is not checked"
-    return f"{check.by}, {_clock(check.utc)}, revision {check.revision}{since}"
-
-
 def _conditions(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
     yield Heading("Conditions", 2)
     bench, settings = header.get("bench", {}), header.get("settings", {})
     latitude = bench.get("site", {}).get("latitude_deg")
-    warm_up_s = settings.get("warm_up_s")
     took_s = run.bench_seconds
     rows = [
         ("began", _clock(header.get("utc"))),
@@ -147,9 +120,9 @@ def _conditions(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
         ("bench", run.bench),
         ("station", bench.get("title") or None),
         ("latitude", _with_unit(latitude, "deg")),
-        ("temperature of the room", _with_unit(run.metadata.ambient_temperature_c, "degC")),
-        ("relative humidity", _with_unit(run.metadata.humidity_percent, "%")),
-        ("wait after power-on", _with_unit(warm_up_s, "s")),
+        ("temperature of the room", _with_unit(run.metadata.ambient_temperature_c, "degC") or BLANK),
+        ("relative humidity", _with_unit(run.metadata.humidity_percent, "%") or BLANK),
+        ("wait after power-on", _with_unit(settings.get("warm_up_s"), "s")),
     ]
     yield _pairs(rows)
 
@@ -206,11 +179,9 @@ def _method_known(name: str) -> str:
         return ""
 
 
-def _results(run: Run) -> Iterator[Part]:
+def _results(run: Run, found: Sequence[Part], first: Figure | None) -> Iterator[Part]:
     yield Heading("Results", 2)
-    found = [
-        part for part in run.report().parts if not (isinstance(part, Table) and part.title == STORED_SETTINGS)
-    ]  # they have a section of their own
+    yield from _numbers(first)
     *parts, last = found or (Text("nothing"),)
     verdict = [last] if run.verdict is not None else []
     yield from parts if verdict else [*parts, last]
@@ -230,6 +201,18 @@ def _results(run: Run) -> Iterator[Part]:
         yield from verdict
 
 
+def _numbers(figure: Figure | None) -> Iterator[Table]:
+    """Yield the numbers of the figure of residuals: each point with its uncertainty."""
+    if figure is None or not figure.title.startswith(_RESIDUALS) or len({each.x for each in figure.series}) > 1:
+        return
+    columns = [Column(figure.x.label, figure.x.unit, "g")]
+    values: list[Sequence[float | None]] = [figure.series[0].x]
+    for each in figure.series:
+        columns += [Column(f"residual, {each.label}", figure.y.unit, ".0f"), Column("U = 2 u", figure.y.unit, ".2g")]
+        values += [each.y, [2.0 * u for u in each.u_y] if each.u_y else [None] * len(each.y)]
+    yield Table(columns, list(zip(*values, strict=True)), figure.title)
+
+
 def _joined(windows: Sequence[WindowReadings]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times and voltages of all windows, one after the other."""
     import numpy as np  # noqa: PLC0415  # few runs have long windows
@@ -246,11 +229,17 @@ def _remarks(run: Run) -> Iterator[Part]:
 
 
 def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
-    settings = {key: value for key, value in header.get("settings", {}).items() if key != "station"}
-    tables = results_table(settings, head="setting")
-    if tables:
-        yield Heading("Settings", 2)
-        yield from tables
+    settings = {key: value for key, value in header.get("settings", {}).items() if key not in {"station", "dut"}}
+    if not settings:
+        return
+    rows = []
+    for table in results_table(settings, shown=None):
+        for key, value, *_ in table.rows:
+            words, unit = in_words(str(key))
+            rows.append((words, value, unit, key))
+    yield Heading("Settings", 2)
+    columns = (Column("setting", align="left"), Column("", align="left"), Column("unit", align="left"))
+    yield Table((*columns, Column("key", align="left", verbatim=True)), rows)
 
 
 def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:

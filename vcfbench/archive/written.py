@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import quote
@@ -11,7 +12,7 @@ from vcfbench.archive.dcc import dcc_of
 from vcfbench.archive.reported import full_report, title_of
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
-from vcfbench.files import shown
+from vcfbench.files import read_file, shown
 from vcfbench.reports.document import Figure
 from vcfbench.reports.html_page import page_of
 from vcfbench.reports.markdown import markdown_of
@@ -24,18 +25,35 @@ if TYPE_CHECKING:
     from vcfbench.reports.document import Report
 
 
-def write_report(run: Run, path: str | Path) -> tuple[Path, ...]:
+def write_report(run: Run, path: str | Path, words: Mapping[str, str] | None = None) -> tuple[Path, ...]:
     """Write the whole report of `run` into `path` and return the files that were written, the report first.
 
     Args:
         run: any run, also one read back: ``vcfbench.load_run("last")``.
         path: its suffix says as what: ``.html``, one file that needs nothing beside itself; ``.pdf``, which needs
             ``pip install 'vcfbench[pdf]'``; ``.md``, with a file ``NAME-1.svg`` beside it for each figure.
+        words: what no measurement gives, by the fields of `CertificateWords`; besides ``title``, that of the first
+            page, and ``logo``, a file (``.png``, ``.jpg``, ``.svg``) that stands above it in HTML and PDF.
 
     Raises:
-        ConfigError: the suffix is none of these, the record cannot be read, or the file cannot be written.
+        ConfigError: the suffix is none of these, a word is unknown, the record or the logo cannot be read, or the file
+            cannot be written.
     """
-    return write_document(full_report(run), title_of(run), run.name or run.procedure, Path(path))
+    said = dict(words or {})
+    title, logo = said.pop("title", "") or title_of(run), said.pop("logo", "")
+    return write_document(full_report(run, said, title), title, run.name or run.procedure, Path(path), logo)
+
+
+_PICTURES: Final = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
+_LARGEST_LOGO: Final = 1 << 20
+
+
+def _picture(logo: str) -> str:
+    """Return a picture as an address that holds it."""
+    kind = _PICTURES.get(Path(logo).suffix.lower())
+    if kind is None:
+        raise ConfigError(f"logo {logo!r}: expected a name that ends in {', '.join(_PICTURES)}")
+    return f"data:{kind};base64,{b64encode(read_file(Path(logo), 'a logo', _LARGEST_LOGO)).decode()}"
 
 
 def write_certificate(run: Run, path: str | Path, words: Mapping[str, str] | None = None) -> Path:
@@ -88,39 +106,42 @@ def _numbered(path: Path, number: int) -> Path:
     return path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
-def write_document(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
+def write_document(report: Report, title: str, name: str, path: Path, logo: str = "") -> tuple[Path, ...]:
     """Write `report` as :func:`write_report` does; `name` stands at the head of printed pages."""
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise ConfigError(f"{shown(path)}: expected a name that ends in {', '.join(_WRITERS)}")
     try:
-        return writer(report, title, name, path)
+        return writer(report, title, name, path, _picture(logo) if logo else "")
     except OSError as error:
         raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
 
 
-def _html(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
-    path.write_bytes(page_of(report, f"{title} ({name})", name).encode())
+def _html(report: Report, title: str, name: str, path: Path, logo: str) -> tuple[Path, ...]:
+    path.write_bytes(page_of(report, f"{title} ({name})", name, logo=logo).encode())
     return (path,)
 
 
-def _pdf(report: Report, title: str, name: str, path: Path) -> tuple[Path, ...]:
+def _pdf(report: Report, title: str, name: str, path: Path, logo: str) -> tuple[Path, ...]:
     try:
         weasyprint = need("weasyprint", "pdf", "a report as PDF")
     except OSError as error:  # its wheel brings no Pango
         hint = "install Pango (Debian: apt install libpango-1.0-0 libpangoft2-1.0-0), or print the .html from a browser"
         raise ConfigError(f"a report as PDF needs WeasyPrint, which cannot be loaded: {error}", hint=hint) from error
-    page = page_of(report, f"{title} ({name})", name, printed=True)
+    page = page_of(report, f"{title} ({name})", name, printed=True, logo=logo)
     path.write_bytes(weasyprint.HTML(string=page, url_fetcher=_nothing_from_elsewhere).write_pdf())
     return (path,)
 
 
 def _nothing_from_elsewhere(url: str) -> dict[str, object]:
     """Refuse every address: a report holds all that it shows."""
+    if url.startswith("data:"):  # the logo
+        held: dict[str, object] = need("weasyprint", "pdf", "a report as PDF").default_url_fetcher(url)
+        return held
     raise ConfigError(f"a report asks for nothing from elsewhere, came {url!r}")
 
 
-def _markdown(report: Report, _title: str, _name: str, path: Path) -> tuple[Path, ...]:
+def _markdown(report: Report, _title: str, _name: str, path: Path, _logo: str) -> tuple[Path, ...]:
     pictures: list[Path] = []
 
     def place(figure: Figure, number: int) -> str:
@@ -134,7 +155,7 @@ def _markdown(report: Report, _title: str, _name: str, path: Path) -> tuple[Path
     return (path, *pictures)
 
 
-_WRITERS: Final[dict[str, Callable[[Report, str, str, Path], tuple[Path, ...]]]] = {
+_WRITERS: Final[dict[str, Callable[[Report, str, str, Path, str], tuple[Path, ...]]]] = {
     ".html": _html,
     ".pdf": _pdf,
     ".md": _markdown,

@@ -1,45 +1,103 @@
-"""``vcfbench report``: the whole report of a run in one file."""
+"""``vcfbench report``: the whole report of a run in one file, or of many."""
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from vcfbench.archive.listing import run_summaries
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.written import write_certificate, write_report
+from vcfbench.cli.metadata import tags_of
 from vcfbench.cli.options import Run_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
+from vcfbench.files import read_file
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from vcfbench.archive.run import Run
+
+_LARGEST_TEMPLATE = 1 << 16
 
 
-def report(
+def report(  # noqa: PLR0917  # options of a command
     run: Run_ = "last",
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="FILE", help="Where the report goes: .html, .pdf or .md.  [default: RUN.html]"
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Where the report goes: .html, .pdf or .md; with --all a directory.  [default: RUN.html]",
         ),
     ] = None,
     runs: Runs_ = Path("runs"),
     words: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="With --dcc: a field that no measurement gives. Repeatable."),
+        typer.Option("--set", metavar="KEY=VALUE", help="A field that no measurement gives: customer. Repeatable."),
+    ] = None,
+    template: Annotated[
+        Path | None,
+        typer.Option("--template", metavar="FILE", help="TOML file with such fields, title and logo for all reports."),
+    ] = None,
+    tag: Annotated[
+        list[str] | None,
+        typer.Option("--tag", metavar="KEY=VALUE", help="With --all: only runs with this tag. Repeatable."),
     ] = None,
     *,
+    every: Annotated[bool, typer.Option("--all", help="A report of each run in the directory of --runs.")] = False,
+    as_: Annotated[
+        Literal["html", "pdf", "md"], typer.Option("--as", help="With --all: what the reports are.")
+    ] = "html",
     dcc: Annotated[
         bool, typer.Option("--dcc", help="Write a Digital Calibration Certificate (XML, DCC 3.3.0), not signed.")
     ] = False,
 ) -> None:
-    """Write the report of a run: device, conditions, equipment, results, figures, verdict, provenance."""
-    if words and not dcc:
-        raise ConfigError("--set: what a certificate says goes with --dcc")
-    recorded = load_run(run, runs)
-    if dcc:
-        typer.echo(write_certificate(recorded, output or Path(f"{recorded.name}.xml"), dict(map(_pair, words or ()))))
+    """Write the report of a run: a first page with the results, then all that they rest on."""
+    if tag and not every:
+        raise ConfigError("--tag: it chooses runs for --all")
+    said = {**_template(template), **dict(map(_pair, words or ()))}
+    if not every:
+        recorded = load_run(run, runs)
+        _write(recorded, output or Path(f"{recorded.name}.{'xml' if dcc else 'html'}"), said, dcc=dcc)
         return
-    for path in write_report(recorded, output or Path(f"{recorded.name}.html")):
-        typer.echo(path)
+    folder = output or Path()
+    if not folder.is_dir():
+        raise ConfigError(f"--all: expected a directory in -o, came {str(folder)!r}", hint="make it first")
+    for each in _chosen(runs, tag or ()):
+        _write(each, folder / f"{each.name}.{'xml' if dcc else as_}", said, dcc=dcc)
+
+
+def _write(run: Run, path: Path, words: Mapping[str, str], *, dcc: bool) -> None:
+    if dcc:
+        typer.echo(write_certificate(run, path, {key: words[key] for key in words if key not in {"title", "logo"}}))
+        return
+    for written in write_report(run, path, words):
+        typer.echo(written)
+
+
+def _chosen(runs: Path, tags: Sequence[str]) -> Sequence[Run]:
+    found = [each.directory for each in run_summaries(runs, tags=tags_of(tags)) if each.problem is None]
+    if not found:
+        raise ConfigError(f"there is no such run in {runs}")
+    return [load_run(each) for each in found]
+
+
+def _template(path: Path | None) -> dict[str, str]:
+    """Return the words of a template; a logo is looked for beside it."""
+    if path is None:
+        return {}
+    try:
+        found = tomllib.loads(read_file(path, "a template", _LARGEST_TEMPLATE).decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: expected a template in TOML: {error}") from None
+    if other := [key for key, value in found.items() if not isinstance(value, str)]:
+        raise ConfigError(f"{path}: expected texts by key, came something else for {', '.join(other)}")
+    return {**found, "logo": str(path.parent / found["logo"])} if "logo" in found else found
 
 
 def _pair(text: str) -> tuple[str, str]:

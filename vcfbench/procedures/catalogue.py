@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _GROUP = "vcfbench.procedures"
 
 BUILT_IN = {
-    "turntable": ("vcfbench.procedures.turntable:TURNTABLE", "Calibrate on the rate table: 17 rates, generator off."),
+    "turntable": ("vcfbench.procedures.turntable:TURNTABLE", "Calibrate on the rate table, generator off."),
     "virtual-coriolis": (
         "vcfbench.procedures.virtual_coriolis.plan:VIRTUAL_CORIOLIS",
         "Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",

@@ -1,4 +1,4 @@
-"""The turntable calibration: the gyro's output at 17 rates of the table, generator off."""
+"""The turntable calibration: the gyro's output at rates of the table, generator off."""
 
 from __future__ import annotations
 

@@ -19,6 +19,33 @@ def stated_cells(value: float, u: float, u95: float) -> tuple[Cell, Cell, Cell]:
     return Cell(value, digits_of_value(value, u)), Cell(u, digits_of_u(u)), Cell(u95, digits_of_u(u95))
 
 
+def shorthand(value: float, u: float | None) -> str:
+    """Return a value with its standard uncertainty in parentheses (GUM 7.2.2), digits in threes: ``-12.541 66(58)``.
+
+    The parentheses hold u in units of the last digit; a u of 1 and more is written with its point.
+    """
+    if not u or not math.isfinite(u) or not math.isfinite(value):
+        return _in_threes(format(value, ".6g"))
+    figure, _, power = format(value, digits_of_value(value, u)).partition("e")
+    digits = format(u, ".1f") if _second_digit(u) == -1 else f"{u * 10.0 ** -min(0, _second_digit(u)):.0f}"
+    return f"{_in_threes(figure)}({digits})" + (f"e{power}" if power else "")
+
+
+def grouped(u: float) -> str:
+    """Return an uncertainty in two digits, those in threes: ``0.000 59``."""
+    return _in_threes(format(u, digits_of_u(u)))
+
+
+def _in_threes(figure: str) -> str:
+    """Set spaces between groups of three digits where there are more than four on a side of the point (ISO 80000-1)."""
+    whole, point, rest = figure.partition(".")
+    if len(whole.lstrip("-+")) > 4 and "e" not in figure:
+        whole = f"{int(whole):,}".replace(",", " ")
+    if len(rest) > 4 and rest.isdigit():
+        rest = " ".join(rest[place : place + 3] for place in range(0, len(rest), 3))
+    return f"{whole}{point}{rest}"
+
+
 def incomplete(missing: Sequence[str]) -> str:
     """Say behind a value or a title which contributions its uncertainty lacks; nothing where none is missing."""
     return f"; INCOMPLETE without {', '.join(missing)}" if missing else ""

@@ -40,19 +40,24 @@ def points_table(points: Sequence[Point]) -> Table:
     return Table((*columns, *measured), [(*row, *more) for row, more in zip(rows, seen, strict=True)])
 
 
-def results_table(results: object, title: str = "", head: str = "result") -> tuple[Table, ...]:
-    """Return a table of whatever `results` hold: nested names with dots between; none where they hold nothing."""
+def results_table(
+    results: object, title: str = "", head: str = "result", shown: int | None = _SHOWN
+) -> tuple[Table, ...]:
+    """Return a table of whatever `results` hold: nested names with dots between; none where they hold nothing.
+
+    `shown` numbers of a list are printed; None for all.
+    """
     value = plain(results)
-    rows = [] if value is None else list(_rows(value, "" if _is_named(value) else head))
+    rows = [] if value is None else list(_rows(value, "" if _is_named(value) else head, shown))
     names = (head, "value", "u", "unit")[: max(map(len, rows), default=0)]
     padded = [(*row, *[""] * (len(names) - len(row))) for row in rows]
     return (Table([Column(name, align="left") for name in names], padded, title),) if rows else ()
 
 
-def _rows(value: Any, name: str) -> Iterator[tuple[Value | Cell, ...]]:
+def _rows(value: Any, name: str, shown: int | None) -> Iterator[tuple[Value | Cell, ...]]:
     if _is_named(value):
         for key, each in value.items():
-            yield from _rows(each, f"{name}.{key}" if name else key)
+            yield from _rows(each, f"{name}.{key}" if name else key, shown)
     elif isinstance(value, dict):
         yield (
             name,
@@ -62,9 +67,9 @@ def _rows(value: Any, name: str) -> Iterator[tuple[Value | Cell, ...]]:
         )
     elif isinstance(value, list) and any(isinstance(each, dict | list) for each in value):
         for place, each in enumerate(value):
-            yield from _rows(each, f"{name}[{place}]")
+            yield from _rows(each, f"{name}[{place}]", shown)
     else:
-        yield name, _figure(value)
+        yield name, _figure(value, shown)
 
 
 def _is_named(value: Any) -> bool:
@@ -80,11 +85,11 @@ def _is_quantity(value: dict[str, Any]) -> bool:
     return numeric and value.keys() <= _QUANTITY and isinstance(value.get("unit", ""), str)
 
 
-def _figure(value: Any) -> Value | Cell:
+def _figure(value: Any, shown: int | None = None) -> Value | Cell:
     """Return one value or a list of plain ones as it is printed."""
     if isinstance(value, list):
-        words = ", ".join(str(_words(each)) for each in value[:_SHOWN])
-        return words if len(value) <= _SHOWN else f"{words}, ... ({len(value)} in all)"
+        words = ", ".join(str(_words(each)) for each in value[:shown])
+        return words if shown is None or len(value) <= shown else f"{words}, ... ({len(value)} in all)"
     return Cell(value, ".6g") if isinstance(value, float) else _words(value)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from vcfbench.reports.document import Heading, Report
 from vcfbench.reports.html import escaped, html_of
-from vcfbench.reports.plot import GRID, INK, PALETTE, caption_of, svg_of
+from vcfbench.reports.plot import FLAT_IN, GRID, INK, PALETTE, caption_of, svg_of
 from vcfbench.reports.typography import marked_up
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ _THEMED: Final = {INK: "var(--ink)", GRID: "var(--line)"} | {
 """Substitute for each colour in the drawings of a page for screens, so that they are read on dark ground."""
 
 
-def page_of(report: Report, title: str, name: str, *, printed: bool = False) -> str:
+def page_of(report: Report, title: str, name: str, *, printed: bool = False, logo: str = "") -> str:
     """Return the whole page of `report`.
 
     Args:
@@ -29,18 +29,23 @@ def page_of(report: Report, title: str, name: str, *, printed: bool = False) -> 
         title: of the window.
         name: stands at the head of each printed page: the run's.
         printed: made for paper alone, so that drawings keep their colours.
+        logo: address of a picture that stands above all, such as ``data:image/png;base64,...``; none for none.
     """
     numbers = iter(range(1, len(report.parts) + 1))
 
     def draw(figure: Figure) -> str:
         number = next(numbers)
-        svg = svg_of(figure, f"f{number}")
+        size = {"size_in": FLAT_IN} if printed and number == 1 else {}  # on paper the first page holds it
+        svg = svg_of(figure, f"f{number}", **size)
         if not printed:
             for colour, themed in _THEMED.items():
                 svg = svg.replace(colour, themed)
         return _captioned(figure, number, svg)
 
-    body = "\n".join(f"<section>\n{html_of(Report(part), draw)}\n</section>" for part in _sections(report))
+    drawn = [html_of(Report(part), draw) for part in _sections(report)]
+    first = f'<img class="logo" alt="" src="{escaped(logo)}">\n' if logo else ""
+    front = [f'<section class="front">\n{first}{each}\n</section>' for each in drawn[:1]]
+    body = "\n".join([*front, *(f"<section>\n{each}\n</section>" for each in drawn[1:])])
     style = files("vcfbench.reports").joinpath("page.css").read_text(encoding="utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'

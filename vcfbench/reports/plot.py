@@ -27,8 +27,10 @@ PALETTE: Final = ("#0068ab", "#c8500a", "#008060", "#a8428a", "#8a6d00", "#5b5fc
 """Colours of the series, apart for the colour-blind as well; pages lighten them on dark ground."""
 
 _MARKS: Final = {"points": "o", "line": "-"}
-_SIZE_IN: Final = (5.2, 3.4)
-"""Small, so that words are still read when a telephone shows it across."""
+_SIZE_IN: Final = (6.0, 3.0)
+"""As wide as text, and small: words are still read when a telephone shows it across."""
+FLAT_IN: Final = (7.2, 2.6)
+"""As wide as a printed page's text, so that a first page has room for it."""
 _STYLE: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",
     "text.parse_math": False,
@@ -57,14 +59,14 @@ _WORDS: Final = re.compile(r"(?<=>)[^<>]+(?=</text>)")
 _ID: Final = re.compile(r'(?<=\bid=")[^"]+|(?<=xlink:href="#)[^"]+|(?<=url\(#)[^)]+')
 
 
-def svg_of(figure: Figure, name: str = "figure") -> str:
+def svg_of(figure: Figure, name: str = "figure", size_in: tuple[float, float] = _SIZE_IN) -> str:
     """Return `figure` as an ``<svg>`` element with words as words; `name` keeps its ids apart on a page.
 
-    Bars of error are U = 2 u.
+    Bars of error are U = 2 u. `size_in` is width and height, inch.
     """
     text = StringIO()
     with _settings(name):
-        drawing = _drawing(figure, titled=False)
+        drawing = _drawing(figure, size_in, titled=False)
         drawing.savefig(text, format="svg", metadata=_METADATA["svg"], transparent=True)
     svg = text.getvalue()
     svg = re.sub(r"<(metadata|style)\b.*?</\1>\s*", "", svg[svg.index("<svg") :], flags=re.DOTALL)
@@ -80,7 +82,7 @@ def save_figure(figure: Figure, path: Path) -> None:
         ConfigError: no such suffix is known, or the file cannot be written.
     """
     with _settings(path.stem):
-        drawing = _drawing(figure, titled=True)
+        drawing = _drawing(figure, _SIZE_IN, titled=True)
         try:
             drawing.savefig(path, dpi=200, metadata=_METADATA.get(path.suffix[1:].lower()))
         except (ValueError, OSError) as error:
@@ -92,7 +94,10 @@ def caption_of(figure: Figure) -> str:
     thin = [
         f"{each.label}: {len(each.x)} values; {DRAWN}" for each in figure.series if thinned(each.x, each.y) is not None
     ]
-    bars = ["Bars are U = 2 u."] if any(each.u_y is not None for each in figure.series) else []
+    known = {each.label: {float(f"{2.0 * u:.2g}") for u in each.u_y} for each in figure.series if each.u_y}
+    # where all are the same they are said too: bars may be smaller than their marks
+    sizes = [f"{label} {u.pop():g} {figure.y.unit}" for label, u in known.items() if len(u) == 1]
+    bars = [f"Bars are U = 2 u{': ' if sizes else ''}{', '.join(sizes)}."] if known else []
     return " ".join([*([figure.caption] if figure.caption else []), *bars, *thin])
 
 
@@ -112,10 +117,10 @@ def _settings(salt: str) -> Any:
     return mpl.rc_context({**plain, **_STYLE, "svg.hashsalt": salt})
 
 
-def _drawing(figure: Figure, *, titled: bool) -> Any:
+def _drawing(figure: Figure, size_in: tuple[float, float], *, titled: bool) -> Any:
     from matplotlib.figure import Figure as Drawing  # noqa: PLC0415 - as above
 
-    drawing = Drawing(figsize=_SIZE_IN, layout="constrained")
+    drawing = Drawing(figsize=size_in, layout="constrained")
     axes = drawing.subplots()
     axes.set(
         xlabel=in_unicode(figure.x.title),

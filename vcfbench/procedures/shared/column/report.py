@@ -68,9 +68,12 @@ def statement_tables(statement: Statement | None) -> list[Table | Text]:
         *(Column("value", align="left"), Column("contribution", align="left"), Column("u", "", ".2g")),
         *(Column("unit", align="left"), Column("share", "%", ".1f")),
     )
+    # a bias has its contributions once, as a rate: those of its voltage are the same
+    names = {value.name for value in statement.values}
     lines = [
         (value.name if not place else "", each.source, each.u, value.unit, 100.0 * each.share)
         for value in statement.values
+        if f"{value.name}_deg_s" not in names
         for place, each in enumerate(each for each in value.contributions if each.share >= _LEAST_SHARE)
     ]
     ratio = [] if statement.e_n is None else [f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)"]
@@ -138,11 +141,11 @@ def _line(name: str, points: Sequence[Point], column: CalibrationColumn) -> Seri
 
 
 def residuals_figure(lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) -> Figure:
-    """Draw the residuals of each line, in ppm of full scale: of the output at the largest rate, bias apart."""
+    """Draw the residuals of each line, in ppm of its span: the largest is the non-linearity."""
     series = []
     for name, points, column in lines:
         rates = [p.rate_deg_s for p in points]
-        ppm = 1e6 / (abs(column.scale_factor.value) * max(map(abs, rates)))
+        ppm = 1e6 / (abs(column.scale_factor.value) * (max(rates) - min(rates)))
         u_ppm = None if (u_v := _u_outputs(points, column)) is None else [ppm * each for each in u_v]
         series.append(Series(name, rates, [ppm * each for each in column.residuals_v], u_ppm))
-    return Figure("Residuals of the least-squares line", RATE, Axis("residual of full scale", "ppm"), series)
+    return Figure("Residuals of the least-squares line", RATE, Axis("residual of the span", "ppm"), series)

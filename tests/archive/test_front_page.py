@@ -1,0 +1,87 @@
+"""First page of a report."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+import vcfbench
+from tests.archive.test_written import QUICK
+from vcfbench.archive.front_page import BLANK, front_page, seal_of
+from vcfbench.archive.quantities import values_of
+from vcfbench.archive.verified import verify_run
+from vcfbench.errors import ConfigError
+from vcfbench.reports.document import Report, Table
+from vcfbench.reports.text import text_of
+from vcfbench.station.file import embedded_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench import Run
+
+LIMITS = """
+[acceptance]
+guard_band = "U95"
+scale_factor_v_per_deg_s = [-0.013, -0.012]
+bias_v = [-0.05, 0.05]
+reading_noise_v = [0.0, 1e-6]
+"""
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("front")
+    (folder / "bench.toml").write_text(embedded_text("paper") + LIMITS, encoding="utf-8")
+    return vcfbench.run("turntable", folder / "bench.toml", seed=3, settings=QUICK, runs=folder / "runs")
+
+
+def shown(run: Run, **words: str) -> tuple[dict[str, str], list[tuple[str, ...]], str]:
+    """Return the facts of the first page, the rows of its results, and all of its text."""
+    parts = list(front_page(run, "Title", words, None))
+    tables = [part for part in parts if isinstance(part, Table)]
+    facts = {row[0]: row[1] for table in tables if not table.has_heads for row in table.printed()}
+    return facts, [row for table in tables if table.has_heads for row in table.printed()], text_of(Report(parts))
+
+
+def test_what_nobody_told_is_a_blank_line_and_what_is_told_stands_there(judged: Run) -> None:
+    facts, _, _ = shown(judged)
+    asked = ("laboratory", "customer", "model", "serial number", "operator", "checked by", "traceable by", "issued on")
+    assert {name: facts[name] for name in (*asked, "signature")} == dict.fromkeys((*asked, "signature"), BLANK)
+    facts, _, _ = shown(judged, laboratory="L", laboratory_address="here", serial="G-1", issued="2026-11-23")
+    assert (facts["laboratory"], facts["serial number"], facts["issued on"]) == ("L, here", "G-1", "2026-11-23")
+    with pytest.raises(ConfigError, match="came 'custommer'"):
+        shown(judged, custommer="x")
+
+
+def test_results_have_uncertainty_factor_limits_and_verdict(judged: Run) -> None:
+    _, rows, text = shown(judged)
+    by_name = {row[0]: row[1:] for row in rows}
+    value, u95, k, limits, verdict = by_name["scale factor"]
+    stated = values_of(judged)["scale_factor"]
+    assert float(value.partition("(")[0].replace(" ", "")) == pytest.approx(
+        1e3 * stated.value, abs=1e3 * (stated.u or 0.0)
+    )
+    assert (value.endswith(") mV/(deg/s)"), u95.endswith(" mV/(deg/s)")) == (True, True)
+    assert float(u95.removesuffix(" mV/(deg/s)").replace(" ", "")) == pytest.approx(1e3 * (stated.u95 or 0.0), rel=0.05)
+    assert (k, limits, verdict) == (f"{stated.coverage_factor:.2f}", "-13 to -12", "PASS")
+    assert by_name["bias (output)"][3:] == ("-50 to 50", "PASS")
+    assert by_name["reading noise"][1:] == ("not known", "", "0 to 1e-06", "FAIL")
+    assert "Decision rule: guarded acceptance" in text
+    assert "U95 does not contain: " in text
+
+
+def test_a_bias_without_a_limit_of_its_own_stands_there_once(tmp_path: Path) -> None:
+    run = vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path)
+    names = [row[0] for row in shown(run)[1]]
+    assert "bias" in names
+    assert "bias (output)" not in names
+
+
+def test_the_seal_is_that_which_verification_holds(judged: Run) -> None:
+    assert judged.directory is not None
+    seal = verify_run(judged.directory).seal
+    assert seal is not None
+    assert (seal_of(judged), shown(judged)[0]["seal of the record"]) == (seal, seal)
+    assert seal_of(vcfbench.Run("own", vcfbench.Status.COMPLETE)) is None
