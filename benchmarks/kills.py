@@ -1,7 +1,8 @@
 """Runs that die or hang at random instants: whether the bench is safe soon, nothing is lost, and the rest is true.
 
     python benchmarks/kills.py 0:300 --lines kills.jsonl [--workers 3]     cases 0 to 299, a line each
-    python benchmarks/kills.py --summary kills.jsonl
+    python benchmarks/kills.py 0:100 --watchdog-first --lines first.jsonl  its watchdog is killed first, then the run
+    python benchmarks/kills.py --summary --lines kills.jsonl
 
 A case draws, by its number, a table language, the wires (TCP, terminals, VXI-11 where a box has it), how the program
 ends (SIGKILL, SIGSTOP, a call of a VISA library that never returns, with Python's lock in its hands or without, no
@@ -10,7 +11,8 @@ must be at rest and off within BAR_S, without anybody's doing. For a call that n
 should have returned. Then the run is resumed to its end: no point that was shown may be missing, and what it states
 is held against the truth of the simulated gyroscope. A non-linearity is stated only where errors alone would hardly
 make it, so those that stand by chance are all wrong: where none is stated, the bound that is said instead is held
-against the truth. What stands in the file of --lines is not run again.
+against the truth. With --watchdog-first nobody is left who makes the bench safe: the next run must say so, and leave
+it safe. A case is mostly waiting: there may be many more workers than processors. What stands in the file of --lines is not run again.
 """
 
 from __future__ import annotations
@@ -28,15 +30,18 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
-from contextlib import ExitStack, suppress
+from collections import Counter, defaultdict
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from simrack.serve import Control, ControlError
 from simrack_tests.ports import free_port
 
 from tests.faults.benches import RATE_DEG_S, ROLES, SPEED, Physics, bench_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 BAR_S = 5.0
 LANGUAGES = tuple(RATE_DEG_S)
@@ -89,7 +94,9 @@ def act(asked):
         for wire in (visa_wire.SocketWire, visa_wire.VisaWire, line.SerialWire):
             wire.receive = hanging(wire.receive)
     try:
-        if asked["record"] is None:
+        if asked["how"] == "safe":
+            print(vcfbench.safe_bench("bench.toml"), file=sys.stderr, flush=True)
+        elif asked["record"] is None:
             vcfbench.run("virtual-coriolis", "bench.toml", runs="runs", observers=[Shows()])
         else:
             vcfbench.resume(asked["record"], observers=[Shows()])
@@ -151,7 +158,7 @@ class Station:
         text = bench_text(language, name=f"kills-{language}", timeout_s=TIMEOUT_S)
         text += "\n[simulation.override.thermal]\nself_heating_k = 0.0\n"  # the truth is that of a warm one
         folder.mkdir(parents=True, exist_ok=True)
-        self.text, self.file = text, folder / "served.toml"
+        self.language, self.text, self.file = language, text, folder / "served.toml"
         self.file.write_text(text, encoding="utf-8")
         self.port = free_port()
         offers = [word for role in ROLES for word in ("--offer", f"{role}:tcp,pty")]
@@ -305,61 +312,133 @@ def case(number: int, station: Station, host: Host, folder: Path) -> dict[str, A
     return line
 
 
+def watchdog_first(number: int, station: Station, host: Host, folder: Path) -> dict[str, Any]:
+    """Kill the watchdog and then its run while the bench is live; look whether the next start says so."""
+    draw = random.Random(number)  # noqa: S311 - no secret
+    wires, at_s, gap_s = WIRES[(number // len(LANGUAGES)) % len(WIRES)], draw.uniform(0.0, 5.0), draw.uniform(0.0, 0.1)
+    station.control.request("reset", seed=number)
+    folder.mkdir()
+    (folder / "bench.toml").write_text(station.bench(wires), encoding="utf-8")
+    pid = host.start(folder, "nothing")
+    ended, codes = host.waiting()
+    over = time.time() + LONGEST_S
+    while station.physics().safe and not ended.is_set() and time.time() < over:
+        time.sleep(0.05)
+    ended.wait(at_s)
+    watchdog = int((Path(f"/proc/{pid}/task/{pid}/children")).read_text().split()[0])
+    os.kill(watchdog, signal.SIGKILL)
+    time.sleep(gap_s)
+    strike("SIGKILL", pid)
+    ended.wait(20.0)
+    time.sleep(0.1)
+    line = {"case": number, "language": station.language, "wires": wires, "how": "watchdog first"}
+    line |= {"live": not station.physics().safe, "turns": not station.physics().at_rest, "codes": list(codes)}
+    said = f"process {pid} of"
+    for what in ("run", "safe"):
+        begun, complaints = time.time(), folder / "stderr"
+        next_pid = host.start(folder, what)
+        ended, codes = host.waiting()
+        while not ended.wait(0.1) and time.time() < begun + LONGEST_S:
+            if what == "run" and said in complaints.read_text():
+                strike("SIGTERM", next_pid)
+                ended.wait(30.0)
+        line |= {f"{what}_code": codes[0] if codes else None, f"{what}_s": round(time.time() - begun, 2)}
+        line |= {f"{what}_said": said in complaints.read_text(), f"safe_after_{what}": station.physics().safe}
+        if station.physics().safe:
+            break
+    line["wrong"] = [
+        *(["not said"] if line["live"] and not line.get("run_said") else []),
+        *(["not safe"] if not station.physics().safe else []),
+    ]
+    if line["wrong"]:
+        line["words"] = complaints.read_text()[-2000:]
+    return line
+
+
 def station_language(number: int) -> str:
     return LANGUAGES[number % len(LANGUAGES)]
 
 
-def run_cases(numbers: list[int], lines: Path, workers: int) -> None:
-    """Run `numbers`, each language on a bench of its own."""
+class Stations:
+    """Served benches: each serves one case at a time, and many one after the other."""
+
+    def __init__(self, place: Path) -> None:
+        self.place, self.free, self.made, self.lock = place, defaultdict(list), 0, threading.Lock()
+        self.all: list[Station] = []
+
+    @contextmanager
+    def one(self, language: str) -> Iterator[Station]:
+        """Lend a bench of `language`; one after which something broke is not lent again."""
+        with self.lock:
+            station = self.free[language].pop() if self.free[language] else None
+            self.made += station is None
+            name = f"{language}-{self.made}"
+        if station is None:
+            station = Station(language, self.place / name)
+            self.all.append(station)
+        yield station
+        with self.lock:
+            self.free[language].append(station)
+
+    def close(self) -> None:
+        for station in self.all:
+            station.close()
+
+
+def run_cases(numbers: list[int], lines: Path, workers: int, one: Callable[..., dict[str, Any]]) -> None:
+    """Run `numbers` in their order, as many at once as there are workers: most of a case is waiting."""
     done = {json.loads(each)["case"] for each in lines.read_text().splitlines()} if lines.exists() else set()
-    todo = [number for number in numbers if number not in done]
-    queues = [
-        [n for n in todo if LANGUAGES.index(station_language(n)) % workers == worker] for worker in range(workers)
-    ]
-    writing = threading.Lock()
+    todo = iter([number for number in numbers if number not in done])
+    taking = threading.Lock()
 
-    def work(queue: list[int]) -> None:
-        with tempfile.TemporaryDirectory() as place, ExitStack() as stack:
-            host = Host()
-            stack.callback(host.close)
-            stations: dict[str, Station] = {}
-            for number in queue:
-                language = station_language(number)
-                if language not in stations:
-                    stations[language] = Station(language, Path(place) / language)
-                    stack.callback(stations[language].close)
-                folder = Path(place) / str(number)
-                try:
-                    line = case(number, stations[language], host, folder)
-                except (AssertionError, ControlError, OSError, ValueError) as error:
-                    line = {"case": number, "wrong": [f"{type(error).__name__}: {error}"]}
-                    host.close()
-                    host = Host()
-                with writing, lines.open("a", encoding="utf-8") as file:
-                    print(json.dumps(line), file=file, flush=True)
-                if not line["wrong"]:
-                    shutil.rmtree(folder, ignore_errors=True)
-                else:
-                    shutil.copytree(folder, lines.parent / f"case-{number}", dirs_exist_ok=True)
+    def work(place: Path, stations: Stations) -> None:
+        host = Host()
+        while True:
+            with taking:
+                number = next(todo, None)
+            if number is None:
+                return host.close()
+            folder = place / str(number)
+            try:
+                with stations.one(station_language(number)) as station:
+                    line = one(number, station, host, folder)
+            except (AssertionError, ControlError, OSError, ValueError) as error:
+                line = {"case": number, "wrong": [f"{type(error).__name__}: {error}"]}
+                host.close()
+                host = Host()
+            with taking, lines.open("a", encoding="utf-8") as file:
+                print(json.dumps(line), file=file, flush=True)
+            if line["wrong"]:
+                shutil.copytree(folder, lines.parent / f"{lines.stem}-{number}", dirs_exist_ok=True)
+            shutil.rmtree(folder, ignore_errors=True)
 
-    threads = [threading.Thread(target=work, args=(queue,)) for queue in queues]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with tempfile.TemporaryDirectory() as name:
+        stations = Stations(Path(name))
+        threads = [threading.Thread(target=work, args=(Path(name), stations)) for _ in range(workers)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        stations.close()
 
 
 def summary(lines: Path) -> None:
     """Print what the lines say."""
     cases = [json.loads(each) for each in lines.read_text().splitlines()]
-    whole = [each for each in cases if "how" in each]
+    whole = [each for each in cases if "record" in each]
+    for what in ("how", "wires", "language"):
+        print(f"{what}:", dict(sorted(Counter(each[what] for each in cases if what in each).items())))
+    if first := [each for each in cases if each.get("how") == "watchdog first"]:
+        live = [each for each in first if each["live"]]
+        said, turning = sum(each["run_said"] for each in live), sum(each["turns"] for each in live)
+        print(f"watchdog first: {len(first)}, {len(live)} left live, {turning} turning; {said} said at the next start")
     live = [each for each in whole if each["live"]]
     wrong = Counter(word for each in cases for word in each["wrong"])
     times = sorted(each["safe_s"] for each in live)
     slow = sum(each["record"] == "slow" for each in whole)
     done = sum(each["resumes"] > 0 for each in whole) - slow
     print(
-        f"{len(cases)} cases, {len(live)} struck while live, {done} resumed; {slow} not, for this machine was too slow"
+        f"{len(whole)} cases, {len(live)} struck while live, {done} resumed; {slow} not, for this machine was too slow"
     )
     if times:
         print(f"at rest and off after {times[len(times) // 2]} s (median), {times[-1]} s at most; bar {BAR_S} s")
@@ -378,11 +457,13 @@ def main() -> None:
     asked.add_argument("cases", nargs="?", default="0:40", help="FIRST:END")
     asked.add_argument("--lines", type=Path, default=Path("kills.jsonl"))
     asked.add_argument("--workers", type=int, default=2)
+    asked.add_argument("--watchdog-first", action="store_true")
     asked.add_argument("--summary", action="store_true")
     said = asked.parse_args()
     if not said.summary:
         first, end = map(int, said.cases.split(":"))
-        run_cases(list(range(first, end)), said.lines.absolute(), said.workers)
+        one = watchdog_first if said.watchdog_first else case
+        run_cases(list(range(first, end)), said.lines.absolute(), said.workers, one)
     summary(said.lines)
 
 
