@@ -17,7 +17,7 @@ from vcfbench.bench.make_safe import MadeSafe
 from vcfbench.cli.left_live import _safe
 from vcfbench.cli.watchdog import SILENT_TURNS, TURN_S
 from vcfbench.clock import WallClock, sleep
-from vcfbench.errors import ConnectFailed
+from vcfbench.errors import ConnectFailed, InterlockError
 from vcfbench.records.journal import append_line, read_journal
 from vcfbench.safety.lock import InUse, Owner
 from vcfbench.safety.watchdog import Watchdog
@@ -151,6 +151,16 @@ def test_a_run_without_its_watchdog_goes_on_where_the_bench_file_says_so(
     footer = read_journal(run.directory / "journal.jsonl").footer
     assert footer is not None
     assert footer["watchdog_lost"] is True
+
+
+def test_who_died_with_a_table_that_turns_is_named(tmp_path: Path) -> None:
+    with serve_simulated() as lab:
+        path = bench_file(lab, tmp_path)
+        with left_live(path, UNWATCHED + "os.kill(os.getpid(), signal.SIGKILL)") as process:
+            pass
+        with pytest.raises(InterlockError, match=f"turns .* process {process.pid} of .* died with this bench"):
+            vcfbench.open_bench(path)
+        assert what_is_on(lab) == []
 
 
 def test_a_torn_line_makes_room_for_the_watchdog_s(tmp_path: Path) -> None:

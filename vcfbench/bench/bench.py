@@ -235,6 +235,9 @@ def open_bench(
         opened_bench = _bench(description, ControlClock(stand.clock, stops, ahead_s), stand, opened, holding)
         watch.end()
     except BaseException as error:
+        if isinstance(error, BenchError) and (left := _left_by(stand)):
+            died = f"{', '.join(sorted(set(left.values())))} died with this bench and nothing made it safe"
+            error.hint = f"{error.hint}; {died}" if error.hint else died
         holding.leave(error)
         raise
     return opened_bench
@@ -300,10 +303,12 @@ def _bench(
 ) -> Bench:
     checks = LimitChecks.of(description)
     instruments = {role: _limited(role, each, checks) for role, each in opened.instruments.items()}
-    left_by = {
-        role: who for role, who in stand.left_by.items() if role in _LIMITED
-    }  # what only listens is never left on
-    return Bench(description, clock, stand.seed, opened.identities, instruments, holding, stand.adjust, left_by)
+    return Bench(description, clock, stand.seed, opened.identities, instruments, holding, stand.adjust, _left_by(stand))
+
+
+def _left_by(stand: UnopenedBench) -> dict[str, str]:
+    """Return by role who died with what drives something; what only listens is never left on."""
+    return {role: who for role, who in stand.left_by.items() if role in _LIMITED}
 
 
 _LIMITED: Mapping[str, Callable[[Any, LimitChecks], Any]] = MappingProxyType(
