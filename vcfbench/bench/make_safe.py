@@ -43,7 +43,7 @@ _HURRY_S: Final = 0.5
 _STOPPING_S: Final = 10.0
 """Longest time in which a process that is told to stop may let its bench go, s."""
 _FREEING_S: Final = 20.0
-"""Longest time in which one that was killed may be gone, s."""
+"""Longest time in which one that was ended, and its watchdog, may let the bench go, s."""
 _DYING_S: Final = 1.0
 """Longest time for which the locks of a dead one may keep what is free from being made safe, s."""
 _LET_GO_S: Final = 0.05
@@ -104,7 +104,7 @@ def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False, end
     description = described(bench)
     with StopSignals() as signals, ExitStack() as stack:
         ended = _end_owners(description) if end_owner else ()
-        held = _held_soon(description, stack, force=force, patience_s=_FREEING_S if ended else 0.0)
+        held = _held(description, stack, force=force, patience_s=_FREEING_S if ended else 0.0)
         signals.unwind()  # nothing here can be stopped half-way and be called safe
         try:
             done = _made_safe(description, held)
@@ -132,48 +132,36 @@ def _driving(description: BenchDescription) -> tuple[Role, ...]:
     return tuple(sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=_stage))
 
 
-def _held_soon(description: BenchDescription, stack: ExitStack, *, force: bool, patience_s: float) -> _Held:
-    """Take the bench within `patience_s`: the watchdog of a program that was ended has a served one first."""
-    clock = WallClock()
-    while True:
-        try:
-            return _held(description, stack, force=force)
-        except ConnectFailed:
-            if clock.now() >= patience_s:
-                raise
-        sleep(clock, 0.1)
+def _held(description: BenchDescription, stack: ExitStack, *, force: bool, patience_s: float) -> _Held:
+    """Take the free instruments that drive something: the wires of nobody else, and all of nobody's.
 
-
-def _held(description: BenchDescription, stack: ExitStack, *, force: bool) -> _Held:
-    """Take the free instruments that drive something: the wires of nobody else, and all of nobody's."""
+    An owner is waited for until `patience_s`, for it or its watchdog may be making the bench safe, and at least for as
+    long as one that is just dying may take.
+    """
     clock, driving = WallClock(), _driving(description)
     left_to: dict[str, InUse] = {}
-    waited_for: set[int] = set()
     while True:
         roles = tuple(role for role in driving if role.name not in left_to)
         try:
             stand = stack.enter_context(station(description, None, None, roles=[role.name for role in roles]))
             return _Held(stand, roles, left_to)
-        except InUse as error:
+        except LockUnusable as error:  # a disk that is read-only by now, or what somebody has laid there
+            return _Held(_unlocked(description), driving, unlocked=str(error))
+        except (InUse, ConnectFailed) as error:
             if force:
                 return _Held(_unlocked(description), driving)
-            dying = error.owner is not None and not error.owner.alive() and clock.now() < _DYING_S
-            if error.owner is not None and (dying or error.owner.pid not in waited_for):
-                waited_for.add(error.owner.pid)
-                if error.owner.ended_within(_HURRY_S):  # it gives its locks back one by one
-                    left_to.clear()
-                    sleep(clock, _LET_GO_S)
-                    continue
+            owner = error.owner if isinstance(error, InUse) else None
+            dying_s = 0.0 if owner is None else _HURRY_S if owner.alive() else _DYING_S
+            if clock.now() < max(patience_s, dying_s):
+                left_to.clear()  # it gives its locks back one by one
+                sleep(clock, _LET_GO_S)
+                continue
+            if not isinstance(error, InUse):
+                raise
             error.hint = f"end it with --end-owner, it makes its bench safe; or --force speaks beside it; {error.hint}"
             left_to[str(error.instrument)] = error
             if len(left_to) == len(driving):
                 raise next(iter(left_to.values())) from None
-        except LockUnusable as error:  # a disk that is read-only by now, or what somebody has laid there
-            return _Held(_unlocked(description), driving, unlocked=str(error))
-        except ConnectFailed:
-            if not force:
-                raise
-            return _Held(_unlocked(description), driving)
 
 
 def _unlocked(description: BenchDescription) -> UnopenedBench:
@@ -191,16 +179,13 @@ def _end_owners(description: BenchDescription) -> tuple[str, ...]:
     """
     resources = [getattr(description, role.name).resource for role in _driving(description)]
     found = owners_of(resources)
-    for number, patience_s in ((signal.SIGTERM, _STOPPING_S), (KILL, _FREEING_S)):
-        clock = WallClock()
-        left = [found[pid] for pid in owners_of(resources) if pid in found]
-        for owner in left:
-            _signal(owner, number)
-        while clock.now() < patience_s and not found.keys().isdisjoint(owners_of(resources)):
-            sleep(clock, 0.1)
+    for owner in found.values():
+        _signal(owner, signal.SIGTERM)
     clock = WallClock()
-    while found and clock.now() < _FREEING_S and owners_of(resources):  # their watchdogs make it safe
-        sleep(clock, 0.1)
+    while (left := found.keys() & owners_of(resources)) and clock.now() < _STOPPING_S:
+        sleep(clock, _LET_GO_S)
+    for pid in left:
+        _signal(found[pid], KILL)
     return tuple(map(str, found.values()))
 
 
