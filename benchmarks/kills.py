@@ -12,7 +12,8 @@ should have returned. Then the run is resumed to its end: no point that was show
 is held against the truth of the simulated gyroscope. A non-linearity is stated only where errors alone would hardly
 make it, so those that stand by chance are all wrong: where none is stated, the bound that is said instead is held
 against the truth. With --watchdog-first nobody is left who makes the bench safe: the next run must say so, and leave
-it safe. A case is mostly waiting: there may be many more workers than processors. What stands in the file of --lines is not run again.
+it safe. A case is mostly waiting: there may be more workers than processors, while instruments still answer within
+TIMEOUT_S. What stands in the file of --lines is not run again.
 """
 
 from __future__ import annotations
@@ -208,6 +209,8 @@ def watched(station: Station, host: Host, folder: Path, how: str, at_s: float) -
     pid = host.start(folder, how)
     ended, codes = host.waiting()
     begun = time.time()
+    while station.physics().safe and not ended.is_set() and time.time() < begun + LONGEST_S:
+        time.sleep(0.1)  # before, there is nothing to be made safe
     ended.wait(at_s)
     line: dict[str, Any] = {"ended_before": ended.is_set(), "live": not station.physics().safe}
     struck = time.time()
@@ -216,7 +219,7 @@ def watched(station: Station, host: Host, folder: Path, how: str, at_s: float) -
     while time.time() < over:
         if how.startswith("call"):
             hung = (folder / "hung").read_text() if (folder / "hung").exists() else ""
-            due = float(hung) + TIMEOUT_S if hung else time.time()
+            due = float(hung.split()[0]) + TIMEOUT_S if hung else time.time()
         elif how == "memory" and not ended.is_set():
             due = time.time()  # it goes on while it needs no more
         if station.physics().safe and ended.wait(0.0):
@@ -254,9 +257,11 @@ def resumed(station: Station, host: Host, folder: Path) -> dict[str, Any]:
             break
         line["resumes"] += 1
         time.sleep(1.0)
-        host.start(folder, "nothing", str(directory))
+        pid = host.start(folder, "nothing", str(directory))
         ended, codes = host.waiting()
-        ended.wait(LONGEST_S)
+        if not ended.wait(LONGEST_S):
+            strike("SIGTERM", pid)
+            ended.wait(30.0)
         line["resume_code"] = codes[0] if codes else None
         newest = max((folder / "runs").glob("*/journal.jsonl"), key=lambda each: each.stat().st_mtime).parent
         directory = newest
@@ -278,7 +283,7 @@ def case(number: int, station: Station, host: Host, folder: Path) -> dict[str, A
     """Run one case; return its line."""
     draw = random.Random(number)  # noqa: S311 - no secret
     wires, how = WIRES[(number // len(LANGUAGES)) % len(WIRES)], draw.choice(ENDS)
-    at_s = draw.uniform(0.0, 30.0 if SPEED[station_language(number)] < 8.0 else 11.0)
+    at_s = draw.uniform(0.0, 28.0 if SPEED[station_language(number)] < 8.0 else 9.0)
     station.control.request("reset", seed=number)
     folder.mkdir()
     (folder / "bench.toml").write_text(station.bench(wires), encoding="utf-8")
@@ -363,7 +368,8 @@ class Stations:
     """Served benches: each serves one case at a time, and many one after the other."""
 
     def __init__(self, place: Path) -> None:
-        self.place, self.free, self.made, self.lock = place, defaultdict(list), 0, threading.Lock()
+        self.place, self.made, self.lock = place, 0, threading.Lock()
+        self.free: dict[str, list[Station]] = defaultdict(list)
         self.all: list[Station] = []
 
     @contextmanager
