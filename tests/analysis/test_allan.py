@@ -17,10 +17,6 @@ from vcfbench.analysis.allan import (
     confidence_interval,
     deviation,
     equivalent_dof,
-    ieee952_uncertainty,
-    modified_deviation,
-    overlapping_deviation,
-    plain_deviation,
     read_off,
 )
 from vcfbench.errors import ConfigError
@@ -62,13 +58,6 @@ def test_thousand_points_of_nist(estimator: Estimator, expected: list[str]) -> N
 @pytest.mark.parametrize(("estimator", "expected"), NINE_POINTS)
 def test_nine_points_of_the_nbs(estimator: Estimator, expected: list[str]) -> None:
     assert [f"{deviation(NBS_MONOGRAPH_140, factor, estimator):.7g}" for factor in (1, 2)] == expected
-
-
-def test_named_estimators_are_those() -> None:
-    record = nist_record()
-    assert plain_deviation(record, 10) == deviation(record, 10, Estimator.PLAIN)
-    assert modified_deviation(record, 10) == deviation(record, 10, Estimator.MODIFIED)
-    assert overlapping_deviation(record, 10) == deviation(record, 10, Estimator.OVERLAPPING)
 
 
 def test_interval_of_nist() -> None:
@@ -127,21 +116,20 @@ def test_ten_million_samples_take_two_seconds_and_the_memory_of_one_more_record(
 # Averaging time, rule of IEEE 952 in per cent, equivalent degrees of freedom, 68 % and 95 % bounds for 3600 points.
 # 531 and 444 at 10 and 12 s: confirmed by 15 000 simulated records (532, 444); Greenhall's approximation has 491, 415.
 CONFIDENCE = [
-    (1, "1.2", "2400", (0.986, 1.015), (0.972, 1.029)),
-    (10, "3.7", "531", (0.971, 1.032), (0.943, 1.064)),
-    (12, "4.1", "444", (0.968, 1.035), (0.938, 1.070)),
-    (100, "12.0", "52", (0.915, 1.115), (0.839, 1.238)),
-    (400, "25.0", "11.3", (0.843, 1.299), (0.711, 1.682)),
-    (1000, "43.9", "3.5", (0.770, 1.773), (0.584, 3.224)),
+    (1, "2400", (0.986, 1.015), (0.972, 1.029)),
+    (10, "531", (0.971, 1.032), (0.943, 1.064)),
+    (12, "444", (0.968, 1.035), (0.938, 1.070)),
+    (100, "52", (0.915, 1.115), (0.839, 1.238)),
+    (400, "11.3", (0.843, 1.299), (0.711, 1.682)),
+    (1000, "3.5", (0.770, 1.773), (0.584, 3.224)),
 ]
 
 
-@pytest.mark.parametrize(("factor", "rule", "edf", "one", "two"), CONFIDENCE)
+@pytest.mark.parametrize(("factor", "edf", "one", "two"), CONFIDENCE)
 def test_confidence_of_an_hour_of_white_noise(
-    factor: int, rule: str, edf: str, one: tuple[float, float], two: tuple[float, float]
+    factor: int, edf: str, one: tuple[float, float], two: tuple[float, float]
 ) -> None:
     dof = equivalent_dof(3600, factor)
-    assert f"{100 * ieee952_uncertainty(3600, factor):.1f}" == rule
     assert f"{dof:.{1 if '.' in edf else 0}f}" == edf
     assert confidence_interval(dof) == pytest.approx(one, abs=5.1e-4)
     assert confidence_interval(dof, 0.95) == pytest.approx(two, abs=5.1e-4)
@@ -187,7 +175,7 @@ def test_interval_covers_the_truth_for_each_law(noise: Noise) -> None:
     """1000 records of 400: 95 % intervals hold the mean of all in 95 %, within 3.5 sigma of a binomial."""
     records = MAKERS[noise](np.random.default_rng(2), 400, 1000)
     for factor in (1, 20, 80):
-        found = np.array([overlapping_deviation(record, factor) for record in records])
+        found = np.array([deviation(record, factor, Estimator.OVERLAPPING) for record in records])
         low, high = confidence_interval(equivalent_dof(400, factor, noise), 0.95)
         truth = math.sqrt(np.mean(found**2))
         inside = np.mean((low * found <= truth) & (truth <= high * found))
@@ -259,7 +247,7 @@ def test_what_is_no_sample_or_no_interval_is_refused(sample: float, interval_s: 
 @pytest.mark.parametrize("factor", [0, 6])
 def test_a_record_too_short_is_refused(factor: int) -> None:
     with pytest.raises(ConfigError, match="two clusters"):
-        overlapping_deviation(np.arange(10.0), factor)
+        deviation(np.arange(10.0), factor, Estimator.OVERLAPPING)
     if factor:
         with pytest.raises(ConfigError, match="two clusters"):
             equivalent_dof(10, factor)

@@ -10,7 +10,7 @@ from tests.analysis.noise import flicker
 from vcfbench.analysis.allan import allan_deviation
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, fit_noise
 from vcfbench.analysis.sampling import Sampling
-from vcfbench.analysis.type_a import u_of_combination, u_of_mean, u_of_mean_within
+from vcfbench.analysis.type_a import u_of_combination, u_of_mean_within
 from vcfbench.errors import ConfigError
 
 SECONDS = Sampling.without_gaps(1.0)
@@ -32,19 +32,19 @@ def test_mean_of_the_next_record_lies_within_what_is_stated() -> None:
     scores, inside = [], 0
     for record in records:
         first, second = record[:600], record[600:]
-        stated = u_of_mean(fit_noise(allan_deviation(first, 1.0), 600, SECONDS, TERMS), SECONDS, 600)
-        z = (second.mean() - first.mean()) / (math.sqrt(2.0) * stated.u)
+        variance, dof = fit_noise(allan_deviation(first, 1.0), 600, SECONDS, TERMS).variance(SECONDS, 600)
+        z = (second.mean() - first.mean()) / math.sqrt(2.0 * variance)
         scores.append(z)
-        inside += abs(z) <= stdtrit(stated.dof, 0.975)
+        inside += abs(z) <= stdtrit(dof, 0.975)
     assert 0.9 < np.std(scores) < 1.1
     assert inside / 300 == pytest.approx(0.95, abs=3.5 * math.sqrt(0.95 * 0.05 / 300))
 
 
 def test_white_noise_alone_falls_with_the_root_of_the_number() -> None:
     fit = known(Coefficients(0.0, 0.0035))
-    assert u_of_mean(fit, SECONDS, 10).u == pytest.approx(0.0035 / math.sqrt(10.0))
-    assert u_of_mean(fit, Sampling(1.0, 0.2), 10).u == pytest.approx(0.0035 / math.sqrt(2.0))
-    assert math.isinf(u_of_mean(fit, SECONDS, 10).dof)
+    assert math.sqrt(fit.variance(SECONDS, 10)[0]) == pytest.approx(0.0035 / math.sqrt(10.0))
+    assert math.sqrt(fit.variance(Sampling(1.0, 0.2), 10)[0]) == pytest.approx(0.0035 / math.sqrt(2.0))
+    assert math.isinf(fit.variance(SECONDS, 10)[1])
 
 
 @pytest.mark.parametrize("order", ["rising", "alternating"])
@@ -85,7 +85,7 @@ def test_degrees_of_freedom_are_those_of_the_noise() -> None:
     """Twice the value squared over its variance: N^2 known to 10 % is worth 200 degrees."""
     covariance = np.zeros((5, 5))
     covariance[1, 1] = 0.1**2
-    assert u_of_mean(NoiseFit(Coefficients(0.0, 1.0), {}, covariance), SECONDS, 7).dof == pytest.approx(200.0)
+    assert NoiseFit(Coefficients(0.0, 1.0), {}, covariance).variance(SECONDS, 7)[1] == pytest.approx(200.0)
 
 
 def test_a_sum_of_means_has_no_finite_uncertainty() -> None:

@@ -198,7 +198,6 @@ def test_every_kind_of_question() -> None:
         ("L?", "1,2,3"),
         ("I?", "+7"),
         ("B?", "0"),
-        ("S?", '"VOLT"'),
         ("D?", "#13abc"),
     ]
     with expected_exchange(OPEN, exchanges) as session:
@@ -207,7 +206,6 @@ def test_every_kind_of_question() -> None:
         assert session.query_numbers("L?") == (1.0, 2.0, 3.0)
         assert session.query_int("I?") == 7
         assert session.query_bool("B?") is False
-        assert session.query_string("S?") == "VOLT"
         assert session.query_block("D?") == b"abc"
 
 

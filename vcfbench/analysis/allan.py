@@ -71,32 +71,11 @@ class AllanPoint:
     high: float
 
 
-def overlapping_deviation(record: ArrayLike, factor: int) -> float:
-    """Return the overlapping Allan deviation of equally spaced averages at `factor` times their spacing.
-
-    Raises:
-        ConfigError: the record is shorter than two clusters.
-
-    """
-    return deviation(record, factor, Estimator.OVERLAPPING)
-
-
-def plain_deviation(record: ArrayLike, factor: int) -> float:
-    """Return the Allan deviation from clusters that do not overlap; raises ConfigError as above."""
-    return deviation(record, factor, Estimator.PLAIN)
-
-
-def modified_deviation(record: ArrayLike, factor: int) -> float:
-    """Return the modified Allan deviation; raises ConfigError for a record shorter than three clusters less one."""
-    return deviation(record, factor, Estimator.MODIFIED)
-
-
 def deviation(record: ArrayLike, factor: int, estimator: Estimator) -> float:
     """Return the deviation of equally spaced averages at `factor` times their spacing, by `estimator`.
 
     Raises:
         ConfigError: the record is too short for one term.
-
     """
     values = np.asarray(record, dtype=np.float64)
     _terms(values.size, factor, estimator)
@@ -181,7 +160,6 @@ def allan_deviation(
 
     Raises:
         ConfigError: the record is too short for a factor, holds what is no finite number, or its interval is no time.
-
     """
     values = np.asarray(record, dtype=np.float64)
     if not np.isfinite(values).all():
@@ -234,11 +212,6 @@ def confidence_interval(edf: float, confidence: float = 0.6827) -> tuple[float, 
 
     tail = (1.0 - confidence) / 2.0
     return math.sqrt(edf / float(chdtri(edf, tail))), math.sqrt(edf / float(chdtri(edf, 1.0 - tail)))
-
-
-def ieee952_uncertainty(samples: int, factor: int) -> float:
-    """Return the rule of IEEE 952 for the relative standard uncertainty: 1 / sqrt(2 (N/n - 1))."""
-    return 1.0 / math.sqrt(2.0 * (samples / factor - 1.0))
 
 
 @dataclass(frozen=True, slots=True)

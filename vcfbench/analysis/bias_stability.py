@@ -57,7 +57,6 @@ def bias_stability(record: ArrayLike, sampling: Sampling, curve: Sequence[AllanP
 
     Raises:
         ConfigError: fewer than three readings.
-
     """
     values = np.asarray(record, dtype=np.float64)
     if values.size < 3:

@@ -76,7 +76,6 @@ class Source(Struct, frozen=True):
 
         Raises:
             ConfigError: a normal distribution has no half width.
-
         """
         if distribution not in _HALF_WIDTHS:
             raise ConfigError(f"{name}: a {distribution.value} distribution has no half width")
@@ -155,7 +154,6 @@ def evaluate(
 
     Raises:
         ConfigError: sources or correlations that cannot be.
-
     """
     pairs = {} if correlations is None else dict(correlations)
     check_sources(sources, pairs)
@@ -184,7 +182,6 @@ def check_sources(sources: Sequence[Source], correlations: Correlations) -> None
 
     Raises:
         ConfigError: a name twice, an uncertainty below zero or not finite, a correlation of what is not there.
-
     """
     names = [source.name for source in sources]
     if len(set(names)) < len(names):

@@ -100,7 +100,6 @@ def block_noise(
 
     Raises:
         ConfigError: no block, or windows that tell no scatter.
-
     """
     if not blocks or readings < 2:
         raise ConfigError("the noise needs a block at least, and two readings a window")
@@ -156,7 +155,6 @@ def polynomial_through_zero(
 
     Raises:
         ConfigError: the points do not determine it.
-
     """
     at, of = np.asarray(x, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
     scale = float(np.abs(at).max())

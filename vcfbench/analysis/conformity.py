@@ -31,7 +31,6 @@ def e_n(first: float, expanded_u_first: float, second: float, expanded_u_second:
 
     Raises:
         ConfigError: neither has an uncertainty.
-
     """
     return _ratio(second - first, math.hypot(expanded_u_first, expanded_u_second))
 
@@ -61,7 +60,6 @@ def conformity(
 
     Raises:
         ConfigError: a lower limit above the upper one, or an uncertainty or factor that is negative or not finite.
-
     """
     if not low <= high or not (0.0 <= expanded_u < math.inf and 0.0 <= guard_factor < math.inf):
         raise ConfigError(

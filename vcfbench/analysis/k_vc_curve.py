@@ -74,7 +74,6 @@ class KVcCurve:
 
         Raises:
             ConfigError: a V_Vc more than 5 % outside what was matched: a cubic says nothing there.
-
         """
         return np.asarray(self._powers(v_vc_v) @ np.array(self.coefficients))
 
@@ -86,7 +85,6 @@ class KVcCurve:
 
         Raises:
             ConfigError: as above, or a covariance of another size.
-
         """
         v = np.atleast_1d(np.asarray(v_vc_v, dtype=np.float64))
         powers = self._powers(v)
@@ -130,7 +128,6 @@ def covariance_of(values: ArrayLike, u: ArrayLike, u_gain: float = 0.0, u_offset
         u: standard uncertainty of each by itself (or one for all), in their unit.
         u_gain: relative standard uncertainty that all share.
         u_offset: standard uncertainty of an offset that all share.
-
     """
     read = np.asarray(values, dtype=np.float64)
     alone = np.broadcast_to(np.asarray(u, dtype=np.float64), read.shape) ** 2
@@ -155,7 +152,6 @@ def fit_k_vc_curve(
 
     Raises:
         ConfigError: fewer pairs than coefficients, rates of one sign, covariances that are none, or no solution.
-
     """
     rate, v = np.asarray(rate_deg_s, dtype=np.float64), np.asarray(v_vc_v, dtype=np.float64)
     if rate.ndim != 1 or rate.shape != v.shape or order < 1 or rate.size < order + 1:
@@ -204,7 +200,6 @@ def covariance_parts(
 
     Raises:
         ConfigError: the parts are all zero, or depend on each other completely.
-
     """
     v = np.asarray(v_vc_v, dtype=np.float64)
     slope = _slope(np.array(curve.coefficients), v)
@@ -225,7 +220,6 @@ def coefficient_weights(curve: KVcCurve, v_vc_v: ArrayLike, covariance: ArrayLik
 
     Raises:
         ConfigError: the covariance is zero or singular.
-
     """
     v = np.asarray(v_vc_v, dtype=np.float64)
     scale = float(np.abs(v).max())

@@ -46,7 +46,6 @@ def fit_model(residuals: Callable[[Floats], Floats], start: Floats, what: str) -
 
     Raises:
         ConfigError: fewer points than parameters, or no minimum with a finite covariance.
-
     """
     count = residuals(start).size
     if count < start.size:

@@ -68,7 +68,6 @@ def propagate(
 
     Raises:
         ConfigError: sources or correlations that cannot be, or too few trials for the interval.
-
     """
     if trials * (1.0 - confidence) < 100.0:
         raise ConfigError(f"{trials} trials are too few for an interval of {100.0 * confidence:g} %")

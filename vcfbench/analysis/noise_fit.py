@@ -149,7 +149,6 @@ def fit_noise(
 
     Raises:
         ConfigError: fewer points than terms, a point that is no multiple of the interval, or a record without noise.
-
     """
     chosen = [term for term in Term if term in set(terms)]
     factors = [round(point.tau_s / sampling.interval_s) for point in curve]
@@ -162,7 +161,28 @@ def fit_noise(
         found = _coefficients(squares, places)
         spread = np.array([_covariance(found, sampling, samples, m, m) for m in factors])
         squares = _weighted(design, variance, 1.0 / np.maximum(spread, (1e-6 * (design @ squares)) ** 2))
-    return _with_uncertainty(squares, places, _Estimator(design, 1.0 / spread, sampling, samples, factors))
+    # Carry the covariances of the points through the least-squares sums. Terms that came out as 0 take no part in the
+    # uncertainty of the others; that of each of them is what it would have beside the others alone
+    estimator = _Estimator(design, 1.0 / spread, sampling, samples, factors)
+    free, found = np.flatnonzero(squares > 0.0).tolist(), _coefficients(squares, places)
+    part = np.zeros((len(places), len(places)))
+    part[np.ix_(free, free)] = estimator.covariance(found, free)
+    fitted = {}
+    for row, place in enumerate(places):
+        beside = free if row in free else [*free, row]
+        if row not in free:
+            part[row, row] = estimator.covariance(found, beside)[-1, -1]
+        value, u_square = math.sqrt(squares[row]), math.sqrt(float(part[row, row]))
+        without = squares.copy()
+        without[row] = 0.0
+        at_0 = estimator.covariance(_coefficients(without, places), beside)[beside.index(row), beside.index(row)]
+        u_at_0 = min(math.sqrt(max(0.0, at_0)), u_square)
+        u = u_square / (2.0 * value) if value > 0.0 else None
+        upper = math.sqrt(_upper(squares[row], u_square, u_at_0))
+        fitted[list(Term)[place]] = NoiseTerm(value, u, upper, u_at_0)
+    whole = np.zeros((len(Term), len(Term)))
+    whole[np.ix_(places, places)] = part
+    return NoiseFit(found, fitted, whole)
 
 
 def fit_shown_noise(
@@ -234,34 +254,9 @@ class _Estimator:
         for i, first in enumerate(factors):
             for j, second in enumerate(factors[: i + 1]):
                 whole[i, j] = whole[j, i] = _covariance(law, self.sampling, self.samples, first, second)
-        return _carried(self.design[:, among], self.weight, whole)
-
-
-def _with_uncertainty(squares: Floats, places: list[int], estimator: _Estimator) -> NoiseFit:
-    """Carry the covariances of the points through the least-squares sums.
-
-    Terms that came out as 0 take no part in the uncertainty of the others; that of each of them is what it would have
-    beside the others alone.
-    """
-    free, found = np.flatnonzero(squares > 0.0).tolist(), _coefficients(squares, places)
-    part = np.zeros((len(places), len(places)))
-    part[np.ix_(free, free)] = estimator.covariance(found, free)
-    terms = {}
-    for row, place in enumerate(places):
-        beside = free if row in free else [*free, row]
-        if row not in free:
-            part[row, row] = estimator.covariance(found, beside)[-1, -1]
-        value, variance = math.sqrt(squares[row]), float(part[row, row])
-        without = squares.copy()
-        without[row] = 0.0
-        at_0 = estimator.covariance(_coefficients(without, places), beside)[beside.index(row), beside.index(row)]
-        u_at_0 = min(math.sqrt(max(0.0, at_0)), math.sqrt(variance))
-        u = math.sqrt(variance) / (2.0 * value) if value > 0.0 else None
-        upper = math.sqrt(_upper(squares[row], math.sqrt(variance), u_at_0))
-        terms[list(Term)[place]] = NoiseTerm(value, u, upper, u_at_0)
-    whole = np.zeros((len(Term), len(Term)))
-    whole[np.ix_(places, places)] = part
-    return NoiseFit(found, terms, whole)
+        root = np.sqrt(self.weight)
+        gain = np.linalg.pinv(self.design[:, among] * root[:, None]) * root
+        return np.asarray(gain @ whole @ gain.T)
 
 
 def _upper(square: float, u: float, u_at_0: float) -> float:
@@ -277,12 +272,6 @@ def _upper(square: float, u: float, u_at_0: float) -> float:
         return square + float(ndtri(_CONFIDENCE)) * u
     others, dof = u_at_0 / grows, 2.0 / grows**2
     return (square + others) * dof / float(chdtri(dof, _CONFIDENCE)) - others
-
-
-def _carried(design: Floats, weight: Floats, covariances: Floats) -> Floats:
-    root = np.sqrt(weight)
-    gain = np.linalg.pinv(design * root[:, None]) * root
-    return np.asarray(gain @ covariances @ gain.T)
 
 
 def _covariance(noise: Coefficients, sampling: Sampling, samples: int, first: int, second: int) -> float:

@@ -61,17 +61,6 @@ class LineFit(Struct, frozen=True):
         """The bias as an equivalent rate, deg/s, sign kept."""
         return self.bias / self.scale_factor
 
-    @property
-    def cook_distance(self) -> Floats:
-        """Cook's distance: pull of each point alone on the line, in units of the line's uncertainty."""
-        leverage = self.leverage
-        scaled = self.residuals_v**2 / (2.0 * self.s_v**2)
-        return np.asarray(scaled * leverage / (1.0 - leverage) ** 2)
-
-    def predict_v(self, rate_deg_s: ArrayLike) -> Floats:
-        """Return the line at `rate_deg_s`, V."""
-        return self.scale_factor * np.asarray(rate_deg_s, dtype=np.float64) + self.bias
-
 
 class Polynomial(Struct, frozen=True):
     """A least-squares polynomial of the output in the rate."""
@@ -94,7 +83,6 @@ def fit_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> LineFit:
 
     Raises:
         ConfigError: fewer than three points, a value that is not finite, or a rate that never changes.
-
     """
     rate, output = checked_points(rate_deg_s, output_v)
     deviation = rate - rate.mean()

@@ -65,7 +65,6 @@ def deviation_factor(sampling: Sampling, noise: Noise, factor: int = 1) -> float
 
     Raises:
         ConfigError: `factor` is not positive.
-
     """
     if factor < 1:
         raise ConfigError(f"a cluster needs at least one reading, got {factor}")
@@ -117,7 +116,6 @@ def block_means(record: ArrayLike, readings: int) -> Floats:
 
     Raises:
         ConfigError: the record does not fill one block.
-
     """
     values = np.asarray(record, dtype=np.float64)
     blocks = values.size // readings if readings > 0 else 0

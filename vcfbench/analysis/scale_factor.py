@@ -112,7 +112,6 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
 
     Raises:
         ConfigError: the points do not determine a line, or the output does not follow the rate at all.
-
     """
     rate, output = checked_points(rate_deg_s, output_v)
     line = fit_line(rate, output)

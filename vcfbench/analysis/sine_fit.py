@@ -75,7 +75,6 @@ def fit_sine_at(samples: ArrayLike, interval_s: float, frequency_hz: float) -> S
 
     Raises:
         ConfigError: fewer than four finite samples, or a frequency that the samples do not tell from a constant.
-
     """
     channels = _checked([samples])
     times = _times(channels.shape[1], interval_s)
@@ -94,7 +93,6 @@ def fit_sine(samples: ArrayLike, interval_s: float, start_hz: float | None = Non
     Raises:
         ConfigError: too few or not finite samples.
         MeasurementError: no sine that the fit settles on.
-
     """
     channels = _checked([samples])
     return _sine(_common(channels, interval_s, start_hz), channels.shape[1], interval_s, parameters=4)
@@ -107,7 +105,6 @@ def phase_difference(
 
     Raises:
         ConfigError: channels of different lengths, or as for :func:`fit_sine`.
-
     """
     channels = _checked([first, second])
     fitted = _common(channels, interval_s, start_hz)

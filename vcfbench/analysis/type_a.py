@@ -33,26 +33,11 @@ class TypeAUncertainty:
     dof: float
 
 
-def u_of_mean(fit: NoiseFit, sampling: Sampling, readings: int) -> TypeAUncertainty:
-    """Return the uncertainty of the mean of `readings`, as a statement about such means: the Allan deviation there.
-
-    Two means of so many readings, one after the other, differ by sqrt(2) times that. How far the bias wanders in longer
-    times is not in it: see :func:`u_of_mean_within`.
-
-    Raises:
-        ConfigError: `readings` is not positive.
-
-    """
-    variance, dof = fit.variance(sampling, readings)
-    return TypeAUncertainty(math.sqrt(variance), dof)
-
-
 def u_of_mean_within(fit: NoiseFit, sampling: Sampling, duration_s: float, horizon_s: float) -> TypeAUncertainty:
     """Return the uncertainty of a mean over `duration_s` as a statement about the mean over the `horizon_s` around it.
 
     Raises:
         ConfigError: the horizon is not longer than the mean.
-
     """
     if not 0.0 < duration_s < horizon_s:
         raise ConfigError(f"a horizon of {horizon_s:g} s does not hold a mean over {duration_s:g} s")
@@ -70,7 +55,6 @@ def u_of_combination(
 
     Raises:
         ConfigError: the weights do not add up to 0, or a window does not last.
-
     """
     begin, end, weight = (np.asarray(values, dtype=np.float64) for values in (begin_s, end_s, weights))
     if begin.ndim != 1 or not begin.shape == end.shape == weight.shape or not (end > begin).all():

@@ -48,7 +48,6 @@ def nr3(decimals: int | None = None, exponent_digits: tuple[int, int] = (2, 2)) 
     Args:
         decimals: how many digits follow the point; None is any number of them but none.
         exponent_digits: the least and the most digits of the exponent.
-
     """
     fraction = "+" if decimals is None else f"{{{decimals}}}"
     least, most = exponent_digits
@@ -107,13 +106,6 @@ def boolean(reply: str) -> bool:
     if reply not in ("0", "1"):
         raise _refuse("0 or 1", reply)
     return reply == "1"
-
-
-def quoted(reply: str) -> str:
-    """Return the content of a quoted string."""
-    if len(reply) < 2 or reply[0] != '"' or reply[-1] != '"':
-        raise _refuse("a quoted string", reply)
-    return reply[1:-1].replace('""', '"')
 
 
 def error_entry(reply: str) -> tuple[int, str]:

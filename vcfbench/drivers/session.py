@@ -10,7 +10,7 @@ The safe words alone need none of that: they are sent on whatever is left of the
 from __future__ import annotations
 
 import threading
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar
 
@@ -30,7 +30,7 @@ from vcfbench.errors import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
     from types import TracebackType
     from typing import Self
@@ -218,10 +218,6 @@ class Session:
         """Ask for a switch, ``0`` or ``1``."""
         return self._ask(command, lambda line: replies.boolean(replies.text(line)), deadline)
 
-    def query_string(self, command: str, deadline: Deadline | None = None) -> str:
-        """Ask for a quoted string and return its content."""
-        return self._ask(command, lambda line: replies.quoted(replies.text(line)), deadline)
-
     def query_block(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask for a definite-length block and return its data."""
         return self._exchange(command, self._read_block, _as_it_came, deadline)
@@ -245,17 +241,12 @@ class Session:
         with self._lock:
             self._in_step(limit)
             for command in commands:
-                self._send_one(command, limit)
-
-    def _send_one(self, command: str, deadline: Deadline) -> None:
-        self._dirty = True
-        try:
-            self._say(command, deadline)
-        except TransportError as error:
-            raise self._failed(error, command, deadline)  # noqa: B904 - the same error, now knowing where
-        self._dirty = False
-        if self._write_pause_s:
-            sleep(self.clock, min(self._write_pause_s, deadline.remaining()))
+                self._dirty = True
+                with self._knowing_where(command, limit):
+                    self._say(command, limit)
+                self._dirty = False
+                if self._write_pause_s:
+                    sleep(self.clock, min(self._write_pause_s, limit.remaining()))
 
     def check_errors(self, deadline: Deadline | None = None) -> None:
         """Read the error queue to its end; raises InstrumentError with the first entry, naming the others."""
@@ -263,7 +254,13 @@ class Session:
             self._raise_errors(deadline or self.deadline(), None)
 
     def _raise_errors(self, deadline: Deadline, command: str | None) -> None:
-        entries = self._take_errors(deadline)
+        queued: list[tuple[int, str]] = []
+        while len(queued) < _DEEPEST_QUEUE:
+            entry = self._ask(*self._error_question, deadline)
+            if entry[0] == 0:
+                break
+            queued.append(entry)
+        entries, self._put_off = self._put_off + queued, []
         if not entries:
             return
         (number, words), others = entries[0], entries[1:]
@@ -276,20 +273,6 @@ class Session:
             resource=self.resource,
             command=None if command is None else _shown(command),
         )
-
-    def _take_errors(self, deadline: Deadline) -> list[tuple[int, str]]:
-        entries = self._read_errors(deadline)
-        entries, self._put_off = self._put_off + entries, []
-        return entries
-
-    def _read_errors(self, deadline: Deadline) -> list[tuple[int, str]]:
-        entries: list[tuple[int, str]] = []
-        while len(entries) < _DEEPEST_QUEUE:
-            entry = self._ask(*self._error_question, deadline)
-            if entry[0] == 0:
-                break
-            entries.append(entry)
-        return entries
 
     def use_event_status(self) -> None:
         """Read refusals from ``*ESR?``: the instrument has no error queue."""
@@ -321,27 +304,21 @@ class Session:
     def _speak_blind(self, taken: list[bool]) -> None:
         with suppress(Exception):  # whatever a VISA library raises: the other instruments must hear their words
             try:
-                self._speak_on_what_is_left(taken)
+                self._require_open()
+                self._wire.send(self._safe_words, _blind_deadline())
+                taken.append(True)
+                if self._wire.pending():  # also finds out that the peer has gone, which sending did not
+                    self._dirty = True
             except LinkLost:
                 taken.append(False)
-                self._speak_anew(taken)
-
-    def _speak_on_what_is_left(self, taken: list[bool]) -> None:
-        self._require_open()
-        self._wire.send(self._safe_words, _blind_deadline())
-        taken.append(True)
-        if self._wire.pending():  # also finds out that the peer has gone, which sending did not
-            self._dirty = True
-
-    def _speak_anew(self, taken: list[bool]) -> None:
-        """Connect anew and speak; whoever holds the lock meanwhile is doing so already."""
-        if self._reconnect is None or not self._lock.acquire(blocking=False):
-            return
-        try:
-            self._renew(self._reconnect, _blind_deadline())
-            taken.append(True)
-        finally:
-            self._lock.release()
+                # Whoever holds the lock meanwhile is connecting anew already
+                if self._reconnect is None or not self._lock.acquire(blocking=False):
+                    return
+                try:
+                    self._renew(self._reconnect, _blind_deadline())
+                    taken.append(True)
+                finally:
+                    self._lock.release()
 
     def _renew(self, reconnect: Callable[[Deadline], Wire], deadline: Deadline) -> None:
         """Make a new connection; the safe words are the first that is said there."""
@@ -366,10 +343,8 @@ class Session:
         with self._lock:
             self._require_open()
             self._received = b""
-            try:
+            with self._knowing_where("device clear", limit):
                 self._wire.clear(limit)
-            except TransportError as error:
-                raise self._failed(error, "device clear", limit)  # noqa: B904 - the same error, now knowing where
 
     def resync(self, deadline: Deadline | None = None) -> None:
         """Get into step again, or close.
@@ -389,7 +364,14 @@ class Session:
             except LinkLost as error:
                 raise self._failed(error, "*IDN?", limit)  # noqa: B904 - the same error, now knowing where
             except TransportError as error:
-                raise self._given_up(limit) from error
+                self._give_up("answers no longer belonged to their questions")
+                raise OutOfSync(
+                    "the answers no longer belong to the questions, the connection was closed",
+                    instrument=self.name,
+                    resource=self.resource,
+                    elapsed_s=limit.elapsed(),
+                    hint="check the cable and the interface, then start again",
+                ) from error
 
     def _find_the_place(self, deadline: Deadline) -> None:
         if self._identity is None:
@@ -427,16 +409,6 @@ class Session:
             entries.append(entry)
         return entries
 
-    def _given_up(self, deadline: Deadline) -> OutOfSync:
-        self._give_up("answers no longer belonged to their questions")
-        return OutOfSync(
-            "the answers no longer belong to the questions, the connection was closed",
-            instrument=self.name,
-            resource=self.resource,
-            elapsed_s=deadline.elapsed(),
-            hint="check the cable and the interface, then start again",
-        )
-
     def revive(self, deadline: Deadline | None = None) -> None:
         """Make the session usable again for making safe: resynchronise it, or connect anew to the same instrument.
 
@@ -458,10 +430,8 @@ class Session:
         if self._reconnect is None:
             self._require_open()
         else:
-            try:
+            with self._knowing_where(None, deadline):
                 self._renew(self._reconnect, deadline)
-            except TransportError as error:
-                raise self._failed(error, None, deadline)  # noqa: B904 - the same error, now knowing where
         self.resync(deadline)
 
     def close(self) -> None:
@@ -520,15 +490,10 @@ class Session:
             if deadline.expired():  # no time to find the place in is no reason to give the connection up
                 raise self._located(DeadlineExceeded("the time was up before anything was sent"), None, deadline)
             self.resync(deadline)
-            self._forget_what_is_unasked(deadline)
-
-    def _forget_what_is_unasked(self, deadline: Deadline) -> None:
-        """Drop bytes that are there although every question has been answered: second answers, noise."""
-        self._received = b""
-        try:
-            self._wire.pending()
-        except TransportError as error:
-            raise self._failed(error, None, deadline)  # noqa: B904 - the same error, now knowing where
+            # Bytes that are there although every question has been answered are second answers, or noise
+            self._received = b""
+            with self._knowing_where(None, deadline):
+                self._wire.pending()
 
     def _say(self, command: str, deadline: Deadline) -> None:
         if deadline.expired():
@@ -582,6 +547,14 @@ class Session:
             raise LinkLost(
                 f"the connection is closed ({self._closed_because})", instrument=self.name, resource=self.resource
             )
+
+    @contextmanager
+    def _knowing_where(self, command: str | None, deadline: Deadline) -> Iterator[None]:
+        """Let an error of the wire tell where it happened; the session is dirty then."""
+        try:
+            yield
+        except TransportError as error:
+            raise self._failed(error, command, deadline)  # noqa: B904 - the same error
 
     def _failed(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
         self._dirty = True

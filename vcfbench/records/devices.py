@@ -572,7 +572,6 @@ def load_device(serial: str, devices: Path | str = "devices") -> Device:
 
     Raises:
         ConfigError: nothing is known of it, or an entry cannot be read.
-
     """
     return DeviceStore(Path(devices)).device(serial)
 

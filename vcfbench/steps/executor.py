@@ -415,7 +415,19 @@ class Executor:
         if self._moved is not None:
             result = result.counted_from(*self._moved)
         self._physical_s += step.physical_s
-        self._write(step, result, start_s)
+        if self._context.chunks:
+            self._context.rest()
+        line = self._done(step, result, start_s)
+        if step.not_checked:
+            line["not_checked"] = step.not_checked
+        point = result.recorded_point
+        if point is not None:
+            line["point"] = point.as_json()
+        with self._undivided():
+            self._write_owed()
+            self.journal.step(line)
+            self._written = self._number
+            self._count(step, result, self._context.asked_again)
         if self._pausing is not None:
             self._performed.append(step)
         self._tell(StepFinished(self._number, self._now(), step, result, tuple(self._context.asked_again)))
@@ -438,21 +450,6 @@ class Executor:
         while self._owed:
             self.journal.error(self._owed[0])
             del self._owed[0]
-
-    def _write(self, step: Step, result: StepResult, start_s: float) -> None:
-        if self._context.chunks:
-            self._context.rest()
-        line = self._done(step, result, start_s)
-        if step.not_checked:
-            line["not_checked"] = step.not_checked
-        point = result.recorded_point
-        if point is not None:
-            line["point"] = point.as_json()
-        with self._undivided():
-            self._write_owed()
-            self.journal.step(line)
-            self._written = self._number
-            self._count(step, result, self._context.asked_again)
 
     def _done(self, step: Step, result: StepResult, start_s: float) -> dict[str, Any]:
         return {

@@ -17,7 +17,7 @@ from msgspec import Struct
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.steady import on_grid
-from vcfbench.errors import FramingError, InstrumentError, LinkLost, OutOfSync, TransportError
+from vcfbench.errors import FramingError, InstrumentError, OutOfSync, TransportError
 from vcfbench.interfaces import Identity
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ class AclDialect(Struct):
         if not self._identity:
             unknown = OutOfSync("nothing that came was an answer, the connection was closed", hint=_SPEED)
             raise line.locate(unknown, "*IDN?", deadline)
-        try:
+        with line.resynchronising("*IDN?", deadline):
             line.take_unasked()
             line.send(b"*IDN?\n", deadline)
             line.take_through(self._identity, deadline)
@@ -146,12 +146,6 @@ class AclDialect(Struct):
             while self._body(line, deadline).encode("ascii") == self._identity:
                 pass
             line.take_unasked()  # every question has been answered: a second answer, or noise
-        except LinkLost as error:
-            raise line.locate(error, "*IDN?", deadline)  # noqa: B904 - the same error, now knowing where
-        except TransportError as error:
-            lost = OutOfSync("the answers no longer belong to the questions, the connection was closed")
-            raise line.locate(lost, "*IDN?", deadline) from error
-        line.dirty = False
 
     # Words that are sent blind
 
@@ -259,12 +253,9 @@ class AclDialect(Struct):
         ):
             # The next message, empty if there is none: a question has just been answered, so this is the reply
             question = ":Status:MSG? QERROR"
-            with line.exclusive():
-                try:
-                    self._say(line, question, deadline)
-                    body = self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
-                except TransportError as error:
-                    raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+            with line.exchange(question, deadline):
+                self._say(line, question, deadline)
+                body = self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
                 line.dirty = False
             message = replies.text(body)
             if not message:
@@ -288,12 +279,9 @@ class AclDialect(Struct):
 
     def ask(self, line: TableLine, question: str, deadline: Deadline) -> str:
         """Put one question and return its answer, without header and terminator."""
-        with line.exclusive():
-            try:
-                self._say(line, question, deadline)
-                answer = self._body(line, deadline)
-            except TransportError as error:
-                raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+        with line.exchange(question, deadline):
+            self._say(line, question, deadline)
+            answer = self._body(line, deadline)
             line.dirty = False
         return answer
 
@@ -301,21 +289,19 @@ class AclDialect(Struct):
         """Give one command; raises InstrumentError with the table's refusal."""
         with line.exclusive():
             try:
-                self._say(line, command, deadline)
-                if self.header != "none":
-                    self._require_acknowledged(line, deadline)
+                with line.exchange(command, deadline):
+                    self._say(line, command, deadline)
+                    if self.header != "none":
+                        self._require_acknowledged(line, deadline)
             except (TransportError, InstrumentError) as error:
                 error.command = command
-                raise line.locate(error, command, deadline) if isinstance(error, TransportError) else error  # noqa: B904
+                raise
             line.dirty = False
-            self._check_command(line, command, deadline)
-
-    def _check_command(self, line: TableLine, command: str, deadline: Deadline) -> None:
-        try:
-            self.check_errors(line, deadline)
-        except InstrumentError as error:
-            error.command = command
-            raise
+            try:
+                self.check_errors(line, deadline)
+            except InstrumentError as error:
+                error.command = command
+                raise
 
     def _say(self, line: TableLine, message: str, deadline: Deadline) -> None:
         unasked = line.take_unasked().replace(b"\r", b"\n").split(b"\n")

@@ -17,7 +17,7 @@ from msgspec import Struct, field
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, on_grid, require_rest
-from vcfbench.errors import DeadlineExceeded, InstrumentError, LinkLost, OutOfSync, TransportError
+from vcfbench.errors import DeadlineExceeded, InstrumentError
 from vcfbench.interfaces import Identity
 
 if TYPE_CHECKING:
@@ -63,17 +63,12 @@ class AtlDialect(Struct):
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drain, send the status question, and drop everything up to the prompt after its data."""
-        try:
+        with line.resynchronising("STA", deadline, "the table does not answer any more"):
             line.take_unasked()
             line.send(b"\rSTA\r", deadline)
             self._data_then_prompt(line, "STA", deadline)
             drain(line, deadline)  # that data may have been a late answer, and the status still to come
-        except LinkLost as error:
-            raise line.locate(error, "STA", deadline)  # noqa: B904 - the same error, now knowing where
-        except TransportError as error:
-            lost = OutOfSync("the table does not answer any more, the connection was closed")
-            raise line.locate(lost, "STA", deadline) from error
-        line.dirty = self._owed = False
+        self._owed = False
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Send ``STO`` after a carriage return, which ends whatever half a command stands before it."""
@@ -121,21 +116,16 @@ class AtlDialect(Struct):
                 self.hold(line, deadline)
         if rate_deg_s != 0.0:
             self._steady.demand(rate_deg_s)
-            self._jog(line, f"JOG{_decimal(rate_deg_s)}", deadline)
-
-    def _jog(self, line: TableLine, command: str, deadline: Deadline) -> None:
-        patience = Deadline.after(line.clock, min(_PATIENCE_S, deadline.remaining()))
-        with line.exclusive():
-            try:
+            command = f"JOG{_decimal(rate_deg_s)}"
+            patience = Deadline.after(line.clock, min(_PATIENCE_S, deadline.remaining()))
+            with line.exchange(command, deadline):
                 self._find_place(line, deadline)
                 line.send(f"{command}\r".encode("ascii"), deadline)
                 self._owed = True
                 with suppress(DeadlineExceeded):
                     self._acknowledged(line, command, patience)
                     self._owed = False
-            except TransportError as error:
-                raise line.locate(error, command, deadline)  # noqa: B904
-            line.dirty = False
+                line.dirty = False
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Return the state last set: no question for it is known."""
@@ -179,15 +169,12 @@ class AtlDialect(Struct):
     # Exchanges
 
     def _number(self, line: TableLine, question: str, deadline: Deadline) -> float:
-        with line.exclusive():
-            try:
-                if line.dirty:
-                    self.resync(line, deadline)
-                line.dirty = True  # until the exchange is whole, whatever ends it
-                line.send(f"{question}\r".encode("ascii"), deadline)
-                answer = self._data_then_prompt(line, question, deadline)
-            except TransportError as error:
-                raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+        with line.exchange(question, deadline):
+            if line.dirty:
+                self.resync(line, deadline)
+            line.dirty = True  # until the exchange is whole, whatever ends it
+            line.send(f"{question}\r".encode("ascii"), deadline)
+            answer = self._data_then_prompt(line, question, deadline)
             line.dirty = self._owed = False
         self._require_accepted(line, question, answer)
         return replies.number(answer)
@@ -202,14 +189,11 @@ class AtlDialect(Struct):
             self.resync(line, deadline)
 
     def _exchange(self, line: TableLine, command: str, message: bytes, deadline: Deadline) -> None:
-        with line.exclusive():
+        with line.exchange(command, deadline):
             owed, line.dirty = self._owed, True
-            try:
-                line.take_unasked()
-                line.send(message, deadline)
-                self._acknowledged(line, command, deadline)
-            except TransportError as error:
-                raise line.locate(error, command, deadline)  # noqa: B904
+            line.take_unasked()
+            line.send(message, deadline)
+            self._acknowledged(line, command, deadline)
             line.dirty = owed  # the prompt may have been an earlier command's
 
     def _acknowledged(self, line: TableLine, command: str, deadline: Deadline) -> None:

@@ -269,21 +269,18 @@ class ConfigurableDialect:
         if refusals.query is None:
             return
         for _ in range(refusals.deepest):
-            answer = self._ask_refusal(line, refusals.query, deadline)
+            with line.exclusive():
+                try:
+                    line.send(frame_text(self.profile.frame, refusals.query, self.profile.link.tx_end), deadline)
+                    answer = take_text(self.profile.received_frame, self.profile.link.rx_end, line, deadline)
+                except TransportError as error:
+                    line.dirty = True
+                    raise line.locate(error, refusals.query, deadline)  # noqa: B904 - the same error, now knowing where
             if re.fullmatch(refusals.good, answer):
                 break
             refused.append(answer)
         if refused:
             raise InstrumentError(f"refused with {'; then '.join(refused)}", words=refused[0], **located(line))
-
-    def _ask_refusal(self, line: TableLine, query: str, deadline: Deadline) -> str:
-        with line.exclusive():
-            try:
-                line.send(frame_text(self.profile.frame, query, self.profile.link.tx_end), deadline)
-                return take_text(self.profile.received_frame, self.profile.link.rx_end, line, deadline)
-            except TransportError as error:
-                line.dirty = True
-                raise line.locate(error, query, deadline)  # noqa: B904 - the same error, now knowing where
 
     # Readings
 
@@ -327,15 +324,13 @@ class ConfigurableDialect:
         within = Deadline.after(line.clock, min(stream.max_age_s, deadline.remaining()))
         if within.expired():
             raise line.locate(DeadlineExceeded("there was no time left to wait for a status"), STREAM, deadline)
-        with line.exclusive():
+        with line.exchange(STREAM, within):
             try:
                 line.take_unasked()
                 return self._replies.await_reply(line, stream.reply, within, among_others=True)
             except DeadlineExceeded as error:
                 error.what = f"no status for {within.elapsed():.3g} s"
-                raise line.locate(error, STREAM, within) from error
-            except TransportError as error:
-                raise line.locate(error, STREAM, within)  # noqa: B904 - the same error, now knowing where
+                raise
 
     # Commands
 

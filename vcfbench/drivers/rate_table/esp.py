@@ -18,7 +18,7 @@ from msgspec import Struct, field
 from vcfbench.clock import sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.steady import SteadyRate, located, on_grid, require_rest
-from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LinkLost, OutOfSync, TransportError
+from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
 from vcfbench.interfaces import Identity
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class EspDialect(Struct):
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drop late answers up to the known one of ``VE?``, then up to a number."""
-        try:
+        with line.resynchronising("VE?", deadline):
             if not self._version:
                 raise FramingError("no answer is known yet")
             line.take_unasked()
@@ -84,12 +84,6 @@ class EspDialect(Struct):
             while _text(line, deadline) not in ("0", "1"):
                 pass
             line.take_unasked()
-        except LinkLost as error:
-            raise line.locate(error, "VE?", deadline)  # noqa: B904 - the same error, now knowing where
-        except TransportError as error:
-            lost = OutOfSync("the answers no longer belong to the questions, the connection was closed")
-            raise line.locate(lost, "VE?", deadline) from error
-        line.dirty = False
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Send ``ST``; the carriage return before it ends a torn command."""
@@ -218,22 +212,17 @@ class EspDialect(Struct):
         return replies.number(self._ask(line, question, deadline))
 
     def _ask(self, line: TableLine, question: str, deadline: Deadline) -> str:
-        with line.exclusive():
-            try:
-                self._say(line, question, deadline)
-                answer = _text(line, deadline)
-            except TransportError as error:
-                raise line.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+        with line.exchange(question, deadline):
+            self._say(line, question, deadline)
+            answer = _text(line, deadline)
             line.dirty = False
         return answer
 
     def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
         with line.exclusive():
-            try:
+            with line.exchange(command, deadline):
                 self._say(line, command, deadline)
                 line.dirty = False
-            except TransportError as error:
-                raise line.locate(error, command, deadline)  # noqa: B904
             try:
                 self.check_errors(line, deadline)
             except InstrumentError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, Struct
@@ -14,7 +14,7 @@ from vcfbench.drivers.trace import tapping
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, FramingError, LinkLost, OutOfSync, TransportError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from contextlib import AbstractContextManager
 
     import serial
@@ -27,6 +27,7 @@ _BLIND_S = 0.3
 """Wall time that sending words blind may take."""
 
 _LONGEST_LINE = 32_768
+_LOST = "the answers no longer belong to the questions"
 """The longest message of any table's language known so far (ACL manual, section 2)."""
 
 
@@ -223,6 +224,26 @@ class TableLine:
             self._fill(deadline)
         self._received = self._received[found + len(known) :]
 
+    @contextmanager
+    def exchange(self, command: str, deadline: Deadline) -> Iterator[None]:
+        """Keep other threads out for one exchange; an error of the line in it tells where it happened."""
+        with self._lock:
+            try:
+                yield
+            except TransportError as error:
+                raise self.locate(error, command, deadline)  # noqa: B904 - the same error, now knowing where
+
+    @contextmanager
+    def resynchronising(self, question: str, deadline: Deadline, lost: str = _LOST) -> Iterator[None]:
+        """Find the place again by `question`; where that fails the error is OutOfSync, or LinkLost."""
+        try:
+            yield
+        except LinkLost as error:
+            raise self.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+        except TransportError as error:
+            raise self.locate(OutOfSync(f"{lost}, the connection was closed"), question, deadline) from error
+        self.dirty = False
+
     def locate(self, error: TransportError, command: str, deadline: Deadline) -> TransportError:
         """Tell `error` where it happened; a lost connection is closed."""
         error.instrument = error.instrument or self.name
@@ -257,28 +278,22 @@ class TableLine:
     def _speak_blind(self, words: Sequence[bytes], gap_s: float, taken: list[bool]) -> None:
         with suppress(Exception):  # a port is anyone's code, and the other instruments must hear their words
             try:
-                self._speak_on_what_is_left(words, gap_s, taken)
+                self._require_open()
+                self.dirty = True
+                self._send_all(words, gap_s)
+                taken.append(True)
+                self._wire.pending()  # finds out that the other end has gone, which sending did not
             except LinkLost:
                 taken.append(False)
-                self._speak_anew(words, gap_s, taken)
-
-    def _speak_on_what_is_left(self, words: Sequence[bytes], gap_s: float, taken: list[bool]) -> None:
-        self._require_open()
-        self.dirty = True
-        self._send_all(words, gap_s)
-        taken.append(True)
-        self._wire.pending()  # finds out that the other end has gone, which sending did not
-
-    def _speak_anew(self, words: Sequence[bytes], gap_s: float, taken: list[bool]) -> None:
-        """Connect anew and speak; whoever holds the lock meanwhile is doing so already."""
-        if self._reconnect is None or not self._lock.acquire(blocking=False):
-            return
-        try:
-            self.give_up()
-            self.revive(Deadline.after(WallClock(), _BLIND_S), words, gap_s)
-            taken.append(True)
-        finally:
-            self._lock.release()
+                # Whoever holds the lock meanwhile is connecting anew already
+                if self._reconnect is None or not self._lock.acquire(blocking=False):
+                    return
+                try:
+                    self.give_up()
+                    self.revive(Deadline.after(WallClock(), _BLIND_S), words, gap_s)
+                    taken.append(True)
+                finally:
+                    self._lock.release()
 
     def _send_all(self, words: Sequence[bytes], gap_s: float) -> None:
         wall = WallClock()

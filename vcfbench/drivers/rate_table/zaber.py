@@ -16,7 +16,7 @@ from msgspec import Struct, field
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.steady import SteadyRate, located, on_grid, require_rest
-from vcfbench.errors import ConfigError, DeadlineExceeded, FramingError, InstrumentError, LimitError, TransportError
+from vcfbench.errors import ConfigError, DeadlineExceeded, FramingError, InstrumentError, LimitError
 from vcfbench.interfaces import Identity
 
 if TYPE_CHECKING:
@@ -134,7 +134,10 @@ class ZaberDialect(Struct):
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask for device number, serial number and firmware version."""
         number = self._device_setting(line, "deviceid", deadline)
-        serial = self._optional_setting(line, "system.serial", deadline)
+        try:
+            serial = self._device_setting(line, "system.serial", deadline)
+        except InstrumentError:
+            serial = ""
         return Identity("Zaber", f"device {number}", serial, self._device_setting(line, "version", deadline))
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
@@ -245,26 +248,15 @@ class ZaberDialect(Struct):
     def _device_setting(self, line: TableLine, name: str, deadline: Deadline) -> str:
         return self._ask(line, f"get {name}", deadline, axis=0).data
 
-    def _optional_setting(self, line: TableLine, name: str, deadline: Deadline) -> str:
-        try:
-            return self._device_setting(line, name, deadline)
-        except InstrumentError:
-            return ""
-
     def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
         self._ask(line, command, deadline)
 
     def _ask(self, line: TableLine, command: str, deadline: Deadline, *, axis: int | None = None) -> ZaberReply:
-        with line.exclusive():
+        with line.exchange(command, deadline):
             self._number = (self._number + 1) % 100
-            try:
-                line.take_unasked()
-                line.send(
-                    frame_request(self.device, self.axis if axis is None else axis, self._number, command), deadline
-                )
-                reply = self._reply(line, deadline)
-            except TransportError as error:
-                raise line.locate(error, command, deadline)  # noqa: B904 - the same error, now knowing where
+            line.take_unasked()
+            line.send(frame_request(self.device, self.axis if axis is None else axis, self._number, command), deadline)
+            reply = self._reply(line, deadline)
         if not reply.accepted:
             words = f"{reply.data}: {_REASONS[reply.data]}" if reply.data in _REASONS else reply.data
             raise InstrumentError(f"rejected ({words})", words=reply.data, command=command, **located(line))

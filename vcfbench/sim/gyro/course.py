@@ -133,7 +133,19 @@ class Course:
         if self._latest is not None and self._noted:
             self._forget(self._latest.decayed_by(from_s))
         while self._noted:
-            self._followed = self._follow(self._noted.popleft().acting)
+            # Work out the response to a forcing, from the chain's state by then
+            acting = self._noted.popleft().acting
+            turn, before = acting.turn, self._followed
+            if before is None:
+                chain = acting.chain(self._design)
+                modal = self._at_rest
+            else:
+                modal = before.response.modal(acting.since_s - before.acting.since_s)
+                chain = before.response.chain
+                if not acting.has_chain_of(before.acting):
+                    chain = acting.chain(self._design)
+                    modal = before.response.chain.handed_over(modal, turn, chain)
+            self._followed = _Followed(acting, chain.respond(modal, acting.forcing(), turn))
         if self._followed is None:
             raise RuntimeError("nothing acts on the chain yet")
         return self._followed.response
@@ -143,20 +155,6 @@ class Course:
         while len(self._noted) > 1 and decayed - self._noted[1].decayed > FORGOTTEN_NEPERS:
             self._noted.popleft()
             self._followed = None
-
-    def _follow(self, acting: Acting) -> _Followed:
-        """Work out the response to a forcing, from the chain's state by then."""
-        turn, before = acting.turn, self._followed
-        if before is None:
-            chain = acting.chain(self._design)
-            modal = self._at_rest
-        else:
-            modal = before.response.modal(acting.since_s - before.acting.since_s)
-            chain = before.response.chain
-            if not acting.has_chain_of(before.acting):
-                chain = acting.chain(self._design)
-                modal = before.response.chain.handed_over(modal, turn, chain)
-        return _Followed(acting, chain.respond(modal, acting.forcing(), turn))
 
 
 class Answer:

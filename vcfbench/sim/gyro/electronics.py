@@ -178,7 +178,16 @@ def modulate(path: VirtualPath, node: Oscillation) -> Oscillation:
     through the curvature.
     """
     if len(node.terms) > 1:
-        return _modulate_several(path, node)
+        once = _two_sided(node)
+        squared = _product(once, once)
+        parts = ((1.0, once), (path.second_order_per_v, squared), (path.third_order_per_v2, _product(squared, once)))
+        total: dict[float, complex] = {0.0: complex(path.offset_v)}
+        for factor, spectrum in parts:
+            for omega, part in spectrum.items():
+                total[omega] = total.get(omega, 0j) + factor * part
+        least = FORGOTTEN * max(map(abs, total.values()))
+        terms = [(2 * part, 1j * omega) for omega, part in total.items() if omega > 0 and abs(part) > least]
+        return Oscillation(total[0.0].real, terms)
     d, second, third = node.constant_v, path.second_order_per_v, path.third_order_per_v2
     constant = path.offset_v + d + second * d**2 + third * d**3
     if not node.terms:
@@ -193,19 +202,6 @@ def modulate(path: VirtualPath, node: Oscillation) -> Oscillation:
     sizes = (first, twice, thrice)
     terms = [(size * unit ** (n + 1), speed * (n + 1)) for n, size in enumerate(sizes) if size]
     return Oscillation(constant, terms)
-
-
-def _modulate_several(path: VirtualPath, node: Oscillation) -> Oscillation:
-    once = _two_sided(node)
-    squared = _product(once, once)
-    parts = ((1.0, once), (path.second_order_per_v, squared), (path.third_order_per_v2, _product(squared, once)))
-    total: dict[float, complex] = {0.0: complex(path.offset_v)}
-    for factor, spectrum in parts:
-        for speed, size in spectrum.items():
-            total[speed] = total.get(speed, 0j) + factor * size
-    least = FORGOTTEN * max(abs(size) for size in total.values())
-    terms = [(2 * size, 1j * speed) for speed, size in total.items() if speed > 0 and abs(size) > least]
-    return Oscillation(total[0.0].real, terms)
 
 
 def _two_sided(signal: Oscillation) -> dict[float, complex]:

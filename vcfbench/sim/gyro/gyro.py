@@ -277,7 +277,21 @@ class Gyro:
     def _arrive(self, stop_s: float) -> None:
         self.now_s = stop_s
         if self.next_event_s() <= stop_s:
-            self._pass_events()
+            self._end_acting()
+            changed = False
+            if self._passage.stop_s <= self.now_s:
+                self.connect_v_vc(self._source)
+            while self._drive[0].stop_s <= self.now_s:
+                self._drive.pop(0)
+                changed = True
+            while len(self._bands) > 1 and self._bands[1][0] <= self.now_s:
+                self._bands.pop(0)
+                self._drive_mode = self._mode_at(self._temperature_c())
+                changed = True
+            if self._rail_event_s <= self.now_s:
+                self._follow_rails()
+            elif changed:
+                self._settle()
 
     def _phase_now(self) -> float:
         """Return the carrier's phase, rad."""
@@ -286,23 +300,6 @@ class Gyro:
         return math.fmod(
             self._phase + self._acting.drive.drive_rad_s * (self.now_s - self._acting.since_s), 2 * math.pi
         )
-
-    def _pass_events(self) -> None:
-        self._end_acting()
-        changed = False
-        if self._passage.stop_s <= self.now_s:
-            self.connect_v_vc(self._source)
-        while self._drive[0].stop_s <= self.now_s:
-            self._drive.pop(0)
-            changed = True
-        while len(self._bands) > 1 and self._bands[1][0] <= self.now_s:
-            self._bands.pop(0)
-            self._drive_mode = self._mode_at(self._temperature_c())
-            changed = True
-        if self._rail_event_s <= self.now_s:
-            self._follow_rails()
-        elif changed:
-            self._settle()
 
     def _settle(self) -> None:
         """Go on with the drive and the chain that fit rails and temperature now; a locked loop follows both at once."""
