@@ -140,6 +140,21 @@ def _trueform(name: str, sine_hz: float) -> Model:
     )
 
 
+def _truevolt(name: str, *makers: str) -> Model:
+    """Return the row of a 34461A or 34465A."""
+    return Model(
+        name,
+        ("multimeter",),
+        driver="vcfbench.drivers.truevolt:Truevolt",
+        twin="simrack.instruments.truevolt:TruevoltTwin",
+        own={},
+        makers=("KEYSIGHT", *makers),
+        wires=frozenset({"tcp", "vxi11", "hislip"}),
+        specifications=f"vcfbench.specifications:KEYSIGHT_{name}",
+        answers={"*IDN?": f"Keysight Technologies,{name},MY1,A.02.17-02.40-02.17-00.52-03-01"},
+    )
+
+
 def _x_series(name: str) -> Model:
     """Return the row of an InfiniiVision 3000 X or 4000 X."""
     return Model(
@@ -207,26 +222,8 @@ MODELS: Final[tuple[Model, ...]] = (
         specifications="vcfbench.specifications:HP_34401A",
         answers={"*IDN?": "HEWLETT-PACKARD,34401A,0,10-5-2"},
     ),
-    Model(
-        "34461A",
-        ("multimeter",),
-        driver="vcfbench.drivers.truevolt:Keysight34461A",
-        twin="simrack.instruments.truevolt:Keysight34461ATwin",
-        makers=("KEYSIGHT", "AGILENT"),
-        wires=frozenset({"tcp", "vxi11", "hislip"}),
-        specifications="vcfbench.specifications:KEYSIGHT_34461A",
-        answers={"*IDN?": "Keysight Technologies,34461A,MY1,A.02.17-02.40-02.17-00.52-03-01"},
-    ),
-    Model(
-        "34465A",
-        ("multimeter",),
-        driver="vcfbench.drivers.truevolt:Keysight34465A",
-        twin="simrack.instruments.truevolt:Keysight34465ATwin",
-        makers=("KEYSIGHT",),
-        wires=frozenset({"tcp", "vxi11", "hislip"}),
-        specifications="vcfbench.specifications:KEYSIGHT_34465A",
-        answers={"*IDN?": "Keysight Technologies,34465A,MY1,A.02.17-02.40-02.17-00.52-03-01"},
-    ),
+    _truevolt("34461A", "AGILENT"),
+    _truevolt("34465A"),
     Model(
         "2000",
         ("multimeter",),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
-from vcfbench.errors import FramingError, InstrumentError, PlanError
+from vcfbench.errors import FramingError, PlanError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
@@ -34,7 +34,8 @@ class Agilent33220A(ScpiInstrument):
     """Prefix of the commands to the channel that drives V_Vc."""
     output: ClassVar[str] = "OUTP"
     """The root of the words of its connector."""
-    sine_hz: ClassVar[tuple[float, float]] = (1e-6, 20e6)
+    sine_hz: ClassVar[float] = 20e6
+    """Highest frequency of a sine, Hz."""
     least_vpp: ClassVar[float] = 20e-3
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
@@ -65,7 +66,7 @@ class Agilent33220A(ScpiInstrument):
 
     def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
         """Select a sine into an open circuit, output switch unchanged."""
-        require_within(self, "frequency", frequency_hz, self.sine_hz, "Hz")
+        require_within(self, "frequency", frequency_hz, (1e-6, self.sine_hz), "Hz")
         require_within(self, "amplitude", amplitude_vpp, (self.least_vpp, 2.0 * MAX_V), "Vpp")
         require_within(self, "peak voltage", abs(offset_v) + amplitude_vpp / 2.0, (0.0, MAX_V), "V")
         self._select_open_circuit()
@@ -91,7 +92,7 @@ class Agilent33220A(ScpiInstrument):
 
     def _require_configured(self, what: str) -> None:
         if not self._configured:
-            raise PlanError(f"{what}, nothing was sent", instrument=self.name, resource=self.resource)
+            raise self._error(PlanError, f"{what}, nothing was sent")
 
     def _select_open_circuit(self) -> None:
         self._session.write(f"{self.output}:LOAD INF")
@@ -103,10 +104,9 @@ class Agilent33220A(ScpiInstrument):
         """Return the level that is set, V. It counts as measured, so it is asked for twice: no digit may be wrong."""
         first_v, again_v = self._offset_v(wanted_v), self._offset_v(wanted_v)
         if first_v != again_v:
-            raise FramingError(
+            raise self._error(
+                FramingError,
                 f"one setting was answered as {first_v:.9g} V and as {again_v:.9g} V",
-                instrument=self.name,
-                resource=self.resource,
                 command=f"{self.source}VOLT:OFFS?",
             )
         return first_v
@@ -119,14 +119,6 @@ class Agilent33220A(ScpiInstrument):
         if not abs(found - wanted) <= tolerance:
             raise self._disagreement(query, f"{wanted:g} {unit}", f"{found:g} {unit}")
         return found
-
-    def _disagreement(self, query: str, wanted: str, found: str) -> InstrumentError:
-        return InstrumentError(
-            f"was set to {wanted} but reads back {found}",
-            instrument=self.name,
-            resource=self.resource,
-            command=query,
-        )
 
     def enable_output(self) -> None:
         """Close the output relay."""

@@ -77,11 +77,8 @@ class TemptronicATS545(ScpiInstrument):
     def _read_back(self, query: str, wanted: float, tolerance: float, unit: str) -> float:
         found = self._session.query_reading(query)
         if abs(found - wanted) > tolerance:
-            raise InstrumentError(
-                f"was set to {wanted:g} {unit} but reads back {found:g} {unit}",
-                instrument=self.name,
-                resource=self.resource,
-                command=query,
+            raise self._error(
+                InstrumentError, f"was set to {wanted:g} {unit} but reads back {found:g} {unit}", command=query
             )
         return found
 
@@ -101,13 +98,10 @@ class TemptronicATS545(ScpiInstrument):
     def enable_flow(self) -> None:
         """Let air flow; InterlockError when there is a fault, or the head is up: nothing here moves it."""
         if fault := self.fault():
-            raise InterlockError(fault, instrument=self.name, resource=self.resource)
+            raise self._error(InterlockError, fault)
         if self._session.query_int("AUXC?") & _HEAD_UP:
-            raise InterlockError(
-                "its head is up, no air was let out",
-                instrument=self.name,
-                resource=self.resource,
-                hint="lower the head onto the device by hand",
+            raise self._error(
+                InterlockError, "its head is up, no air was let out", hint="lower the head onto the device by hand"
             )
         self._session.write("FLOW 1")
         self._require_flow(on=True)
@@ -119,10 +113,9 @@ class TemptronicATS545(ScpiInstrument):
 
     def _require_flow(self, *, on: bool) -> None:
         if self.flow_enabled() is not on:
-            raise InstrumentError(
+            raise self._error(
+                InstrumentError,
                 f"the air was switched {'on' if on else 'off'} but does not read back so",
-                instrument=self.name,
-                resource=self.resource,
                 command="AUXC?",
             )
 
@@ -149,5 +142,5 @@ class TemptronicATS545(ScpiInstrument):
         self._session.revive(deadline)
         self._session.write("FLOW 0", deadline=deadline)
         if self._flows(deadline):
-            raise InstrumentError("the air goes on", instrument=self.name, resource=self.resource, command="AUXC?")
+            raise self._error(InstrumentError, "the air goes on", command="AUXC?")
         return "air off"

@@ -185,24 +185,21 @@ class Dso7104B(ScpiInstrument):
 
     def _require_whole(self, source: str, codes: NDArray[np.unsignedinteger[Any]], preamble: Preamble) -> None:
         if codes.size != preamble.points:
-            raise FramingError(
-                f"{source}: the preamble promises {preamble.points} points, {codes.size} came",
-                instrument=self.name,
-                resource=self.resource,
+            raise self._error(
+                FramingError, f"{source}: the preamble promises {preamble.points} points, {codes.size} came"
             )
         clipped = int(((codes == _CLIPPED_LOW) | (codes == 256**codes.itemsize - 1)).sum())
         missing = int((codes == _HOLE).sum())
         if clipped or missing:
-            raise MeasurementError(
+            raise self._error(
+                MeasurementError,
                 f"{source}: {clipped} of {codes.size} points are clipped, {missing} are missing",
-                instrument=self.name,
-                resource=self.resource,
                 hint="choose a larger scale or another offset",
             )
 
     def _source(self, channel: int) -> str:
         if channel not in CHANNELS:
-            raise LimitError(f"there is no channel {channel}", instrument=self.name, resource=self.resource)
+            raise self._error(LimitError, f"there is no channel {channel}")
         return f"CHAN{channel}"
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
@@ -213,5 +210,5 @@ class Dso7104B(ScpiInstrument):
         self._session.revive(deadline)
         self._session.write(":STOP", deadline=deadline)
         if self._session.query_int(":OPER:COND?", deadline) & _RUNNING:
-            raise InstrumentError("keeps running", instrument=self.name, resource=self.resource, command=":OPER:COND?")
+            raise self._error(InstrumentError, "keeps running", command=":OPER:COND?")
         return "stopped"

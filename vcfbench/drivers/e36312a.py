@@ -81,12 +81,7 @@ class E36312A(E3631A):
     def _states(self, deadline: Deadline | None) -> dict[str, bool]:
         answers = self._session.query_numbers(self.switch_question, deadline)
         if len(answers) != len(self.outputs) or any(answer not in {0.0, 1.0} for answer in answers):
-            raise FramingError(
-                f"expected three states, came {answers}",
-                instrument=self.name,
-                resource=self.resource,
-                command=self.switch_question,
-            )
+            raise self._error(FramingError, f"expected three states, came {answers}", command=self.switch_question)
         states = {output: bool(answer) for output, answer in zip(self.outputs, answers, strict=True)}
         on = [output for output, state in states.items() if state]
         self._last_read.note(f"{', '.join(on)} on" if on else "outputs off")

@@ -109,32 +109,21 @@ class E3631A(ScpiInstrument):
         try:
             return self.outputs[output]
         except KeyError:
-            raise LimitError(
-                f"there is no output {output!r}, only {', '.join(self.outputs)}",
-                instrument=self.name,
-                resource=self.resource,
-            ) from None
+            raise self._error(LimitError, f"there is no output {output!r}, only {', '.join(self.outputs)}") from None
 
     def _verify_setting(self, output: str, header: str, wanted: float, tolerance: float, unit: str) -> None:
         query = self._question(header, output)
         found = self._session.query_reading(query)
         found = self._signed(output, found) if unit == "V" else found
         if abs(found - wanted) > tolerance:
-            raise InstrumentError(
-                f"{output} was set to {wanted:g} {unit} but reads back {found:g} {unit}",
-                instrument=self.name,
-                resource=self.resource,
-                command=query,
+            raise self._error(
+                InstrumentError, f"{output} was set to {wanted:g} {unit} but reads back {found:g} {unit}", command=query
             )
 
     def enable_outputs(self) -> None:
         """Switch all outputs on; those that were not configured are first set to 0 V."""
         if not self._configured:
-            raise PlanError(
-                "no output has a voltage and a current limit yet, nothing was switched on",
-                instrument=self.name,
-                resource=self.resource,
-            )
+            raise self._error(PlanError, "no output has a voltage and a current limit yet, nothing was switched on")
         self._switch_on()
         self._verify_switch("on")
 
@@ -152,10 +141,9 @@ class E3631A(ScpiInstrument):
     def _verify_switch(self, wanted: str) -> None:
         on = self.outputs_enabled() if wanted == "on" else self._switched_on(None)
         if on is not (wanted == "on"):
-            raise InstrumentError(
+            raise self._error(
+                InstrumentError,
                 f"the outputs were switched {wanted} but do not read back so",
-                instrument=self.name,
-                resource=self.resource,
                 command=self.switch_question,
             )
 
@@ -196,9 +184,7 @@ class E3631A(ScpiInstrument):
         self._session.revive(deadline)
         self._session.write(self.off, deadline=deadline)
         if self._switched_on(deadline):
-            raise InstrumentError(
-                "the outputs stay on", instrument=self.name, resource=self.resource, command=self.switch_question
-            )
+            raise self._error(InstrumentError, "the outputs stay on", command=self.switch_question)
         highest_v = self._wait_for_discharge(deadline)
         return f"outputs off, no more than {highest_v:.3g} V at the terminals"
 
@@ -212,9 +198,7 @@ class E3631A(ScpiInstrument):
             if abs(voltages[worst]) < _SAFE_V:
                 return abs(voltages[worst])
             if deadline.remaining() <= _POLL_S:
-                raise MeasurementError(
-                    f"outputs are off but {worst} still measures {voltages[worst]:.3g} V",
-                    instrument=self.name,
-                    resource=self.resource,
+                raise self._error(
+                    MeasurementError, f"outputs are off but {worst} still measures {voltages[worst]:.3g} V"
                 )
             sleep(self.clock, _POLL_S)

@@ -115,21 +115,14 @@ class Hp34401A(ScpiInstrument):
 
     def _require_one_of(self, what: str, value: float, allowed: tuple[float, ...]) -> None:
         if value not in allowed:
-            raise LimitError(
-                f"{what} {value:g} is not one of {', '.join(f'{a:g}' for a in allowed)}, nothing was sent",
-                instrument=self.name,
-                resource=self.resource,
+            raise self._error(
+                LimitError, f"{what} {value:g} is not one of {', '.join(f'{a:g}' for a in allowed)}, nothing was sent"
             )
 
     def _verify_setting(self, query: str, wanted: float) -> None:
         found = self._session.query_reading(query)
         if abs(found - wanted) > 1e-6 * wanted:
-            raise InstrumentError(
-                f"was set to {wanted:g} but reads back {found:g}",
-                instrument=self.name,
-                resource=self.resource,
-                command=query,
-            )
+            raise self._error(InstrumentError, f"was set to {wanted:g} but reads back {found:g}", command=query)
 
     def read_voltage_v(self) -> float:
         """Take one reading and return it, V.
@@ -183,11 +176,8 @@ class Hp34401A(ScpiInstrument):
             deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s),
         )
         if (found := self._session.query_int("SAMP:COUN?")) != samples:
-            raise InstrumentError(
-                f"was set to {samples} readings but reads back {found}",
-                instrument=self.name,
-                resource=self.resource,
-                command="SAMP:COUN?",
+            raise self._error(
+                InstrumentError, f"was set to {samples} readings but reads back {found}", command="SAMP:COUN?"
             )
         self._session.send("INIT")
         self._sampled = samples
@@ -223,7 +213,7 @@ class Hp34401A(ScpiInstrument):
             )
 
     def _unbelievable(self, what: str) -> FramingError:
-        return FramingError(what, instrument=self.name, resource=self.resource, command="FETC?")
+        return self._error(FramingError, what, command="FETC?")
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         """Abort the measurement; a meter drives nothing. Its answer shows that it is idle: when busy it has none."""

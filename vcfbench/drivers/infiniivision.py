@@ -6,7 +6,7 @@ the length of the measurement record, which is not made use of. ``*IDN?`` writes
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from vcfbench.drivers.dso7104b import Dso7104B
 
@@ -15,8 +15,3 @@ class InfiniiVisionX(Dso7104B):
     """An oscilloscope of the X series, made by :meth:`of_model`; of a mixed-signal one its analog channels."""
 
     least_scale_v: ClassVar[float] = 1e-3  # general knowledge of the data sheets, unverified
-
-    @classmethod
-    def of_model(cls, model: str) -> type[Self]:
-        """Return the driver of a model of the series."""
-        return type(cls.__name__, (cls,), {"model": model, "__doc__": cls.__doc__})

@@ -139,10 +139,9 @@ class KeithleyDMM6500(_Keithley):
         language = self._session.query("*LANG?", deadline).strip().upper()
         if language != "SCPI":
             self._session.close()
-            raise WrongInstrument(
+            raise self._error(
+                WrongInstrument,
                 f"it is set to the command set {language}, not SCPI",
-                instrument=self.name,
-                resource=self.resource,
                 hint="choose SCPI in its menu (System, Settings) or send *LANG SCPI, then switch it off and on",
             )
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from msgspec import Struct
 
 from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers.last_read import LastRead
-from vcfbench.errors import BenchError, ConnectFailed, LimitError, WrongInstrument
+from vcfbench.errors import BenchError, ConnectFailed, InstrumentError, LimitError, WrongInstrument
 from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 from vcfbench.models import HP_MAKERS, bare_model
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from vcfbench.clock import Clock
     from vcfbench.drivers.session import Session
     from vcfbench.drivers.visa_wire import SerialParameters
+
+_E = TypeVar("_E", bound=BenchError)
 
 _RETURN_S = 3.0
 """Wall time for which a connection that is gone is tried again and again: it may come back."""
@@ -81,9 +83,21 @@ class ScpiInstrument:
         return cls(session, serial_number=settings.serial_number)
 
     @classmethod
+    def of_model(cls, model: str, **own: Any) -> type[Self]:
+        """Return the driver of a `model` whose class attributes differ in those of `own`."""
+        return type(cls.__name__, (cls,), {"model": model, **own, "__doc__": cls.__doc__})
+
+    @classmethod
     def speaking_as(cls, model: str) -> type[Self]:
         """Return the driver of `model`, which speaks the same words under its own name, whoever made it."""
         return type(cls.__name__, (cls,), {"model": model, "makers": ("",), "__doc__": cls.__doc__})
+
+    def _error(self, kind: type[_E], what: str, command: str | None = None, hint: str | None = None) -> _E:
+        """Return an error that names this instrument."""
+        return kind(what, instrument=self.name, resource=self.resource, command=command, hint=hint)
+
+    def _disagreement(self, query: str, wanted: str, found: str) -> InstrumentError:
+        return self._error(InstrumentError, f"was set to {wanted} but reads back {found}", query)
 
     @property
     def name(self) -> str:
@@ -127,11 +141,8 @@ class ScpiInstrument:
         wanted = self.model if self._serial_number is None else f"{self.model} with serial number {self._serial_number}"
         found = f"{identity.maker} {identity.model}, serial number {identity.serial}"
         self._session.close()
-        raise WrongInstrument(
-            f"expected {wanted}, found {found}",
-            instrument=self.name,
-            resource=self.resource,
-            hint="check the resource in the bench file",
+        raise self._error(
+            WrongInstrument, f"expected {wanted}, found {found}", hint="check the resource in the bench file"
         )
 
     def identify(self) -> Identity:

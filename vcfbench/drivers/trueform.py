@@ -7,7 +7,7 @@ frequencies are those that the models are sold by.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.agilent33220a import OPEN_OHM, Agilent33220A
@@ -24,11 +24,6 @@ class Trueform(Agilent33220A):
     source: ClassVar[str] = "SOUR1:"
     output: ClassVar[str] = "OUTP1"
     least_vpp: ClassVar[float] = 2e-3  # 1 mVpp into 50 ohm (users' tests)
-
-    @classmethod
-    def of_model(cls, model: str, sine_hz: float) -> type[Self]:
-        """Return the driver of a model of the series, whose sines go up to `sine_hz`."""
-        return type(cls.__name__, (cls,), {"model": model, "sine_hz": (1e-6, sine_hz), "__doc__": cls.__doc__})
 
     def _take_remote(self, deadline: Deadline) -> None:
         """Send nothing: the series has no SYSTem:COMMunicate:RLSTate (the maker's SCPI description)."""
