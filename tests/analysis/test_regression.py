@@ -104,6 +104,7 @@ def test_line_and_its_uncertainty_follow_scale_and_shift_of_the_output(
     assert moved.u_scale_factor == pytest.approx(factor * plain.u_scale_factor, rel=1e-9, abs=1e-11 * size)
 
 
+@pytest.mark.exhaustive
 def test_stated_uncertainties_are_what_repetition_shows() -> None:
     """4000 lines through noise of 1 mV on an unsymmetrical grid; the spread has 1.1 % of its own (1 sigma): 5 %."""
     rng = np.random.default_rng(3)

@@ -113,7 +113,8 @@ def test_usage_errors_have_exit_code_two_and_no_traceback(arguments: list[str]) 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes break differently there")
 @pytest.mark.parametrize(
-    ("arguments", "code"), [(["bench", "show", "--template"], 4), (["bench", "check"], 0), (["--help"], 4)]
+    ("arguments", "code"),
+    few([(["bench", "show", "--template"], 4), (["bench", "check"], 0), (["--help"], 4)], (["bench", "check"], 0)),
 )
 def test_a_reader_that_leaves_is_left_in_peace(arguments: list[str], code: int) -> None:
     """A pipe without a reader: nothing is said, not even by the interpreter; a check says how the bench is."""

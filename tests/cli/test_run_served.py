@@ -112,7 +112,7 @@ def answer(folder: Path, procedure: str, *arguments: str) -> dict[str, Any]:
     return given
 
 
-@pytest.mark.parametrize("wires", few(WIRES, "vxi11", "pty"))
+@pytest.mark.parametrize("wires", few(WIRES, "pty"))
 def test_turntable_over_real_wires_gives_the_same_bytes(
     turntable: dict[str, Any], short: Path, tmp_path: Path, wires: str
 ) -> None:

@@ -165,6 +165,7 @@ def test_a_certificate_is_taken_with_its_shares_and_its_meter_counts_once(tmp_pa
     assert abs(found.drift.change_ppm.value) < 350.0
 
 
+@pytest.mark.exhaustive
 def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator(tmp_path: Path) -> None:
     found = run(QUIET, tmp_path, v_vc="set", **FAST).results
     assert found.scale_factor.u / abs(found.scale_factor.value) == pytest.approx(0.02 / 3**0.5, rel=0.05)

@@ -194,7 +194,7 @@ def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None
     assert 0.92 < np.mean([abs(trend.value) < trend.expanded_u for trend in found]) <= 1.0
 
 
-@pytest.mark.parametrize("seed", few(range(12), 0, 1, 2, 3))
+@pytest.mark.parametrize("seed", few(range(12), 0))
 def test_a_ramp_that_is_not_there_makes_the_mean_not_useless(seed: int) -> None:
     """An hour of white noise and flicker (twelve Ornstein-Uhlenbeck processes): U95 and dof can be used."""
     rng, n = np.random.default_rng(seed), 3600
@@ -211,6 +211,7 @@ def test_a_ramp_that_is_not_there_makes_the_mean_not_useless(seed: int) -> None:
     assert found.dof is None or found.dof > 2.0
 
 
+@pytest.mark.exhaustive
 def test_what_swings_from_reading_to_reading_does_not_bend_the_fit() -> None:
     """Ten readings a second, whose neighbours share what passes at the mode split: B is that of the slow noise."""
     n, interval_s, b = 2**16, 0.1, 2.0

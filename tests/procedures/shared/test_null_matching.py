@@ -75,6 +75,7 @@ def equal_v(rate_deg_s: float) -> float:
     return levels[1]
 
 
+@pytest.mark.exhaustive
 def test_half_the_difference_takes_the_even_order_of_the_modulator_away(runs: dict[str, Any]) -> None:
     """One point at +10 deg/s has 0.09 % of it; so says the closed form, and so do the runs."""
     loaded = 1.0 + 50.0 / physical_parameters(still(vcfbench.load_bench())).virtual_path.pull_down_ohm

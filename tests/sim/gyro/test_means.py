@@ -95,6 +95,7 @@ def test_variance_within_an_aperture_is_what_its_mean_does_not_have(duration_s: 
     assert chain.variance_v2(duration_s) == pytest.approx(wanted, rel=1e-3, abs=1e-8 * covariances[0])
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("aperture_s", "readings"), [(0.4e-3, 600), (0.02, 600), (0.2, 300), (2.0, 40)])
 def test_curved_noise_shifts_every_aperture_alike(aperture_s: float, readings: int) -> None:
     """1 deg/sqrt(s) into a curvature of -0.05/V: c2 var = -8.2 mV with every aperture, against the same noise."""

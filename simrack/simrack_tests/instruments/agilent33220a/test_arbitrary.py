@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 
+from simrack_tests.cells import few
 from simrack_tests.instruments.agilent33220a.bench import Socket
 
 FULL = 65536
@@ -18,7 +19,7 @@ LINES = {
 }
 
 
-@pytest.mark.parametrize("kind", LINES)
+@pytest.mark.parametrize("kind", few(LINES, "block"))
 def test_a_waveform_of_full_length_is_taken(kind: str) -> None:
     box = Socket()
     box.send(LINES[kind])

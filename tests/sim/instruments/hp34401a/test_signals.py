@@ -186,7 +186,7 @@ def _numbered(count: int, few: int) -> list[Any]:
     return [pytest.param(n, marks=() if n < few else pytest.mark.exhaustive) for n in range(count)]
 
 
-@pytest.mark.parametrize("number", _numbered(200, 8))
+@pytest.mark.parametrize("number", _numbered(60, 8))
 def test_ac_volts_of_random_signals(number: int) -> None:
     signal = drawn(number, 3e6)
     beyond = signal.name == "fm" and signal.highest_hz > 1e6
@@ -242,7 +242,7 @@ COUNT_TOLERANCE = {kind.__name__: 0.02 if kind in (am, fm, fsk, burst) else 3e-4
 """In cycles. Of what is modulated, the formula has nothing of what the path turns at the frequency of the moment."""
 
 
-@pytest.mark.parametrize("number", _numbered(200, 8))
+@pytest.mark.parametrize("number", _numbered(60, 8))
 def test_random_signals_are_counted(number: int) -> None:
     signal, off_cycles = count_deviation(number)
     assert off_cycles < COUNT_TOLERANCE[signal.name]
