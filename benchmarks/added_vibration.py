@@ -4,7 +4,7 @@ In print (Sensors 2022, 22, 6577): virtual Coriolis "introduces additional vibra
 which results in additional nonlinear errors". Asked here is whether the way that the force takes makes such errors:
 generator, modulator and output stage are straight lines, the modes and the demodulator those of the embedded
 gyroscope, with unequal combs, phases that are off, quadrature and feed-through. The whole equation is
-integrated cycle by cycle (vcfbench/sim/gyro/carrier.py), no envelope, no closed form.
+integrated cycle by cycle (tests/sim/gyro/carrier.py), no envelope, no closed form.
 
     python benchmarks/added_vibration.py
 """
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from vcfbench.sim.gyro.carrier import CarrierModel
+from tests.sim.gyro.carrier import CarrierModel
 from vcfbench.sim.gyro.design import paper_bench
 
 if TYPE_CHECKING:

@@ -83,20 +83,16 @@ class Instrument(Protocol):
     @property
     def name(self) -> str:
         """The role on this bench, for messages: ``multimeter``."""
-        ...
 
     @property
     def resource(self) -> str:
         """The resource string it was opened with."""
-        ...
 
     def identify(self) -> Identity:
         """Ask for the identity."""
-        ...
 
     def check_errors(self) -> None:
         """Read the error queue until it is empty; raise InstrumentError with the first entry if there was any."""
-        ...
 
     def command_safe(self) -> UnprovedCommand:
         """Send the stop or off commands at once, without waiting for an answer, and return the last read-back.
@@ -104,18 +100,15 @@ class Instrument(Protocol):
         They go out whatever state the session is in and whoever is in the middle of an exchange; a connection that is
         closed is made anew, if that is quick. Never raises; takes at most a few tenths of a second of wall time.
         """
-        ...
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         """Bring the instrument to its safe state and prove it by read-back; never raises for a refused step.
 
         Speaks before it listens: the words of `command_safe` go out first, and once more where the proof fails.
         """
-        ...
 
     def close(self) -> None:
         """Give the connection back."""
-        ...
 
 
 @runtime_checkable
@@ -124,31 +117,24 @@ class PowersRails(Protocol):
 
     def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
         """Set level and current limit of `output`; `voltage_v` carries the sign of the terminal."""
-        ...
 
     def enable_outputs(self) -> None:
         """Switch all outputs on."""
-        ...
 
     def disable_outputs(self) -> None:
         """Switch all outputs off."""
-        ...
 
     def outputs_enabled(self) -> bool:
         """Tell whether the outputs are on."""
-        ...
 
     def measure_voltage_v(self, output: str) -> float:
         """Read back the voltage at the terminals, V."""
-        ...
 
     def measure_current_a(self, output: str) -> float:
         """Read back the current, A."""
-        ...
 
     def regulation(self, output: str) -> Regulation:
         """Tell how `output` is regulated now."""
-        ...
 
 
 @runtime_checkable
@@ -157,15 +143,12 @@ class SwitchesOutput(Protocol):
 
     def enable_output(self) -> None:
         """Close the output relay."""
-        ...
 
     def disable_output(self) -> None:
         """Open the output relay."""
-        ...
 
     def output_enabled(self) -> bool:
         """Tell whether the output relay is closed."""
-        ...
 
 
 @runtime_checkable
@@ -174,11 +157,9 @@ class SetsVoltage(SwitchesOutput, Protocol):
 
     def configure_dc(self, voltage_v: float) -> float:
         """Select DC at `voltage_v` into an open circuit, output switch unchanged; return the setting read back, V."""
-        ...
 
     def set_dc(self, voltage_v: float) -> float:
         """Change the DC level; return the setting read back, V."""
-        ...
 
 
 @runtime_checkable
@@ -187,7 +168,6 @@ class SetsSine(SwitchesOutput, Protocol):
 
     def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
         """Select a sine into an open circuit, output switch unchanged."""
-        ...
 
 
 @runtime_checkable
@@ -196,11 +176,9 @@ class ReadsVoltage(Protocol):
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
-        ...
 
     def read_voltage_v(self) -> float:
         """Trigger one reading and return it, V; raises MeasurementError on overload."""
-        ...
 
 
 @runtime_checkable
@@ -212,7 +190,6 @@ class ReadsAcVoltage(ReadsVoltage, Protocol):
 
         Direct voltage has to be configured again afterwards.
         """
-        ...
 
 
 @runtime_checkable
@@ -221,11 +198,9 @@ class BeginsReadings(ReadsVoltage, Protocol):
 
     def begin_reading(self) -> None:
         """Trigger one reading; return at once."""
-        ...
 
     def begun_reading_v(self) -> float:
         """Wait for the reading that was begun last and return it, V; asked again, it gives the same reading again."""
-        ...
 
 
 @runtime_checkable
@@ -235,7 +210,6 @@ class SamplesVoltage(ReadsVoltage, Protocol):
     @property
     def aperture_s(self) -> float:
         """Return the integration time of one reading as configured, s."""
-        ...
 
     def start_sampling(self, samples: int, interval_s: float) -> float:
         """Begin to take `samples` readings, one every `interval_s`; return how long they take, s.
@@ -243,11 +217,9 @@ class SamplesVoltage(ReadsVoltage, Protocol):
         Range and integration time are those configured; a zero is taken once, before the first. An interval of one
         integration time leaves no gap between the readings. Nothing may be asked of it until they are taken.
         """
-        ...
 
     def sampled_voltages_v(self) -> tuple[float, ...]:
         """Return the readings of the sampling that was begun last, V; raises MeasurementError on overload."""
-        ...
 
 
 @runtime_checkable
@@ -256,23 +228,18 @@ class CapturesWaveforms(Protocol):
 
     def configure_channel(self, channel: int, scale_v_per_div: float, offset_v: float = 0.0) -> None:
         """Show `channel`, DC coupled, 1 Mohm, at the given scale and offset."""
-        ...
 
     def configure_timebase(self, scale_s_per_div: float) -> None:
         """Set the main time base."""
-        ...
 
     def configure_trigger(self, channel: int, level_v: float = 0.0) -> None:
         """Select the rising-edge trigger on `channel`, automatic sweep."""
-        ...
 
     def acquire(self, *channels: int) -> None:
         """Take one record of `channels` and stop."""
-        ...
 
     def waveform(self, channel: int, points: int = 1000) -> Waveform:
         """Download the record of `channel`."""
-        ...
 
 
 @runtime_checkable
@@ -281,11 +248,9 @@ class AveragesWaveforms(Protocol):
 
     def acquire_mean(self, count: int, *channels: int) -> None:
         """Take the mean of `count` records of `channels`, each from its own trigger, and stop."""
-        ...
 
     def acquire_fine(self, *channels: int) -> None:
         """Take one record of `channels` whose points are means of all samples about them, and stop."""
-        ...
 
 
 @runtime_checkable
@@ -294,15 +259,12 @@ class MeasuresWaveforms(CapturesWaveforms, Protocol):
 
     def measure_frequency_hz(self, channel: int) -> float:
         """Measure the frequency of the record; raises MeasurementError when there is none."""
-        ...
 
     def measure_amplitude_v(self, channel: int) -> float:
         """Measure half the peak-to-peak voltage of the record, V."""
-        ...
 
     def measure_phase_deg(self, channel: int, reference: int) -> float:
         """Measure the phase of `channel` against `reference`, deg in -180...180."""
-        ...
 
 
 @runtime_checkable
@@ -311,35 +273,27 @@ class Rotates(Protocol):
 
     def enable(self) -> None:
         """Zero the demand, then close the servo; raises InterlockError when a fault forbids it."""
-        ...
 
     def disable(self) -> None:
         """Open the servo; refuses (InterlockError) while the table turns."""
-        ...
 
     def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
         """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; returns at once."""
-        ...
 
     def at_rate(self) -> bool:
         """Tell whether the table says that the demanded rate is reached."""
-        ...
 
     def rate_deg_s(self) -> float:
         """Read back the rate."""
-        ...
 
     def angle_deg(self) -> float:
         """Read back the angle."""
-        ...
 
     def stop(self, acceleration_deg_s2: float) -> None:
         """Ramp to rest, servo kept."""
-        ...
 
     def fault(self) -> str | None:
         """Return the latched fault or interlock in words, None when there is none."""
-        ...
 
 
 @runtime_checkable
@@ -348,39 +302,30 @@ class ForcesTemperature(Protocol):
 
     def set_temperature(self, temperature_c: float, ramp_k_min: float) -> float:
         """Go to `temperature_c` with at most `ramp_k_min` once air flows; return the setting read back, degC."""
-        ...
 
     def set_settled(self, window_k: float, soak_s: float) -> None:
         """Say when it counts as at temperature: for `soak_s` within `window_k` of the setting."""
-        ...
 
     def at_temperature(self) -> bool:
         """Tell whether the temperature is reached and has been held."""
-        ...
 
     def air_temperature_c(self) -> float:
         """Read the temperature of the air, degC."""
-        ...
 
     def device_temperature_c(self) -> float | None:
         """Read the temperature at the device, degC; None where no sensor is wired."""
-        ...
 
     def enable_flow(self) -> None:
         """Let air flow; InterlockError when a fault or an open head forbids it."""
-        ...
 
     def disable_flow(self) -> None:
         """Stop the air."""
-        ...
 
     def flow_enabled(self) -> bool:
         """Tell whether air flows."""
-        ...
 
     def fault(self) -> str | None:
         """Return the fault in words, None when there is none."""
-        ...
 
 
 class PowerSupply(Instrument, PowersRails, Protocol):

@@ -32,7 +32,6 @@ class Builder(Protocol):
 
     def __call__(self, description: BenchDescription, seed: int, clock: Clock, /) -> SimulatedBench:
         """Build the bench on `clock`; the same seed gives the same bench."""
-        ...
 
 
 class UnopenedBench(Struct, frozen=True):

@@ -180,10 +180,6 @@ class Dso7104B(ScpiInstrument):
             # 20 Mbit/s are what VXI-11 over 100-Mbit LAN was seen to give at worst.
             deadline = self._session.deadline(self._session.timeout_s + preamble.points / 250_000.0)
             codes = np.frombuffer(self._session.query_block(":WAV:DATA?", deadline), dtype=_CODES[self._format])
-        self._require_whole(source, codes, preamble)
-        return Waveform(preamble.times_s(), preamble.voltages_v(codes))
-
-    def _require_whole(self, source: str, codes: NDArray[np.unsignedinteger[Any]], preamble: Preamble) -> None:
         if codes.size != preamble.points:
             raise self._error(
                 FramingError, f"{source}: the preamble promises {preamble.points} points, {codes.size} came"
@@ -196,6 +192,7 @@ class Dso7104B(ScpiInstrument):
                 f"{source}: {clipped} of {codes.size} points are clipped, {missing} are missing",
                 hint="choose a larger scale or another offset",
             )
+        return Waveform(preamble.times_s(), preamble.voltages_v(codes))
 
     def _source(self, channel: int) -> str:
         if channel not in CHANNELS:

@@ -62,34 +62,42 @@ class SerialParameters(Protocol):
     @property
     def baud_rate(self) -> int:
         """Baud rate."""
-        ...
 
     @property
     def data_bits(self) -> int:
         """7 or 8."""
-        ...
 
     @property
     def parity(self) -> str:
         """``none``, ``even`` or ``odd``."""
-        ...
 
     @property
     def stop_bits(self) -> int:
         """1 or 2."""
-        ...
 
     @property
     def flow_control(self) -> str:
         """``none``, ``dtr_dsr``, ``rts_cts`` or ``xon_xoff``."""
-        ...
 
 
 def open_wire(resource: str, library: str, deadline: Deadline, serial: SerialParameters | None) -> Wire:
     """Open `resource` through the VISA `library` (``"@py"``, a path, ...); raises ConnectFailed."""
     opened = _open_resource(resource, library, deadline)
     try:
-        return _dress(opened, serial)
+        interface = _interface_of(opened)
+        beneath = _socket_beneath(opened) if interface == "socket" else None
+        if beneath is not None:
+            _require_connected(beneath)
+            return SocketWire(opened, beneath)
+        try:
+            if interface == "asrl":
+                _set_line(opened, serial)
+            if interface in ("asrl", "socket"):  # a byte stream knows no END: the newline is the only end there is
+                opened.set_visa_attribute(ResourceAttribute.termchar, ord("\n"))
+                opened.set_visa_attribute(ResourceAttribute.termchar_enabled, True)  # noqa: FBT003 - PyVISA's signature
+        except Exception as error:  # a line that the port cannot do is a termios.error, which is a bare Exception too
+            raise ConnectFailed(_words(error)) from error
+        return VisaWire(opened, interface)
     except BaseException:
         opened.close()
         raise
@@ -108,23 +116,6 @@ def _open_resource(resource: str, library: str, deadline: Deadline) -> MessageBa
 
 def _words(error: BaseException) -> str:
     return f"cannot be opened ({' '.join(str(error).split()) or type(error).__name__})"
-
-
-def _dress(opened: MessageBasedResource, serial: SerialParameters | None) -> Wire:
-    interface = _interface_of(opened)
-    beneath = _socket_beneath(opened) if interface == "socket" else None
-    if beneath is not None:
-        _require_connected(beneath)
-        return SocketWire(opened, beneath)
-    try:
-        if interface == "asrl":
-            _set_line(opened, serial)
-        if interface in ("asrl", "socket"):  # a byte stream knows no END: the newline is the only end there is
-            opened.set_visa_attribute(ResourceAttribute.termchar, ord("\n"))
-            opened.set_visa_attribute(ResourceAttribute.termchar_enabled, True)  # noqa: FBT003 - PyVISA's signature
-    except Exception as error:  # a line that the port cannot do is a termios.error, which is a bare Exception too
-        raise ConnectFailed(_words(error)) from error
-    return VisaWire(opened, interface)
 
 
 def _interface_of(opened: MessageBasedResource) -> Interface:

@@ -20,24 +20,18 @@ class Wire(Protocol):
     @property
     def interface(self) -> Interface:
         """Kind of the connection (``instr``: VXI-11 or HiSLIP)."""
-        ...
 
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Send all of `data`."""
-        ...
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
         """Return at least one byte, and whether the instrument marked the last one as the end of its message."""
-        ...
 
     def pending(self) -> bytes:
         """Take unasked bytes, without waiting; empty where the interface cannot tell."""
-        ...
 
     def clear(self, deadline: Deadline) -> None:
         """Do a device clear where the interface has one, and drop received bytes."""
-        ...
 
     def close(self) -> None:
         """Give the connection back."""
-        ...

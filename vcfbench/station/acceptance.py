@@ -73,7 +73,6 @@ class HasAcceptanceValues(Protocol):
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return its numbers by the keys of ``[acceptance]``; None where one could not be computed."""
-        ...
 
 
 @runtime_checkable
@@ -82,7 +81,6 @@ class HasAcceptanceU95(Protocol):
 
     def acceptance_u95(self) -> Mapping[str, float]:
         """Return them by the keys of ``[acceptance]``; those without one are left out."""
-        ...
 
 
 def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) -> Acceptance | None:

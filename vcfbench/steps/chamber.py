@@ -26,7 +26,6 @@ class TemperatureReading(StepResult, Struct, frozen=True):
     t_s: float
 
     def describe(self) -> str:
-        """Name the temperatures read."""
         device = "" if self.device_c is None else f", device {self.device_c:.1f} degC"
         return f"air {self.air_c:.1f} degC{device}"
 
@@ -44,15 +43,12 @@ class SetTemperature(Step, Struct, frozen=True):
     soak_s: float
 
     def describe(self) -> str:
-        """Name temperature and ramp."""
         return f"temperature {self.temperature_c:+.1f} degC at {self.ramp_k_min:g} K/min, air on"
 
     def within(self, limits: LimitChecks) -> None:
-        """Check temperature and ramp."""
         limits.temperature(self.temperature_c, self.ramp_k_min)
 
     def perform(self, context: Context) -> Done:
-        """Set it, and let air flow."""
         chamber = context.bench.chamber
         chamber.set_temperature(self.temperature_c, self.ramp_k_min)
         chamber.set_settled(self.window_k, self.soak_s)
@@ -76,12 +72,10 @@ class AwaitTemperature(Step, Struct, frozen=True):
     deadline_s: float
 
     def describe(self) -> str:
-        """Name the temperature."""
         return f"wait until {self.temperature_c:+.1f} degC is reached and held for {self.soak_s:g} s"
 
     @property
     def physical_s(self) -> float:
-        """Ramp and soak, s."""
         return self.ramp_s + self.soak_s
 
     def perform(self, context: Context) -> TemperatureReading:
@@ -105,7 +99,6 @@ class AwaitTemperature(Step, Struct, frozen=True):
         return TemperatureReading(chamber.air_temperature_c(), chamber.device_temperature_c(), clock.now())
 
     def predict(self, gyro: LinearGyro) -> TemperatureReading:
-        """Predict that it is reached."""
         del gyro
         return TemperatureReading(self.temperature_c, None, 0.0)
 
@@ -118,11 +111,9 @@ class StopFlow(Step, Struct, frozen=True):
     overhead_s: ClassVar[float] = 0.2
 
     def describe(self) -> str:
-        """Describe the action."""
         return "air off"
 
     def perform(self, context: Context) -> Done:
-        """Stop it."""
         context.bench.chamber.disable_flow()
         return Done()
 

@@ -28,7 +28,6 @@ class Recorded(Struct, frozen=True):
     values: Mapping[str, Any]
 
     def describe(self) -> str:
-        """Name kind and fields."""
         return f"{self.kind}({', '.join(f'{name}={value!r}' for name, value in self.values.items())})"
 
 

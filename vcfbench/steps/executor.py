@@ -85,7 +85,6 @@ class Moved(Struct, frozen=True):
         return self.after_v - self.before_v
 
     def describe(self) -> str:
-        """Say by how much, and by how many u."""
         return (
             f"the output at rest moved by {self.moved_v:+.2g} V, {abs(self.moved_v) / self.u_v:.1f} u "
             f"(from {self.before_v:+.6g} to {self.after_v:+.6g} V)"
@@ -129,7 +128,6 @@ class Observer(Protocol):
 
     def handle(self, event: Event) -> None:
         """Take notice; an OSError (a closed terminal) drops the observer, nothing else may be raised."""
-        ...
 
 
 class StepJournal(Protocol):
@@ -137,27 +135,21 @@ class StepJournal(Protocol):
 
     def readings(self, values: Mapping[str, Any]) -> None:
         """Write a chunk of the readings of the step under way."""
-        ...
 
     def step(self, values: Mapping[str, Any]) -> None:
         """Write one performed step."""
-        ...
 
     def error(self, values: Mapping[str, Any]) -> None:
         """Write one failed step."""
-        ...
 
     def restored(self, values: Mapping[str, Any]) -> None:
         """Write one step that brings the bench to rest for a pause, or to where it was before a break or a pause."""
-        ...
 
     def paused(self, values: Mapping[str, Any]) -> None:
         """Write that the run is to pause, and at whose wish."""
-        ...
 
     def went_on(self, values: Mapping[str, Any]) -> None:
         """Write that the run goes on, and by how much the output moved."""
-        ...
 
 
 class Pauses(Protocol):
@@ -166,27 +158,21 @@ class Pauses(Protocol):
     @property
     def by(self) -> str:
         """Name of the person asking for a pause after the step under way; empty: nobody."""
-        ...
 
     def wait(self) -> tuple[str, float]:
         """Wait until somebody wants the run to go on; return that name and the time waited, s of wall time."""
-        ...
 
     def to_rest(self, done: Sequence[Step]) -> Routine[Window | None]:
         """Bring the bench to rest after the steps `done`, and look at the output, where that can be compared."""
-        ...
 
     def looked_at(self, done: Sequence[Step]) -> Routine[Window]:
         """Look at the output again."""
-        ...
 
     def moved(self, done: Sequence[Step], before: Window, after: Window) -> Moved:
         """Return by how much it moved."""
-        ...
 
     def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
         """Bring the bench to where it was before the pause, in which `disturbed` was set."""
-        ...
 
 
 class Execution(Struct, frozen=True):

@@ -26,7 +26,6 @@ class AcquireGapless(Acquire, frozen=True, kw_only=True):
     burst: int
 
     def describe(self) -> str:
-        """Name the window."""
         return (
             f"{self.samples} readings of {self.interval_s:g} s without gaps, in bursts of {self.burst} that the meter "
             "takes by itself"
@@ -34,7 +33,6 @@ class AcquireGapless(Acquire, frozen=True, kw_only=True):
 
     @property
     def duration_s(self) -> float:
-        """Time of the readings and between the bursts, s."""
         return self.physical_s + -(-self.samples // self.burst) * _BETWEEN_S
 
     def _read(self, start_s: float, tally: Tally, context: Context) -> None:

@@ -51,11 +51,9 @@ class Window(StepResult, Struct, frozen=True):
 
     @property
     def recorded_point(self) -> Point | None:
-        """The point that the window adds to the run."""
         return self.point
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return the window with the corrections of the meters' certificates to its readings and its point."""
         del step
         readings = tuple(each.corrected(known) for each in self.readings)
         return replace(self, readings=readings, point=known.corrected_point(self.point))
@@ -78,7 +76,6 @@ class Window(StepResult, Struct, frozen=True):
         return replace(self, point=self.point.referred()) if self.point.moved_v else self
 
     def describe(self) -> str:
-        """Name mean and scatter."""
         return f"{self.mean_v:+.5f} V, s {self.std_v:.1e} V"
 
 
@@ -102,11 +99,9 @@ class ConfigureMeter(Step, Struct, frozen=True):
     nplc: float
 
     def describe(self) -> str:
-        """Name range and integration time."""
         return f"multimeter: DC {self.range_v:g} V range, {self.nplc:g} power-line cycles, autozero on"
 
     def perform(self, context: Context) -> Done:
-        """Select both."""
         context.bench.multimeter.configure_dc_voltage(self.range_v, self.nplc)
         return Done()
 
@@ -127,7 +122,6 @@ class OutputSeen(StepResult, Struct, frozen=True):
         return math.fsum((each - self.mean_v) ** 2 for each in self.voltages_v) / (len(self.voltages_v) - 1)
 
     def describe(self) -> str:
-        """Name their mean."""
         return f"{self.mean_v:+.5f} V"
 
 
@@ -141,21 +135,17 @@ class LookAtOutput(Step, Struct, frozen=True):
     rate_deg_s: float = 0.0
 
     def describe(self) -> str:
-        """Name number and rate."""
         return f"the output at {self.rate_deg_s:+g} deg/s, {self.count} readings"
 
     @property
     def physical_s(self) -> float:
-        """Approximate time of the readings, s."""
         return 0.3 * self.count
 
     def perform(self, context: Context) -> OutputSeen:
-        """Read it."""
         read = context.bench.multimeter.read_voltage_v
         return OutputSeen(tuple(context.believable(read) for _ in range(self.count)))
 
     def predict(self, gyro: LinearGyro) -> OutputSeen:
-        """Predict the output of the straight line."""
         return OutputSeen((gyro.output_v(self.rate_deg_s),) * self.count)
 
 
@@ -166,7 +156,6 @@ class AcMeasured(StepResult, Struct, frozen=True):
     range_v: float
 
     def describe(self) -> str:
-        """Name their mean."""
         return f"{math.fsum(self.voltages_v) / len(self.voltages_v):.5f} V rms, {self.range_v:g} V range"
 
 
@@ -186,13 +175,11 @@ class MeasureAc(Step, Struct, frozen=True):
     range_v: float | None = None
 
     def describe(self) -> str:
-        """Name node and range."""
         on = "" if self.range_v is None else f" on the {self.range_v:g} V range"
         return f"multimeter: AC volts of the {self.node}{on}, {self.count} readings"
 
     @property
     def physical_s(self) -> float:
-        """Approximate time of the readings, s."""
         return 1.1 * self.count + 1.0
 
     def perform(self, context: Context) -> AcMeasured:
@@ -207,7 +194,6 @@ class MeasureAc(Step, Struct, frozen=True):
         return AcMeasured(*meter.read_ac_voltages_v(self.count, self.range_v))
 
     def predict(self, gyro: LinearGyro) -> AcMeasured:
-        """Predict the expected voltage."""
         del gyro
         return AcMeasured((self.expected_v,) * self.count, self.range_v or 1.0)
 
@@ -238,7 +224,6 @@ class Acquire(Step, Struct, frozen=True):
     noise_v: tuple[float, float] | None = None
 
     def describe(self) -> str:
-        """Name the point and the window."""
         return (
             f"average {self.samples} readings, one every {self.interval_s:g} s: "
             f"{self.rate_deg_s:+.6g} deg/s, V_Vc {self.v_vc_v:+.6g} V"
@@ -246,7 +231,6 @@ class Acquire(Step, Struct, frozen=True):
 
     @property
     def physical_s(self) -> float:
-        """The averaging window, s."""
         return self.samples * self.interval_s
 
     def perform(self, context: Context) -> Window:
@@ -278,7 +262,6 @@ class Acquire(Step, Struct, frozen=True):
         return window
 
     def predict(self, gyro: LinearGyro) -> Window:
-        """Predict a window, with the noise that `gyro` has."""
         output_v = gyro.output_v(self.table_deg_s or 0.0)
         rails = tuple(map(predicted_rail, self.rails))
         tally = self._new_tally()
@@ -291,7 +274,6 @@ class Acquire(Step, Struct, frozen=True):
         return self._window(readings, tally, self.table_deg_s, rails)
 
     def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the fields of a window, with the point that its readings come to."""
         if "point" in result or not result.get("readings"):
             return result
         tally = Tally()
@@ -299,7 +281,6 @@ class Acquire(Step, Struct, frozen=True):
         return {**result, "point": self._point(tally).as_json()}
 
     def recall(self, readings_v: Sequence[float], context: Context) -> None:
-        """Hold later readings against the scatter of these too."""
         if context.noise is None:
             context.noise = NoiseSeen(self.resolution_v)
         context.noise.doubt(readings_v, turning=bool(self.table_deg_s))  # nothing is wrong with them: the run went on
@@ -373,7 +354,6 @@ class VerifyZero(Acquire, frozen=True):
     """Take the zero before or after everything else, or a level again: a window that is compared, and is no point."""
 
     def describe(self) -> str:
-        """Name the purpose of the window."""
         at = f"V_Vc of {self.v_vc_v:+.6g} V again" if self.v_vc_v else "the zero"
         return f"{at}, to compare: {self.samples} readings, one every {self.interval_s:g} s"
 

@@ -21,7 +21,6 @@ class OperatorAnswer(StepResult, Struct, frozen=True):
     answer: str
 
     def describe(self) -> str:
-        """Return the answer."""
         return self.answer or "done"
 
 
@@ -46,7 +45,6 @@ class AskOperator(Step, Struct, frozen=True):
         return tuple(f"{self.subject}: {name}" for name, _ in self.adjustments) or (f"{self.subject}: {self.words}",)
 
     def describe(self) -> str:
-        """Describe the request."""
         return f"by hand: {self.words}"
 
     def perform(self, context: Context) -> OperatorAnswer:
@@ -54,13 +52,11 @@ class AskOperator(Step, Struct, frozen=True):
         return OperatorAnswer(context.operator(Request(self.words, self.takes_s, dict(self.adjustments))))
 
     def predict(self, gyro: LinearGyro) -> OperatorAnswer:
-        """Predict that it is done."""
         del gyro
         return OperatorAnswer("done")
 
     @property
     def duration_s(self) -> float:
-        """Time that a person takes, s."""
         return self.takes_s
 
 

@@ -34,12 +34,10 @@ class SineResponse(StepResult, Struct, frozen=True):
     voltages_v: tuple[float, ...]
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return the samples with the correction of the multimeter's certificate."""
         del step
         return replace(self, voltages_v=tuple(map(known.corrected, self.voltages_v)))
 
     def describe(self) -> str:
-        """Name about how large the sine is."""
         mean_v = math.fsum(self.voltages_v) / len(self.voltages_v)
         square = math.fsum((each - mean_v) ** 2 for each in self.voltages_v) / len(self.voltages_v)
         return f"{math.sqrt(2.0 * square):.4g} V"
@@ -64,12 +62,10 @@ class SampleSine(Step, Struct, frozen=True):
     gain: float | None = None
 
     def describe(self) -> str:
-        """Name the record."""
         return f"sample the output: {self.samples} readings, one every {1e3 * self.interval_s:g} ms"
 
     @property
     def physical_s(self) -> float:
-        """The record, s."""
         return self.samples * self.interval_s
 
     def perform(self, context: Context) -> SineResponse:
@@ -119,14 +115,12 @@ class ModulatedRecord(StepResult, Struct, frozen=True):
     table_rate_deg_s: float | None
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return the record with the certificates' corrections, of V_Vc that of the meter that read it."""
         by_hand = isinstance(step, SampleModulated) and step.of == "v_vc"
         v_vc = known.corrected if by_hand else known.v_vc_corrected
         output_v = tuple(map(known.corrected, self.output_v))
         return replace(self, output_v=output_v, v_vc_v=tuple(map(v_vc, self.v_vc_v)))
 
     def describe(self) -> str:
-        """Name the means."""
         means = [f"{math.fsum(each) / len(each):+.5f} V" for each in (self.output_v, self.v_vc_v) if each]
         return ", V_Vc ".join(means)
 
@@ -154,13 +148,11 @@ class SampleModulated(Step, Struct, frozen=True):
     tolerance_deg_s: float
 
     def describe(self) -> str:
-        """Name the record."""
         what = {"output": "the output", "v_vc": "V_Vc", "both": "output and V_Vc at once"}[self.of]
         return f"sample {what}: {self.samples} readings, one every {1e3 * self.interval_s:g} ms"
 
     @property
     def physical_s(self) -> float:
-        """The record, s."""
         return self.samples * self.interval_s
 
     def perform(self, context: Context) -> ModulatedRecord:

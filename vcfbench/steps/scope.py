@@ -41,7 +41,6 @@ class DriveAmplitudes(StepResult, Struct, frozen=True):
     carrier_v: float
 
     def describe(self) -> str:
-        """Name both."""
         return f"drive {self.drive_v:.3g} V, carrier {self.carrier_v:.3g} V"
 
 
@@ -58,7 +57,6 @@ class DriveReading(StepResult, Struct, frozen=True):
     trouble: str = ""
 
     def describe(self) -> str:
-        """Name the three, or the trouble."""
         if self.trouble:
             return self.trouble
         return f"{self.frequency_hz:.2f} Hz, {self.amplitude_v:.4g} V, {self.phase_deg:+.2f} deg"
@@ -76,12 +74,10 @@ class ConfigureScope(Step, Struct, frozen=True):
     level_v: float = 0.0
 
     def describe(self) -> str:
-        """Name both."""
         level = f" at {self.level_v:.3g} V" if self.level_v else ""
         return f"oscilloscope: {self.timebase_s_per_div:g} s/div, trigger on channel {self.trigger_channel}{level}"
 
     def perform(self, context: Context) -> ScopeReady:
-        """Set both."""
         ready = ScopeReady(context.bench.clock.now())
         scope = context.bench.oscilloscope
         scope.configure_timebase(self.timebase_s_per_div)
@@ -89,7 +85,6 @@ class ConfigureScope(Step, Struct, frozen=True):
         return ready
 
     def predict(self, gyro: LinearGyro) -> ScopeReady:
-        """Predict that they are set."""
         del gyro
         return ScopeReady(0.0)
 
@@ -110,11 +105,9 @@ class FindDrive(Step, Struct, frozen=True):
     expected_v: float
 
     def describe(self) -> str:
-        """Name the scale."""
         return f"oscilloscope: find drive and carrier, up to {self.largest_v:g} V"
 
     def perform(self, context: Context) -> DriveAmplitudes:
-        """Take one record of both."""
         scope = context.bench.oscilloscope
         channels = (self.drive_channel, self.carrier_channel)
         for channel in channels:
@@ -123,7 +116,6 @@ class FindDrive(Step, Struct, frozen=True):
         return DriveAmplitudes(*(_amplitude_or_none(scope, channel) for channel in channels))
 
     def predict(self, gyro: LinearGyro) -> DriveAmplitudes:
-        """Predict that both are there."""
         del gyro
         return DriveAmplitudes(self.expected_v, self.expected_v)
 
@@ -153,7 +145,6 @@ class MeasureDrive(Step, Struct, frozen=True):
     expected: tuple[float, float, float]
 
     def describe(self) -> str:
-        """Name the measured quantities."""
         return "oscilloscope: frequency, amplitude and phase of the drive signal"
 
     def perform(self, context: Context) -> DriveReading:
@@ -196,7 +187,6 @@ class SineRecords(StepResult, Struct, frozen=True):
     records: tuple[SineRecord, ...]
 
     def describe(self) -> str:
-        """Name the frequency, and amplitudes and phases in the first record."""
         first = self.records[0]
         seen = zip(self.channels, first.amplitudes_v, first.phases_deg, strict=True)
         parts = [f"{channel}: {level:.4g} V {phase:+.2f} deg" for channel, level, phase in seen]
@@ -220,12 +210,10 @@ class CaptureSines(Step, Struct, frozen=True):
     spacing_s: float = 0.0
 
     def describe(self) -> str:
-        """Name channels and number."""
         return f"oscilloscope: {self.count} records of channels {', '.join(map(str, self.channels))}, sines fitted"
 
     @property
     def duration_s(self) -> float:
-        """Estimate of the time the step takes, s."""
         return max(0.2 * len(self.channels), self.spacing_s) * self.count
 
     def perform(self, context: Context) -> SineRecords:
@@ -263,7 +251,6 @@ class CaptureSines(Step, Struct, frozen=True):
         scope.acquire(*self.channels)
 
     def predict(self, gyro: LinearGyro) -> SineRecords:
-        """Predict the expected records."""
         del gyro
         return SineRecords(self.channels, (self.expected,) * self.count)
 
@@ -288,7 +275,6 @@ class Amplitudes(StepResult, Struct, frozen=True):
     amplitudes_v: tuple[float, ...]
 
     def describe(self) -> str:
-        """Name them."""
         seen = zip(self.channels, self.amplitudes_v, strict=True)
         return ", ".join(f"{channel}: {level:.4g} V" for channel, level in seen)
 
@@ -309,7 +295,6 @@ class FindAmplitudes(Step, Struct, frozen=True):
     expected_v: float
 
     def describe(self) -> str:
-        """Name channels and scale."""
         return f"oscilloscope: find channels {', '.join(map(str, self.channels))}, up to {self.largest_v:g} V"
 
     def perform(self, context: Context) -> Amplitudes:
@@ -330,7 +315,6 @@ class FindAmplitudes(Step, Struct, frozen=True):
         return Amplitudes(self.channels, tuple(levels_v))
 
     def predict(self, gyro: LinearGyro) -> Amplitudes:
-        """Predict the expected amplitudes."""
         del gyro
         return Amplitudes(self.channels, (self.expected_v,) * len(self.channels))
 
@@ -351,7 +335,6 @@ class Rotations(StepResult, Struct, frozen=True):
     records: tuple[RotationRecord, ...]
 
     def describe(self) -> str:
-        """Name difference and phase in the first record."""
         first = self.records[0]
         return f"{first.difference_hz:+.3f} Hz to the drive, output at {first.reference_deg:+.2f} deg"
 
@@ -374,7 +357,6 @@ class CaptureRotations(Step, Struct, frozen=True):
     drive_hz: float
 
     def describe(self) -> str:
-        """Name number and difference."""
         return f"oscilloscope: {self.count} records of drive, sense, output, {self.difference_hz:+g} Hz to the drive"
 
     @property

@@ -20,7 +20,6 @@ class VvcSetting(StepResult, Struct, frozen=True):
     v_vc_v: float
 
     def describe(self) -> str:
-        """Name the level."""
         return f"reads {self.v_vc_v:+.6g} V"
 
 
@@ -35,19 +34,15 @@ class ConfigureGenerator(Step, Struct, frozen=True):
 
     @property
     def sets(self) -> tuple[str, ...]:
-        """Function and level."""
         return ("generator", self.subject)
 
     def describe(self) -> str:
-        """Name the level."""
         return f"generator: DC {self.v_vc_v:g} V into high impedance"
 
     def within(self, limits: LimitChecks) -> None:
-        """Hold the level against that of V_Vc."""
         limits.v_vc(self.v_vc_v)
 
     def perform(self, context: Context) -> VvcSetting:
-        """Select and read back."""
         source = context.bench.rate_source
         return VvcSetting(context.believable(lambda: source.configure_dc(self.v_vc_v)))
 
@@ -67,15 +62,12 @@ class SetVvc(Step, Struct, frozen=True):
     v_vc_v: float
 
     def describe(self) -> str:
-        """Name the level."""
         return f"V_Vc = {self.v_vc_v:+.6g} V"
 
     def within(self, limits: LimitChecks) -> None:
-        """Hold the level against that of V_Vc."""
         limits.v_vc(self.v_vc_v)
 
     def perform(self, context: Context) -> VvcSetting:
-        """Set and read back."""
         source = context.bench.rate_source
         return VvcSetting(context.believable(lambda: source.set_dc(self.v_vc_v)))
 
@@ -96,11 +88,9 @@ class SetSine(Step, Struct, frozen=True):
     amplitude_v: float
 
     def describe(self) -> str:
-        """Name frequency and amplitude."""
         return f"V_Vc = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
 
     def within(self, limits: LimitChecks) -> None:
-        """Hold the peak against the limit of V_Vc."""
         limits.v_vc(self.amplitude_v, "peak voltage")
 
     def perform(self, context: Context) -> Done:
@@ -109,7 +99,6 @@ class SetSine(Step, Struct, frozen=True):
         return Done()
 
     def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that the level is 0 V in the mean."""
         gyro.v_vc_v = 0.0
         return Done()
 
@@ -122,7 +111,6 @@ class EnableVvc(Step, Struct, frozen=True):
     overhead_s: ClassVar[float] = 0.05
 
     def describe(self) -> str:
-        """Name the output."""
         return "generator output on"
 
     def perform(self, context: Context) -> Done:
@@ -134,7 +122,6 @@ class EnableVvc(Step, Struct, frozen=True):
         return Done()
 
     def predict(self, gyro: LinearGyro) -> Done:
-        """Predict that V_Vc acts."""
         gyro.v_vc_on = True
         return Done()
 
@@ -147,7 +134,6 @@ class DisableVvc(Step, Struct, frozen=True):
     overhead_s: ClassVar[float] = 0.05
 
     def describe(self) -> str:
-        """Name the output, and the effect on the PCB."""
         return "generator output off, the PCB holds V_Vc at 0 V"
 
     def perform(self, context: Context) -> Done:
@@ -170,7 +156,6 @@ class SetVibration(SetSine, frozen=True):
     subject: ClassVar[str] = "virtual vibration"
 
     def describe(self) -> str:
-        """Name frequency and amplitude."""
         return f"virtual vibration = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
 
     def perform(self, context: Context) -> Done:
@@ -187,7 +172,6 @@ class EnableVibration(Step, Struct, frozen=True):
     overhead_s: ClassVar[float] = 0.05
 
     def describe(self) -> str:
-        """Name the output."""
         return "output of the vibration generator on"
 
     def perform(self, context: Context) -> Done:
@@ -207,7 +191,6 @@ class DisableVibration(Step, Struct, frozen=True):
     overhead_s: ClassVar[float] = 0.05
 
     def describe(self) -> str:
-        """Name the output."""
         return "output of the vibration generator off"
 
     def perform(self, context: Context) -> Done:

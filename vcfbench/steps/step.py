@@ -70,47 +70,38 @@ class OpenBench(Protocol):
     @property
     def clock(self) -> Clock:
         """Bench time."""
-        ...
 
     @property
     def power(self) -> PowerSupply:
         """The supply of the PCB's rails."""
-        ...
 
     @property
     def rate_source(self) -> FunctionGenerator:
         """The generator of V_Vc."""
-        ...
 
     @property
     def vibration_source(self) -> FunctionGenerator:
         """The second generator, added to V_Vc."""
-        ...
 
     @property
     def multimeter(self) -> Multimeter:
         """The voltmeter of the output."""
-        ...
 
     @property
     def v_vc_meter(self) -> Multimeter:
         """The second voltmeter, on V_Vc."""
-        ...
 
     @property
     def chamber(self) -> TemperatureChamber:
         """The temperature chamber."""
-        ...
 
     @property
     def oscilloscope(self) -> Oscilloscope:
         """The oscilloscope on drive and carrier."""
-        ...
 
     @property
     def rate_table(self) -> RateTable:
         """The table."""
-        ...
 
 
 class Request(Struct, frozen=True):
@@ -144,7 +135,6 @@ class Reading(Struct, frozen=True):
     voltage_v: float
 
     def corrected(self, known: Sources) -> Self:
-        """Return the reading with the correction of the multimeter's certificate."""
         return replace(self, voltage_v=known.corrected(self.voltage_v))
 
 

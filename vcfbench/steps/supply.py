@@ -33,7 +33,6 @@ class RailsReading(StepResult, Struct, frozen=True):
     rails: tuple[RailReading, ...]
 
     def describe(self) -> str:
-        """Name voltage and current of each."""
         return ", ".join(f"{rail.rail} {rail.voltage_v:+.3f} V {rail.current_a:.4f} A" for rail in self.rails)
 
 
@@ -51,20 +50,16 @@ class ConfigureRail(Step, Struct, frozen=True):
 
     @property
     def sets(self) -> tuple[str, ...]:
-        """This rail alone."""
         return (f"{self.subject} {self.output}",)
 
     def describe(self) -> str:
-        """Name output, level and limit."""
         return f"supply {self.output} ({self.rail} rail): {self.voltage_v:+g} V, limit {self.current_limit_a:g} A"
 
     def within(self, limits: LimitChecks) -> None:
-        """Hold level and current limit against those of the rails."""
         limits.rail(self.output, self.voltage_v)
         limits.rail_current(self.output, self.current_limit_a)
 
     def perform(self, context: Context) -> Done:
-        """Set both."""
         context.bench.power.configure_output(self.output, self.voltage_v, self.current_limit_a)
         return Done()
 
@@ -77,11 +72,9 @@ class EnableSupply(Step, Struct, frozen=True):
     overhead_s: ClassVar[float] = 0.05
 
     def describe(self) -> str:
-        """Name the outputs."""
         return "supply outputs on"
 
     def perform(self, context: Context) -> Done:
-        """Switch on."""
         context.bench.power.enable_outputs()
         return Done()
 
@@ -94,11 +87,9 @@ class DisableSupply(Step, Struct, frozen=True):
     overhead_s: ClassVar[float] = 0.05
 
     def describe(self) -> str:
-        """Name the outputs."""
         return "supply outputs off"
 
     def perform(self, context: Context) -> Done:
-        """Switch off."""
         context.bench.power.disable_outputs()
         return Done()
 
@@ -114,7 +105,6 @@ class CheckRails(Step, Struct, frozen=True):
     tolerance_v: float
 
     def describe(self) -> str:
-        """Name the rails and their required levels."""
         levels = ", ".join(f"{rail.voltage_v:+g} V" for rail in self.rails)
         return f"read back the rails: {levels} within {self.tolerance_v:g} V, constant voltage"
 
@@ -124,7 +114,6 @@ class CheckRails(Step, Struct, frozen=True):
         return RailsReading(tuple(read_rail(context, rail, self.tolerance_v) for rail in self.rails))
 
     def predict(self, gyro: LinearGyro) -> RailsReading:
-        """Predict that every rail is at its level."""
         del gyro
         return RailsReading(tuple(map(predicted_rail, self.rails)))
 

@@ -28,7 +28,6 @@ class RateReading(StepResult, Struct, frozen=True):
     t_s: float
 
     def describe(self) -> str:
-        """Name the rate."""
         return f"reads {self.rate_deg_s:+.4f} deg/s"
 
 
@@ -41,15 +40,12 @@ class EnableTable(Step, Struct, frozen=True):
 
     @property
     def sets(self) -> tuple[str, ...]:
-        """Servo and demand."""
         return (self.subject, SetRate.subject)
 
     def describe(self) -> str:
-        """Name the state."""
         return "table enabled, at rest"
 
     def perform(self, context: Context) -> Done:
-        """Close the servo."""
         context.bench.rate_table.enable()
         return Done()
 
@@ -63,15 +59,12 @@ class DisableTable(Step, Struct, frozen=True):
 
     @property
     def sets(self) -> tuple[str, ...]:
-        """Servo and demand."""
         return (self.subject, SetRate.subject)
 
     def describe(self) -> str:
-        """Name the state."""
         return "table disabled"
 
     def perform(self, context: Context) -> Done:
-        """Open the servo."""
         context.bench.rate_table.disable()
         return Done()
 
@@ -88,7 +81,6 @@ class SetRate(Step, Struct, frozen=True):
     previous_deg_s: float
 
     def describe(self) -> str:
-        """Name rate and acceleration."""
         return f"table to {self.rate_deg_s:+g} deg/s at {self.acceleration_deg_s2:g} deg/s^2"
 
     @property
@@ -102,12 +94,10 @@ class SetRate(Step, Struct, frozen=True):
         return (from_rest, Settle(from_rest.ramp_s, "the table ramps from rest")) if self.rate_deg_s else (from_rest,)
 
     def within(self, limits: LimitChecks) -> None:
-        """Hold rate and acceleration against those of the table."""
         limits.rate(self.rate_deg_s)
         limits.acceleration(self.acceleration_deg_s2)
 
     def perform(self, context: Context) -> Done:
-        """Start the ramp."""
         context.bench.rate_table.set_rate(self.rate_deg_s, self.acceleration_deg_s2)
         return Done()
 
@@ -125,12 +115,10 @@ class AwaitRate(Step, Struct, frozen=True):
     deadline_s: float
 
     def describe(self) -> str:
-        """Name rate and tolerance."""
         return f"table at {self.rate_deg_s:+g} deg/s, read-back within {self.tolerance_deg_s:g} deg/s"
 
     @property
     def physical_s(self) -> float:
-        """The ramp, s."""
         return self.ramp_s
 
     def perform(self, context: Context) -> RateReading:
@@ -152,7 +140,6 @@ class AwaitRate(Step, Struct, frozen=True):
             sleep(clock, _POLL_S)
 
     def predict(self, gyro: LinearGyro) -> RateReading:
-        """Predict that the rate is reached."""
         del gyro
         return RateReading(self.rate_deg_s, 0.0)
 

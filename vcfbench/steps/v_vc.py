@@ -30,11 +30,9 @@ class ConfigureVvcMeter(ConfigureMeter, frozen=True):
     subject: ClassVar[str] = "V_Vc meter"
 
     def describe(self) -> str:
-        """Name range and integration time."""
         return f"meter on V_Vc: DC {self.range_v:g} V range, {self.nplc:g} power-line cycles, autozero on"
 
     def perform(self, context: Context) -> Done:
-        """Select both."""
         context.bench.v_vc_meter.configure_dc_voltage(self.range_v, self.nplc)
         return Done()
 
@@ -45,7 +43,6 @@ class PairedReading(Reading, frozen=True):
     v_vc_v: float
 
     def corrected(self, known: Sources) -> Self:
-        """Return the reading with the corrections of both meters' certificates."""
         return replace(self, voltage_v=known.corrected(self.voltage_v), v_vc_v=known.v_vc_corrected(self.v_vc_v))
 
 
@@ -55,7 +52,6 @@ class VvcWindow(Window, frozen=True):
     readings: tuple[PairedReading, ...]
 
     def describe(self) -> str:
-        """Name mean and scatter of the output, and the measured V_Vc."""
         return f"{Window.describe(self)}, V_Vc measured {self.point.v_vc_measured_v:+.6g} V"
 
 
@@ -75,11 +71,9 @@ class AcquireWithVvc(Acquire, frozen=True, kw_only=True):
     v_vc_tolerance_v: float
 
     def describe(self) -> str:
-        """Name the point and the window."""
         return f"{Acquire.describe(self)}, V_Vc measured"
 
     def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the fields of a window, with the point that its readings come to."""
         if "point" in result or not result.get("readings"):
             return result
         tally = self._new_tally()
@@ -150,14 +144,12 @@ class VvcMeasured(StepResult, Struct, frozen=True):
     std_v: float
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return the readings with the correction of the certificate of the meter that read them."""
         by_hand = isinstance(step, MeasureVvc) and step.meter == "multimeter"
         by = known.corrected if by_hand else known.v_vc_corrected
         v_vc = tuple(replace(each, voltage_v=by(each.voltage_v)) for each in self.v_vc)
         return replace(self, v_vc=v_vc, mean_v=by(self.mean_v))
 
     def describe(self) -> str:
-        """Name mean and scatter."""
         return f"V_Vc {self.mean_v:+.6g} V, s {self.std_v:.1e} V"
 
 
@@ -178,12 +170,10 @@ class MeasureVvc(Step, Struct, frozen=True):
     meter: Literal["v_vc_meter", "multimeter"] = "v_vc_meter"
 
     def describe(self) -> str:
-        """Name setting and window."""
         return f"measure V_Vc, set to {self.v_vc_v:+.6g} V: {self.samples} readings, one every {self.interval_s:g} s"
 
     @property
     def physical_s(self) -> float:
-        """The averaging window, s."""
         return self.samples * self.interval_s
 
     def perform(self, context: Context) -> VvcMeasured:

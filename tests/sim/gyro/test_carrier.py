@@ -10,8 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.sim.gyro.bench import locked_chain
+from tests.sim.gyro.carrier import CarrierModel, CarrierRun
 from tests.sim.gyro.plain import carrier_rhs, steady_output_v
-from vcfbench.sim.gyro.carrier import CarrierModel, CarrierRun
 from vcfbench.sim.gyro.chain import ChainState, Forcing, Response
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from simrack.sources import Drive
 
 from tests.sim.gyro.bench import powered
-from vcfbench.sim.gyro.carrier import CarrierModel
+from tests.sim.gyro.carrier import CarrierModel
 from vcfbench.sim.gyro.design import ideal_bench
 
 if TYPE_CHECKING:

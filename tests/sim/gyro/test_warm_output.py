@@ -10,8 +10,8 @@ import pytest
 from msgspec.structs import replace
 from simrack.sources import Drive
 
+from tests.sim.gyro.carrier import CarrierModel
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.gyro.carrier import CarrierModel
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.world import World

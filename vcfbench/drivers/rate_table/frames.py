@@ -71,17 +71,6 @@ def take_text(frame: Frame, end: str, line: TableLine, deadline: Deadline) -> st
     while not text:
         raw = line.take_line(deadline) if end in _LINE_ENDS else _take_until(line, end.encode("ascii"), deadline)
         text = replies.text(raw).strip()
-    return _unframed(frame, text)
-
-
-def _take_until(line: TableLine, end: bytes, deadline: Deadline) -> bytes:
-    data = b""
-    while not data.endswith(end):
-        data += line.take(1, deadline)
-    return data.removesuffix(end)
-
-
-def _unframed(frame: Frame, text: str) -> str:
     if not text.startswith(frame.start):
         raise FramingError(f"expected a line that begins with {frame.start!r}, came {text[:60]!r}")
     body = text.removeprefix(frame.start)
@@ -93,6 +82,13 @@ def _unframed(frame: Frame, text: str) -> str:
     if not marked or checksum(frame.checksum, payload.encode("ascii")).decode("latin-1") != check.upper():
         raise FramingError(f"a line with a wrong checksum came, {text[:60]!r}")
     return payload
+
+
+def _take_until(line: TableLine, end: bytes, deadline: Deadline) -> bytes:
+    data = b""
+    while not data.endswith(end):
+        data += line.take(1, deadline)
+    return data.removesuffix(end)
 
 
 def frame_bytes(frame: Frame, data: bytes) -> bytes:

@@ -62,7 +62,17 @@ def open_line(url: str, *, clock: Clock, name: str, timeout_s: float, baud_rate:
     tap = tapping(name, url, clock)
 
     def connect(_: Deadline) -> Wire:
-        return tap(SerialWire(_open_port(url, baud_rate, timeout_s)))
+        import serial  # noqa: PLC0415 - loaded when first needed
+
+        try:
+            port = serial.serial_for_url(url, do_not_open=True, timeout=timeout_s, write_timeout=timeout_s)
+            port.baudrate = baud_rate
+            if isinstance(port, serial.Serial):
+                port.exclusive = True  # one owner a connection; only real ports know how
+            port.open()
+        except Exception as error:  # termios.error is no OSError, and the handler of a URL is anyone's code
+            raise ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
+        return tap(SerialWire(port))
 
     try:
         wire = connect(Deadline.after(clock, timeout_s))
@@ -70,20 +80,6 @@ def open_line(url: str, *, clock: Clock, name: str, timeout_s: float, baud_rate:
         error.instrument, error.resource = name, url
         raise
     return TableLine(wire, name=name, resource=url, clock=clock, timeout_s=timeout_s, reconnect=connect)
-
-
-def _open_port(url: str, baud_rate: int, timeout_s: float) -> serial.Serial:
-    import serial  # noqa: PLC0415 - loaded when first needed
-
-    try:
-        port = serial.serial_for_url(url, do_not_open=True, timeout=timeout_s, write_timeout=timeout_s)
-        port.baudrate = baud_rate
-        if isinstance(port, serial.Serial):
-            port.exclusive = True  # one owner a connection; only real ports know how
-        port.open()
-    except Exception as error:  # termios.error is no OSError, and the handler of a URL is anyone's code
-        raise ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
-    return port
 
 
 class SerialWire:

@@ -243,22 +243,6 @@ class Gyro:
             self._next_event_s = self._event_ahead_s()
         return self._acting
 
-    def _situation(self, acting: Acting) -> Situation:
-        """Return the situation while a forcing acts; somebody looks."""
-        if self._given is None:
-            self._given = Situation(
-                acting.bench,
-                Answer(self._course, self.now_s),
-                self._drive_mode,
-                acting.drive,
-                acting.passage,
-                self._pins,
-                self._weaker_at(acting.since_s) >= acting.bench.supply.dead_v,
-                self._electronic,
-                self._still_limits_v(),
-            )
-        return self._given
-
     def _still_limits_v(self) -> tuple[float, float] | None:
         """Return where the output saturates on rails at rest; None while they move."""
         positive, negative = self._pins
@@ -311,7 +295,20 @@ class Gyro:
 
     def _stretch(self, acting: Acting, stop_s: float, noise: NoisePath | None, noise_integral_v_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`."""
-        since_s, given = self.now_s - acting.since_s, self._situation(acting)
+        # The situation while a forcing acts; somebody looks
+        if self._given is None:
+            self._given = Situation(
+                acting.bench,
+                Answer(self._course, self.now_s),
+                self._drive_mode,
+                acting.drive,
+                acting.passage,
+                self._pins,
+                self._weaker_at(acting.since_s) >= acting.bench.supply.dead_v,
+                self._electronic,
+                self._still_limits_v(),
+            )
+        since_s, given = self.now_s - acting.since_s, self._given
         return Stretch(given, self.now_s, stop_s, since_s, self._phase_now(), noise, noise_integral_v_s)
 
     # -- power --

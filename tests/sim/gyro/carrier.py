@@ -113,7 +113,18 @@ class CarrierModel:
         for row, each in zip((2, 4), modes, strict=True):
             _oscillate(matrices, row, 2 * math.pi * each.frequency_hz, drive, each.quality)
             self._force(matrices, row + 1, each, phases, rate_rad_s, virtual_v)
-        self._filter(matrices, phases, virtual_v)
+        # Demodulate V_s into the low-pass filter, a chain of integrators with feedback
+        sense, order = self._bench.sense_path, self._order
+        cut_off = 2 * math.pi * sense.low_pass_hz
+        feedback = np.poly(butterworth_poles(1.0, order)).real[:0:-1]
+        for index in range(order - 1):
+            matrices[:, 6 + index, 7 + index] = cut_off
+        matrices[:, 5 + order, 6 : 6 + order] = -cut_off * feedback
+        scale = cut_off * sense.multiplier_per_v * sense.reference_amplitude_v
+        product = scale * np.sin(phases + sense.demodulator_phase_rad)
+        gain = sense.preamplifier_gain * sense.amplifier_gain
+        matrices[:, 5 + order, 2] = matrices[:, 5 + order, 4] = gain * product
+        matrices[:, 5 + order, -1] = product * self._through(phases, virtual_v)
         return matrices
 
     def _force(  # noqa: PLR0917
@@ -140,20 +151,6 @@ class CarrierModel:
         sense = self._bench.sense_path
         size = sense.carrier_feedthrough * sense.reference_amplitude_v + sense.v_vc_feedthrough * virtual_v
         return np.asarray(size * np.sin(phases + self._bench.virtual_path.carrier_phase_rad))
-
-    def _filter(self, matrices: NDArray[np.float64], phases: NDArray[np.float64], virtual_v: float) -> None:
-        """Demodulate V_s into the low-pass filter, a chain of integrators with feedback."""
-        sense, order = self._bench.sense_path, self._order
-        cut_off = 2 * math.pi * sense.low_pass_hz
-        feedback = np.poly(butterworth_poles(1.0, order)).real[:0:-1]
-        for index in range(order - 1):
-            matrices[:, 6 + index, 7 + index] = cut_off
-        matrices[:, 5 + order, 6 : 6 + order] = -cut_off * feedback
-        scale = cut_off * sense.multiplier_per_v * sense.reference_amplitude_v
-        product = scale * np.sin(phases + sense.demodulator_phase_rad)
-        gain = sense.preamplifier_gain * sense.amplifier_gain
-        matrices[:, 5 + order, 2] = matrices[:, 5 + order, 4] = gain * product
-        matrices[:, 5 + order, -1] = product * self._through(phases, virtual_v)
 
     def _rows(self) -> NDArray[np.float64]:
         """Return the rows that show drive pick-off, V_s and the filtered signal."""
