@@ -55,10 +55,6 @@ def test_json_is_all_there_is_on_stdout_and_progress_goes_to_stderr(folder: Path
     assert answer == json.loads((folder / "x.summary.json").read_text("utf-8"))
     assert done.stderr.splitlines()[0] == "4 runs"
     assert done.stderr.splitlines()[-1].startswith("4 of 4 runs, 0 s left")
-    traced = study(folder, "-o", "x.csv", "--trace", "x.tsv")
-    assert traced.returncode == 2
-    assert "a study writes no trace" in traced.stderr
-    assert "vcfbench run turntable --seed 0 --trace x.tsv" in traced.stderr
     quiet = study(folder, "-o", "x.csv", "--quiet")
     assert quiet.stderr == ""
     assert quiet.stdout.splitlines()[-3:] == ["table: x.csv", "summary: x.summary.json", "picture: x.svg"]

@@ -12,9 +12,8 @@ from vcfbench.bench.check import check_bench
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
 from vcfbench.cli.discover import discover
-from vcfbench.cli.options import Bench_, Json_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Bench_, Json_, Trace_, tracing  # typer reads them
 from vcfbench.cli.person import agreed
-from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.procedures.resolved import as_resolved, resolved_text
 from vcfbench.reports.text import left_table

@@ -8,10 +8,9 @@ from typing import Annotated
 import typer
 
 from vcfbench.cli.interview import Interview, written_anew
+from vcfbench.cli.options import AnswerTime_, Library_, ProbeSerial_, Trace_, Tries_, key_and_value, tracing
 from vcfbench.cli.station_questions import DiscoveryOptions, interviewed
-from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.clock import utc_now
-from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.station.new_station import Draft
 
@@ -22,13 +21,8 @@ File_ = Annotated[
 
 def new(
     file: File_ = Path("station.toml"),
-    library: Annotated[str, typer.Option("--library", help="PyVISA library; @vcfbench is simulated.")] = "@py",
-    tries: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--try", metavar="RESOURCE", help="Ask this one too: a VISA resource, a port, socket://host:port."
-        ),
-    ] = None,
+    library: Library_ = "@py",
+    tries: Tries_ = None,
     served: Annotated[
         str | None,
         typer.Option("--served", metavar="PORT", help="Use the bench that `sim serve` serves: its control port."),
@@ -38,16 +32,8 @@ def new(
         typer.Option("--set", metavar="KEY=VALUE", help="The value of a key of the file, which is then not asked for."),
     ] = None,
     *,
-    timeout: Annotated[
-        float, typer.Option("--timeout", metavar="S", min=0.01, max=60.0, help="Longest wait for each answer.")
-    ] = 1.0,
-    probe_serial: Annotated[
-        bool,
-        typer.Option(
-            "--probe-serial",
-            help="Ask serial ports too. Check first what is on them: bytes can move an unknown device.",
-        ),
-    ] = False,
+    timeout: AnswerTime_ = 1.0,
+    probe_serial: ProbeSerial_ = False,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing: use what is found and proposed.")] = False,
     trace: Trace_ = None,
 ) -> None:
@@ -55,7 +41,8 @@ def new(
 
     Enter accepts what is proposed. Each answer is checked at once. Nothing is written before the last one.
     """
-    interview = Interview(_given(answers or []), silent=yes)
+    given = dict(key_and_value("--set", each, "limits.max_rate_deg_s=100") for each in answers or ())
+    interview = Interview(given, silent=yes)
     path = interview.free_file(file)
     draft = Draft(str(path))
     with tracing(trace):
@@ -68,11 +55,3 @@ def new(
     typer.echo(f"{path} is written; next: vcfbench bench check --bench {path}")
     if yes:
         typer.echo("nobody has looked at its [limits], [wiring] and [site]: do, before anything moves", err=True)
-
-
-def _given(answers: list[str]) -> dict[str, str]:
-    pairs = [answer.partition("=") for answer in answers]
-    for answer, (key, equals, _) in zip(answers, pairs, strict=True):
-        if not (key.strip() and equals):
-            raise ConfigError(f"--set {answer}: expected KEY=VALUE, as in limits.max_rate_deg_s=100")
-    return {key.strip(): value.strip() for key, _, value in pairs}

@@ -12,7 +12,7 @@ from vcfbench.archive.recorded import load_run
 from vcfbench.archive.written import write_document
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.completion import run_names
-from vcfbench.cli.options import Json_, Runs_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Json_, Runs_, output_option  # typer reads them
 from vcfbench.records.directory import list_runs
 from vcfbench.reports.text import text_of
 
@@ -26,10 +26,7 @@ def compare(
             help="Names of runs, as for `vcfbench report`. Default: the last 2.",
         ),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Write the comparison with figures: .html, .pdf or .md."),
-    ] = None,
+    output: Annotated[Path | None, output_option("Write the comparison with figures: .html, .pdf or .md.")] = None,
     directory: Runs_ = Path("runs"),
     *,
     json: Json_ = False,

@@ -11,7 +11,7 @@ import typer
 from vcfbench.archive.keeping import keep_of_device
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.completion import device_names
-from vcfbench.cli.options import Json_, Runs_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Devices_, Json_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
 from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, SelfCalibration, StaticNoise
@@ -36,9 +36,7 @@ def device(
             metavar="SERIAL", autocompletion=device_names, help="Serial number; without it, all are listed."
         ),
     ] = None,
-    devices: Annotated[Path, typer.Option("--devices", metavar="DIR", help="Where the devices are kept.")] = Path(
-        "devices"
-    ),
+    devices: Devices_ = Path("devices"),
     *,
     json: Json_ = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each entry.")] = False,

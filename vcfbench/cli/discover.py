@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import typer
 
-from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
-from vcfbench.cli.tracing import Trace_, tracing
+from vcfbench.cli.options import (
+    AnswerTime_,
+    Json_,  # typer reads them
+    Library_,
+    ProbeSerial_,
+    Trace_,
+    Tries_,
+    tracing,
+)
 from vcfbench.errors import BenchError
 from vcfbench.station import discovery
 
@@ -17,25 +24,12 @@ if TYPE_CHECKING:
 
 
 def discover(
-    library: Annotated[str, typer.Option("--library", help="PyVISA library; @vcfbench is simulated.")] = "@py",
-    tries: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--try", metavar="RESOURCE", help="Ask this one too: a VISA resource, a port, socket://host:port."
-        ),
-    ] = None,
-    timeout: Annotated[
-        float, typer.Option("--timeout", metavar="S", min=0.01, max=60.0, help="Longest wait for each answer.")
-    ] = 1.0,
+    library: Library_ = "@py",
+    tries: Tries_ = None,
+    timeout: AnswerTime_ = 1.0,
     trace: Trace_ = None,
     *,
-    probe_serial: Annotated[
-        bool,
-        typer.Option(
-            "--probe-serial",
-            help="Ask serial ports too. Check first what is on them: bytes can move an unknown device.",
-        ),
-    ] = False,
+    probe_serial: ProbeSerial_ = False,
     json: Json_ = False,
 ) -> None:
     """Ask every VISA resource for its identity, list the serial ports, and print lines for a bench file.

@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path  # typer reads the annotations when it runs
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from vcfbench.cli.completion import run_names
+from vcfbench.errors import ConfigError
+from vcfbench.files import is_utf8
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+
+def seed_option(words: str) -> Any:
+    """Return the option ``--seed`` with `words` as its help."""
+    return typer.Option("--seed", min=0, max=2**63 - 1, help=words)
+
+
+def output_option(words: str) -> Any:
+    """Return the option ``--output`` with `words` as its help."""
+    return typer.Option("--output", "-o", metavar="FILE", help=words)
+
 
 Bench_ = Annotated[
     Path | None,
@@ -21,3 +38,59 @@ Run_ = Annotated[
     ),
 ]
 Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")]
+Devices_ = Annotated[Path, typer.Option("--devices", metavar="DIR", help="Where the devices are.")]
+Seed_ = Annotated[int | None, seed_option("Seed of a simulated bench; the same seed gives the same results.")]
+Speed_ = Annotated[
+    str | None,
+    typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time, or max, the default."),
+]
+Quiet_ = Annotated[bool, typer.Option("--quiet", help="Show no progress.")]
+Plain_ = Annotated[bool, typer.Option("--plain", help="Show progress as plain lines, as in logs, on a terminal too.")]
+Page_ = Annotated[
+    bool,
+    typer.Option("--page", help="Show the run in a browser on this machine, where it can be stopped too (extra page)."),
+]
+Port_ = Annotated[
+    int, typer.Option("--port", min=0, max=65535, help="Port of the page on this machine; 0 for any that is free.")
+]
+Yes_ = Annotated[
+    bool,
+    typer.Option(
+        "--yes",
+        help="Ask nothing: manual work on a real bench is done, programs that bench file or record name may run.",
+    ),
+]
+Trace_ = Annotated[
+    Path | None, typer.Option("--trace", metavar="FILE", help="Write every byte to and from the instruments to FILE.")
+]
+Library_ = Annotated[str, typer.Option("--library", help="PyVISA library; @vcfbench is simulated.")]
+Tries_ = Annotated[
+    list[str] | None,
+    typer.Option("--try", metavar="RESOURCE", help="Ask this one too: a VISA resource, a port, socket://host:port."),
+]
+AnswerTime_ = Annotated[
+    float, typer.Option("--timeout", metavar="S", min=0.01, max=60.0, help="Longest wait for each answer.")
+]
+ProbeSerial_ = Annotated[
+    bool,
+    typer.Option(
+        "--probe-serial", help="Ask serial ports too. Check first what is on them: bytes can move an unknown device."
+    ),
+]
+
+
+def tracing(path: Path | None) -> AbstractContextManager[None]:
+    """Return the context in which opened connections are traced to `path`; None traces nothing."""
+    if path is None:
+        return nullcontext()
+    from vcfbench.drivers.trace import traced  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
+
+    return traced(path)
+
+
+def key_and_value(option: str, text: str, example: str) -> tuple[str, str]:
+    """Return the sides of the first ``=`` of `text`, stripped; ConfigError without a key, or for no UTF-8."""
+    key, equals, value = text.partition("=")
+    if not (equals and key.strip() and is_utf8(text)):
+        raise ConfigError(f"{option} {ascii(text)[1:-1]}: expected KEY=VALUE, as in {option} {example}")
+    return key.strip(), value.strip()

@@ -9,14 +9,14 @@ from typing import Annotated
 import typer
 
 from vcfbench.cli.ending import Stopped
-from vcfbench.cli.options import Runs_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Devices_, Runs_  # noqa: TC001  # typer reads them
 
 _PORT = 8330
 
 
 def page(
     runs: Runs_ = Path("runs"),
-    devices: Annotated[Path, typer.Option("--devices", metavar="DIR", help="Where the devices are.")] = Path("devices"),
+    devices: Devices_ = Path("devices"),
     port: Annotated[
         int, typer.Option("--port", min=0, max=65535, help="Port on this machine; 0 for any that is free.")
     ] = _PORT,

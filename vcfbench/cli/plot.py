@@ -9,19 +9,13 @@ import typer
 
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.written import write_figures
-from vcfbench.cli.options import Run_, Runs_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Run_, Runs_, output_option  # typer reads them
 
 
 def plot(
     run: Run_ = "last",
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Where the figures go: .svg, .png or .pdf. Several become NAME-1.svg and so on.",
-        ),
+        Path | None, output_option("Where the figures go: .svg, .png or .pdf. Several become NAME-1.svg and so on.")
     ] = None,
     figure: Annotated[
         int | None, typer.Option("--figure", metavar="N", min=1, help="Only this figure, by its number in the report.")

@@ -12,7 +12,7 @@ from vcfbench.archive.listing import run_summaries
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.written import write_certificate, write_report
 from vcfbench.cli.metadata import tags_of
-from vcfbench.cli.options import Run_, Runs_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Run_, Runs_, key_and_value, output_option  # typer reads them
 from vcfbench.errors import ConfigError
 from vcfbench.files import read_file
 
@@ -28,12 +28,7 @@ def report(  # noqa: PLR0917  # options of a command
     run: Run_ = "last",
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Where the report goes: .html, .pdf or .md; with --all a directory.  [default: RUN.html]",
-        ),
+        output_option("Where the report goes: .html, .pdf or .md; with --all a directory.  [default: RUN.html]"),
     ] = None,
     runs: Runs_ = Path("runs"),
     words: Annotated[
@@ -60,7 +55,7 @@ def report(  # noqa: PLR0917  # options of a command
     """Write the report of a run: a first page with the results, then all that they rest on."""
     if tag and not every:
         raise ConfigError("--tag: it chooses runs for --all")
-    said = {**_template(template), **dict(map(_pair, words or ()))}
+    said = {**_template(template), **dict(key_and_value("--set", each, "customer=ACME") for each in words or ())}
     if not every:
         recorded = load_run(run, runs)
         _write(recorded, output or Path(f"{recorded.name}.{'xml' if dcc else 'html'}"), said, dcc=dcc)
@@ -98,10 +93,3 @@ def _template(path: Path | None) -> dict[str, str]:
     if other := [key for key, value in found.items() if not isinstance(value, str)]:
         raise ConfigError(f"{path}: expected texts by key, came something else for {', '.join(other)}")
     return {**found, "logo": str(path.parent / found["logo"])} if "logo" in found else found
-
-
-def _pair(text: str) -> tuple[str, str]:
-    key, sign, value = text.partition("=")
-    if not sign or not key:
-        raise ConfigError(f"--set: expected KEY=VALUE, came {text!r}")
-    return key, value

@@ -10,16 +10,19 @@ import typer
 from vcfbench.cli.conduct import RunOptions
 from vcfbench.cli.conduct import resume as resumed
 from vcfbench.cli.ending import SignalsWithoutBench
-from vcfbench.cli.options import Json_, Run_, Runs_  # noqa: TC001  # typer reads them
-from vcfbench.cli.run import (  # typer reads them in the signature
-    Page_,  # noqa: TC001
-    Plain_,  # noqa: TC001
-    Port_,  # noqa: TC001
-    Quiet_,  # noqa: TC001
-    Speed_,  # noqa: TC001
-    Yes_,  # noqa: TC001
+from vcfbench.cli.options import (  # typer reads them
+    Json_,
+    Page_,
+    Plain_,
+    Port_,
+    Quiet_,
+    Run_,
+    Runs_,
+    Speed_,
+    Trace_,
+    Yes_,
+    tracing,
 )
-from vcfbench.cli.tracing import Trace_, tracing
 
 
 def resume(

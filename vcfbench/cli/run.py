@@ -15,8 +15,19 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from vcfbench.cli.ending import SignalsWithoutBench
-from vcfbench.cli.options import Bench_, Json_  # noqa: TC001  # typer reads them
-from vcfbench.cli.tracing import Trace_, tracing
+from vcfbench.cli.options import (  # typer reads them
+    Bench_,
+    Json_,
+    Page_,
+    Plain_,
+    Port_,
+    Quiet_,
+    Seed_,
+    Speed_,
+    Trace_,
+    Yes_,
+    tracing,
+)
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
 
@@ -74,12 +85,6 @@ def _key_row(key: SettableKey) -> tuple[str, str]:
 
 app = typer.Typer(cls=Procedures, no_args_is_help=True, help="Run a calibration procedure on a bench.")
 
-Seed_ = Annotated[
-    int | None,
-    typer.Option(
-        "--seed", min=0, max=2**63 - 1, help="Seed of a simulated bench; the same seed gives the same results."
-    ),
-]
 DryRun_ = Annotated[
     bool, typer.Option("--dry-run", help="Print every step and the estimated bench time. Nothing is opened.")
 ]
@@ -93,26 +98,6 @@ def _directory(name: str | Path) -> Path:
 
 
 Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", parser=_directory, help="Where the records go.")]
-Speed_ = Annotated[
-    str | None,
-    typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time, or max, the default."),
-]
-Quiet_ = Annotated[bool, typer.Option("--quiet", help="Show no progress.")]
-Plain_ = Annotated[bool, typer.Option("--plain", help="Show progress as plain lines, as in logs, on a terminal too.")]
-Page_ = Annotated[
-    bool,
-    typer.Option("--page", help="Show the run in a browser on this machine, where it can be stopped too (extra page)."),
-]
-Port_ = Annotated[
-    int, typer.Option("--port", min=0, max=65535, help="Port of the page on this machine; 0 for any that is free.")
-]
-Yes_ = Annotated[
-    bool,
-    typer.Option(
-        "--yes",
-        help="Ask nothing: manual work on a real bench is done, programs that bench file or record name may run.",
-    ),
-]
 Set_ = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="One of the settings listed below. Repeatable."),

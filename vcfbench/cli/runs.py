@@ -21,9 +21,9 @@ from vcfbench.archive.verified import verify_run
 from vcfbench.cli.answer import print_json, print_report, print_verdicts
 from vcfbench.cli.completion import run_names
 from vcfbench.cli.metadata import tags_of
-from vcfbench.cli.options import Json_, Run_, Runs_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Json_, Run_, Runs_, key_and_value, output_option  # typer reads them
 from vcfbench.errors import ConfigError
-from vcfbench.files import is_utf8, shown
+from vcfbench.files import shown
 from vcfbench.records.directory import find_run
 from vcfbench.records.signing import public_key_of
 from vcfbench.reports.document import Column, Table
@@ -161,12 +161,7 @@ def export(
         str | None,
         typer.Option("--format", metavar="csv|parquet|hdf5|xlsx|mat", help="Format. Default: by the suffix of FILE."),
     ] = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="Where to write. Default: RUN-points or RUN-readings here."
-        ),
-    ] = None,
+    output: Annotated[Path | None, output_option("Where to write. Default: RUN-points or RUN-readings here.")] = None,
     json: Json_ = False,
 ) -> None:
     """Write the points of a run, or every raw reading, for other programs."""
@@ -195,7 +190,7 @@ def amend(
     json: Json_ = False,
 ) -> None:
     """Amend the metadata of a run, by a line that is added to its record. No reading can be changed."""
-    changes = dict(_key_and_value(each) for each in set_)
+    changes = dict(key_and_value("--set", each, "dut=G-018") for each in set_)
     done = amend_run(run, changes, reason=reason, by=by, runs=runs)
     for words in done.stays:
         typer.echo(f"vcfbench: {words}", err=True)
@@ -243,13 +238,6 @@ def new_key(
     typer.echo(
         f"{shown(file)}: keep it where nobody else can read it\n{shown(public)}: give it to who verifies records"
     )
-
-
-def _key_and_value(text: str) -> tuple[str, str]:
-    key, equals, value = text.partition("=")
-    if not equals or not key.strip() or not is_utf8(text):
-        raise ConfigError(f"--set {ascii(text)[1:-1]}: expected KEY=VALUE, as in --set dut=G-018")
-    return key.strip(), value
 
 
 def _progress() -> Callable[[int, int], None] | None:

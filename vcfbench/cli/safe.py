@@ -10,8 +10,11 @@ import typer
 
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.ending import say
-from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
-from vcfbench.cli.tracing import Trace_, tracing
+from vcfbench.cli.options import (
+    Json_,  # typer reads them
+    Trace_,
+    tracing,
+)
 from vcfbench.errors import ConfigError
 from vcfbench.reports.text import left_table
 from vcfbench.station.file import read_bench

@@ -16,7 +16,7 @@ from msgspec import structs
 from simrack.faults import FaultScript, fault_from
 from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, Rs232, ServedClock, ServerSettings
 
-from vcfbench.cli.options import Bench_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Bench_, seed_option  # typer reads them
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.fault_scripts import read_script
@@ -97,9 +97,7 @@ def serve(
             "--wires", metavar="KIND", help="Interface that file names, if offered, else tcp: vxi11, hislip, pty."
         ),
     ] = "tcp",
-    seed: Annotated[
-        int | None, typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of every random stream.")
-    ] = None,
+    seed: Annotated[int | None, seed_option("Seed of every random stream.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object on the first line of stdout.")] = False,
 ) -> None:
     """Serve every simulated instrument on sockets, VXI-11, HiSLIP or a pseudo-terminal, until SIGTERM or Ctrl-C."""

@@ -8,7 +8,7 @@ import typer
 
 from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
-from vcfbench.cli.options import Bench_, Json_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Bench_, Json_, seed_option  # typer reads them
 from vcfbench.cli.sim_new import new
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.inventory import inventory
@@ -26,9 +26,7 @@ def group() -> None:
 @app.command("show")
 def show(
     bench: Bench_ = None,
-    seed: Annotated[
-        int | None, typer.Option("--seed", min=0, max=2**63 - 1, help="Seed from which errors are drawn.")
-    ] = None,
+    seed: Annotated[int | None, seed_option("Seed from which errors are drawn.")] = None,
     *,
     json: Json_ = False,
 ) -> None:

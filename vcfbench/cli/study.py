@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vcfbench.cli.answer import print_json
-from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
-from vcfbench.errors import ConfigError
-from vcfbench.files import shown
+from vcfbench.cli.options import Json_, output_option  # typer reads them
 from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.text import left_table, text_of
 from vcfbench.studies.conduct import Quiet, StudyOptions, conduct, journal_of, plan_of
@@ -32,13 +30,7 @@ def study(
     file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="The study: procedure, bench, seeds, what varies.")],
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Table of the runs, .parquet or .csv; journal, summary and picture go beside it. "
-            "FILE.parquet here, named after the study, if nothing is said.",
-        ),
+        output_option("Table of the runs, .parquet or .csv; the rest goes beside it. Default: named after the study."),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", help="Number of processes. Default: one for each processor.")
@@ -50,9 +42,6 @@ def study(
         Path | None, typer.Option("--keep-records", metavar="DIR", help="Keep the record of every run there.")
     ] = None,
     *,
-    trace: Annotated[
-        Path | None, typer.Option(metavar="FILE", hidden=True, help="Refused: a run is traced alone.")
-    ] = None,
     restart: Annotated[bool, typer.Option("--restart", help="Begin anew, even if runs were done before.")] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Check the study, list the cases, and estimate the time.")
@@ -65,11 +54,6 @@ def study(
     A study that was stopped, or killed, goes on where it was with the same command.
     """
     asked = read_study(file)
-    if trace is not None:
-        raise ConfigError(
-            "--trace: a study writes no trace, its runs go on side by side in other processes",
-            hint=f"trace one of them: vcfbench run {asked.procedure} --seed {asked.seeds[0]} --trace {shown(trace)}",
-        )
     table = Path(f"{file.stem}.parquet") if output is None else output
     how = StudyOptions(table, workers, scheduler, restart, keep_records)
     with _shown(how, quiet=quiet) as progress:

@@ -11,11 +11,16 @@ import typer
 
 from vcfbench.bench.console import data_of, open_console, summary
 from vcfbench.cli.completion import role_names
-from vcfbench.cli.options import Bench_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import (
+    Bench_,  # typer reads them
+    Runs_,
+    Seed_,
+    Trace_,
+    tracing,
+)
 from vcfbench.cli.person import agreed
 from vcfbench.cli.prompt import history
 from vcfbench.cli.talk_bench import talk_to_bench
-from vcfbench.cli.tracing import Trace_, tracing
 from vcfbench.errors import BenchError, ConfigError, LimitError, TransportError
 from vcfbench.records.raw import RawRecord
 from vcfbench.safety.signals import Interrupted
@@ -50,7 +55,7 @@ def talk(
         ),
     ] = None,
     bench: Bench_ = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of a simulated bench.")] = None,
+    seed: Seed_ = None,
     command: Annotated[
         list[str] | None, typer.Option("--command", "-c", metavar="LINE", help="Send this line and exit. Repeatable.")
     ] = None,
@@ -63,7 +68,7 @@ def talk(
     raw: Annotated[
         bool, typer.Option("--raw", help="Send commands too, compared with no limit; each is written to raw.jsonl.")
     ] = False,
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where raw.jsonl goes.")] = Path("runs"),
+    runs: Runs_ = Path("runs"),
 ) -> None:
     """Talk to the bench, or to one instrument in its own language. All that was opened is left safe.
 
