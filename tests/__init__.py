@@ -10,7 +10,7 @@ from hypothesis import settings
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 settings.register_profile("any machine", deadline=None, max_examples=10)
-settings.register_profile("ci", deadline=None, max_examples=50)
+settings.register_profile("ci", deadline=None, max_examples=25)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "any machine"))
 
 # A shell without job control has its background jobs ignore SIGINT, nohup SIGHUP, and children inherit that.

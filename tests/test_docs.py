@@ -233,6 +233,7 @@ def test_run_shown_in_the_readme_looks_like_one(tmp_path: Path) -> None:
     assert lines[-len(tail) :] == tail
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
 def test_the_picture_in_the_readme_is_what_a_terminal_shows(tmp_path: Path) -> None:
     svg = ET.parse(ROOT / "docs" / "run.svg")  # noqa: S314 - our own picture

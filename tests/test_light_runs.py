@@ -49,6 +49,7 @@ def test_a_run_with_its_budget_loads_no_scipy(procedure: str, values: int, tmp_p
     assert done.stdout.splitlines()[-1] == f"{values} []"
 
 
+@pytest.mark.exhaustive
 def test_a_run_makes_no_dataclass(tmp_path: Path) -> None:
     """A frozen dataclass takes 0.7 ms to make, a struct 0.02 ms."""
     done = subprocess.run([sys.executable, "-c", COMMAND, str(tmp_path)], capture_output=True, text=True, check=True)  # noqa: S603

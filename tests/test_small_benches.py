@@ -144,7 +144,7 @@ def over(wires: str, lab: ServedLab) -> BenchDescription:
     return on_wires(lab.description, resources, f"127.0.0.1:{lab.control_port}")
 
 
-@pytest.mark.parametrize("wires", ["tcp", "pty", "vxi11"])
+@pytest.mark.parametrize("wires", few(["tcp", "pty", "vxi11"], "vxi11"))
 def test_over_real_wires_it_gives_the_same_bytes(wires: str, in_process: vcfbench.Run, tmp_path: Path) -> None:
     with serve_simulated(SMALL, seed=3) as lab:
         run = vcfbench.run(procedure(), over(wires, lab), settings=QUICK, runs=tmp_path / "there")

@@ -501,6 +501,7 @@ def test_33220a_frequency_shift_keying(rack: Rack) -> None:
     assert np.percentile(frequencies, 90) == pytest.approx(1500.0, rel=0.03)
 
 
+@pytest.mark.exhaustive
 def test_33220a_linear_sweep(rack: Rack) -> None:
     """A sweep of one second from 100 Hz to 20 kHz has the mean of both as its number of periods."""
     play(rack, "FUNC SIN\nVOLT 2\nFREQ:STAR 100\nFREQ:STOP 20000\nSWE:SPAC LIN\nSWE:TIME 1\nSWE:STAT ON")
@@ -547,6 +548,7 @@ def test_33220a_pulse_whose_edges_change_while_it_runs(rack: Rack) -> None:
     assert numbers(generator.ask("PULS:PER?;:FUNC:PULS:WIDT?"), GENERATOR, ";") == pytest.approx([1e-3, 1e-4])
 
 
+@pytest.mark.exhaustive
 def test_33220a_pulse_width_modulation(rack: Rack) -> None:
     """A duty cycle of 35 % that swings by 15 % twice a second."""
     play(

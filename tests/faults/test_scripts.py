@@ -59,7 +59,7 @@ def performed(served: Served, command: list[str]) -> subprocess.CompletedProcess
     raise AssertionError(done.stderr)
 
 
-@pytest.mark.parametrize("how", few(ENDS, "raises"))
+@pytest.mark.parametrize("how", few(ENDS))
 @pytest.mark.parametrize("python", PYTHONS)
 def test_a_script_that_ends_with_its_bench_open(python: str, how: str, tmp_path: Path) -> None:
     text = bench_text("acl", name=f"scripts-{tmp_path.parent.name}"[:60])

@@ -65,6 +65,7 @@ def test_without_noise_and_errors_the_closed_form_comes_out(tmp_path: Path) -> N
     assert found.largest_e_n < 1.0
 
 
+@pytest.mark.exhaustive
 def test_what_is_measured_is_within_its_uncertainty_whatever_the_generators_are_off(drawn: Any) -> None:
     found = drawn.results
     assert found.v_vc_is_measured

@@ -9,6 +9,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from textwrap import dedent
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 PLUGIN = "vcfbench.testing.plugin"
 WARNINGS = ("-W", "error")
@@ -58,6 +60,7 @@ def test_importing_it_loads_nothing_of_the_package() -> None:
     assert done.stdout.split() == ["vcfbench.testing", PLUGIN]
 
 
+@pytest.mark.exhaustive
 def test_a_project_that_does_not_use_it_does_not_notice(tmp_path: Path) -> None:
     tests = """
     import sys
@@ -147,6 +150,7 @@ def test_fixtures_marks_and_ini_options(tmp_path: Path) -> None:
     assert outcomes(done) == "9 passed", done.stdout
 
 
+@pytest.mark.exhaustive
 def test_what_cannot_be_is_told(tmp_path: Path) -> None:
     wrong = {
         "seeds=3": "the mark is vcfbench(bench=None",

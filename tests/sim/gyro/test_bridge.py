@@ -206,6 +206,7 @@ def bands(frequencies_hz: NDArray[np.float64], densities: NDArray[np.float64]) -
     return np.array([densities[each].sum() * step for each in within])
 
 
+@pytest.mark.exhaustive
 def test_the_spectrum_of_a_record_is_the_closed_form() -> None:
     """60 s in one record: a band of 3 Hz holds some 180 independent figures; within 4 of their errors."""
     volts, _ = captured(*powered(white_only(), 21), 60.0, 2e3)

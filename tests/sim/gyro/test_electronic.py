@@ -15,6 +15,7 @@ from vcfbench.sim.gyro.electronic import ElectronicNoise
 DENSITY, CORNER_HZ = 2e-6, 800.0
 
 
+@pytest.mark.exhaustive
 def test_its_spectrum_is_white_up_to_a_first_order_corner() -> None:
     noise = ElectronicNoise(DENSITY, CORNER_HZ, (1,))
     rate_hz, length = 10e3, 1000

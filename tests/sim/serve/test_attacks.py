@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 from simrack.rate_tables.ruya import RuyaTable, TableErrors
 from simrack.serve import MAX_SPEED, Control, ControlError, ServedClock, ServerSettings
+from simrack_tests.cells import few
 from simrack_tests.ports import eventually
 from simrack_tests.serve.lamp import ALL, IDENTITY, Lamp, Served, serving
 
@@ -269,7 +270,7 @@ def test_a_session_keeps_its_second_channel_and_sends_no_waveform_byte_by_byte(s
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="counts descriptors in /proc")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", few(KINDS, "hislip"))
 def test_a_thousand_connections_leave_nothing_open(served: Served, kind: str) -> None:
     require_well(served)
     eventually(lambda: not any(client.comes_and_goes for client in served.server.instruments["lamp"].clients))

@@ -11,6 +11,7 @@ from simrack.rate_tables.dd16 import Dd16Table, TableErrors
 from simrack.rate_tables.ruya import RuyaTable
 from simrack.serve import MAX_SPEED, Control, ServedClock
 from simrack.serve.raw import Pty
+from simrack_tests.cells import few
 from simrack_tests.ports import eventually
 from simrack_tests.rate_tables.ideal import IdealMotion
 from simrack_tests.serve.lamp import Served, serving
@@ -31,7 +32,7 @@ STEPS = 640000 / 360
 WIRES = ["tcp", pytest.param("pty", marks=pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals"))]
 
 
-@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize("wire", few(WIRES, "tcp"))
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_a_rate_is_reached_and_the_table_made_safe(dialect: str, wire: str, tmp_path: Path) -> None:
     settings: dict[str, Any] = {"steps_per_deg": STEPS} if dialect == "zaber" else {}

@@ -149,7 +149,7 @@ def test_pm_by_a_sine_has_bessel_lines(box: Socket, degrees: float, rate: float)
         assert abs(phasors[round(2000 + order * rate)]) == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("shape", few(SHAPES, "SIN", "SQU"))
+@pytest.mark.parametrize("shape", few(SHAPES, "SIN"))
 @pytest.mark.parametrize("carrier", few(["SIN", "SQU", "RAMP"], "SIN"))
 def test_fm_is_the_cumulated_frequency(box: Socket, carrier: str, shape: str) -> None:
     box.send(f"FUNC {carrier};:FREQ 500;:FM:DEV 200;INT:FREQ 10;FUNC {shape};:FM:STAT ON")
