@@ -16,7 +16,7 @@ from simrack_tests.cells import few
 
 from tests.testing.test_plugin import run
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.sim.fault_scripts import read_faults
+from vcfbench.sim.fault_scripts import read_script
 from vcfbench.studies.file import read_study
 from vcfbench.studies.one_run import PlannedRun, perform
 
@@ -95,7 +95,7 @@ def test_the_labs_files_are_what_they_say() -> None:
     station = load_bench(LAB / "lab.toml")
     assert not station.simulated
     for script in (LAB / "faults").glob("*.toml"):
-        assert read_faults(script)
+        assert read_script(script).faults
 
 
 STUDIES = ROOT / "examples" / "studies"

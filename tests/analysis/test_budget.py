@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from tests.analysis.monte_carlo import agreement, propagate
 from vcfbench.analysis import budget as functions
 from vcfbench.analysis.budget import Budget, Distribution, Source, coverage_factor, evaluate
-from vcfbench.analysis.monte_carlo import agreement, propagate
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:

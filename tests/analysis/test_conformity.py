@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from vcfbench.analysis.budget import Source, evaluate
-from vcfbench.analysis.conformity import Conformity, conformity, e_n, e_n_of_difference
+from vcfbench.analysis.conformity import Conformity, conformity, e_n
 from vcfbench.errors import ConfigError
 
 PASS, MARGINAL, FAIL = Conformity.PASS, Conformity.MARGINAL, Conformity.FAIL
@@ -15,12 +14,6 @@ def test_e_n_of_the_papers_two_columns() -> None:
     """Slopes in V/(deg/s) with t of 15 degrees of freedom: 3.5, they disagree."""
     expanded = 2.1314 * 4.6169e-6, 2.1314 * 2.5331e-5
     assert e_n(-0.012542052, expanded[0], -0.012734330, expanded[1]) == pytest.approx(3.5, abs=0.01)
-
-
-def test_e_n_of_a_difference_knows_what_both_share() -> None:
-    sources = [Source("meter", 1.0, 1e-3), Source("a", 1.0, 1e-5), Source("b", 1.0001, 1e-5)]
-    budget = evaluate(sources, lambda x: {"apart": x["meter"] * (x["b"] - x["a"])})
-    assert e_n_of_difference(budget.result("apart")) == pytest.approx(1e-4 / (1.96 * 1.4142e-5), rel=1e-3)
 
 
 @pytest.mark.parametrize(

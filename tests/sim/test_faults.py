@@ -10,7 +10,7 @@ from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.builder import SimulatedBench
-from vcfbench.sim.fault_scripts import parse_script, read_faults, read_script
+from vcfbench.sim.fault_scripts import parse_script, read_script
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,7 +89,7 @@ def exchange(device: FaultyDevice, data: bytes = b"+1.234E+00\n") -> bytes:
 def test_a_script_is_read(tmp_path: Path) -> None:
     path = tmp_path / "faults.toml"
     path.write_text(SCRIPT, "utf-8")
-    late, error = read_faults(path)
+    late, error = read_script(path).faults
     assert late == Fault("multimeter", "late", at_s=10.0, duration_s=5.0, delay_s=3.0)
     assert error == Fault("power", "error", number=-350)
     assert read_script(path) == FaultScript((late, error), seed=7)

@@ -2,7 +2,7 @@
 
 The derivatives are those of the package ``uncertainties``; variances, correlations and the effective degrees of freedom
 of Welch and Satterthwaite follow from them here. The propagation is of first order; where that matters
-:mod:`~vcfbench.analysis.monte_carlo` checks it. Lack of fit is no uncertainty and has no place among the sources.
+the tests check it by Monte Carlo (JCGM 101). Lack of fit is no uncertainty and has no place among the sources.
 """
 
 from __future__ import annotations

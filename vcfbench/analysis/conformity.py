@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import math
 from enum import Enum
-from typing import TYPE_CHECKING
 
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from vcfbench.analysis.budget import Result
 
 
 class Conformity(Enum):
@@ -26,21 +22,12 @@ class Conformity(Enum):
 def e_n(first: float, expanded_u_first: float, second: float, expanded_u_second: float) -> float:
     """Return |second - first| over the root of the sum of the squared expanded uncertainties; above 1 they disagree.
 
-    Only for independent results. Those that share instruments: make the difference a result of the budget, and
-    :func:`e_n_of_difference`.
+    Only for independent results: the difference of those that share instruments is a result of their budget.
 
     Raises:
         ConfigError: neither has an uncertainty.
     """
-    return _ratio(second - first, math.hypot(expanded_u_first, expanded_u_second))
-
-
-def e_n_of_difference(difference: Result) -> float:
-    """Return E_n of two results whose difference is a result of their budget; raises ConfigError as above."""
-    return _ratio(difference.value, difference.expanded_u)
-
-
-def _ratio(difference: float, expanded_u: float) -> float:
+    difference, expanded_u = second - first, math.hypot(expanded_u_first, expanded_u_second)
     if not (expanded_u > 0.0 and math.isfinite(expanded_u) and math.isfinite(difference)):
         raise ConfigError(f"E_n of a difference of {difference:g} needs a positive uncertainty, got {expanded_u:g}")
     return abs(difference) / expanded_u

@@ -12,7 +12,7 @@ from vcfbench.files import parse_toml, read_text, shown
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from simrack.faults import Fault, FaultScript
+    from simrack.faults import FaultScript
 
 
 def parse_script(text: str, source: str) -> FaultScript:
@@ -31,8 +31,3 @@ def read_script(path: Path) -> FaultScript:
         ConfigError: it cannot be read, is not TOML, or an entry is no fault; the words say which.
     """
     return parse_script(read_text(path, "a fault script"), shown(path))
-
-
-def read_faults(path: Path) -> list[Fault]:
-    """Return the faults of the script in a file; errors as of :func:`read_script`."""
-    return list(read_script(path).faults)

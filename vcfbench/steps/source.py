@@ -9,6 +9,7 @@ from msgspec import Struct
 from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
 
 if TYPE_CHECKING:
+    from vcfbench.interfaces import FunctionGenerator
     from vcfbench.station.limits import LimitChecks
     from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context
@@ -114,12 +115,7 @@ class EnableVvc(Step, Struct, frozen=True):
         return "generator output on"
 
     def perform(self, context: Context) -> Done:
-        """Switch on; MeasurementError when it reads back off."""
-        source = context.bench.rate_source
-        source.enable_output()
-        if not source.output_enabled():
-            raise problem(source, "the output was switched on but reads back off")
-        return Done()
+        return _switched(context.bench.rate_source, on=True)
 
     def predict(self, gyro: LinearGyro) -> Done:
         gyro.v_vc_on = True
@@ -137,12 +133,7 @@ class DisableVvc(Step, Struct, frozen=True):
         return "generator output off, the PCB holds V_Vc at 0 V"
 
     def perform(self, context: Context) -> Done:
-        """Switch off; MeasurementError when it reads back on."""
-        source = context.bench.rate_source
-        source.disable_output()
-        if source.output_enabled():
-            raise problem(source, "the output was switched off but reads back on")
-        return Done()
+        return _switched(context.bench.rate_source, on=False)
 
     def predict(self, gyro: LinearGyro) -> Done:
         """Predict that V_Vc acts no more."""
@@ -175,12 +166,7 @@ class EnableVibration(Step, Struct, frozen=True):
         return "output of the vibration generator on"
 
     def perform(self, context: Context) -> Done:
-        """Switch on; MeasurementError when it reads back off."""
-        source = context.bench.vibration_source
-        source.enable_output()
-        if not source.output_enabled():
-            raise problem(source, "the output was switched on but reads back off")
-        return Done()
+        return _switched(context.bench.vibration_source, on=True)
 
 
 class DisableVibration(Step, Struct, frozen=True):
@@ -194,9 +180,13 @@ class DisableVibration(Step, Struct, frozen=True):
         return "output of the vibration generator off"
 
     def perform(self, context: Context) -> Done:
-        """Switch off; MeasurementError when it reads back on."""
-        source = context.bench.vibration_source
-        source.disable_output()
-        if source.output_enabled():
-            raise problem(source, "the output was switched off but reads back on")
-        return Done()
+        return _switched(context.bench.vibration_source, on=False)
+
+
+def _switched(source: FunctionGenerator, *, on: bool) -> Done:
+    """Switch an output; MeasurementError when it does not read back so."""
+    (source.enable_output if on else source.disable_output)()
+    if source.output_enabled() is not on:
+        words = ("on", "off") if on else ("off", "on")
+        raise problem(source, "the output was switched {} but reads back {}".format(*words))
+    return Done()

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from vcfbench.clock import VirtualClock
-from vcfbench.sim.gyro.chain import Chain, build_chain
+from vcfbench.sim.gyro.chain import Chain, ChainDesign
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.world import World
 
@@ -19,7 +19,7 @@ def locked_chain(bench: BenchParameters) -> Chain:
     omega, amplitude = 2 * math.pi * bench.drive_mode.frequency_hz, bench.drive_loop.amplitude_m
     modes = (bench.sense_in_phase, bench.sense_anti_phase)
     first, second = (Resonance(2 * math.pi * mode.frequency_hz, mode.quality) for mode in modes)
-    return build_chain(bench, (first, second), omega, -amplitude, -1j * omega * amplitude)
+    return ChainDesign(bench).chain((first, second), omega, -amplitude, -1j * omega * amplitude)
 
 
 def powered(bench: BenchParameters, seed: int = 0, wait_s: float = 4.0) -> tuple[VirtualClock, World]:

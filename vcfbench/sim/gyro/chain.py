@@ -276,7 +276,7 @@ def _weighed(weights: NDArray[np.complex128], forced: NDArray[np.complex128]) ->
 
 
 class ChainDesign:
-    """Parts of the chain that depend neither on temperature nor on drive, worked out once; :func:`build_chain`."""
+    """Parts of the chain that depend neither on temperature nor on drive, worked out once."""
 
     def __init__(self, bench: BenchParameters) -> None:
         sense, virtual = bench.sense_path, bench.virtual_path
@@ -301,7 +301,14 @@ class ChainDesign:
         displacement_m: complex,
         velocity_m_s: complex,
     ) -> Chain:
-        """Return the chain for a drive motion given by its displacement and velocity envelopes."""
+        """Return the chain for a drive motion given by its displacement and velocity envelopes.
+
+        The Coriolis force per mass is -2 Omega x' in the rows of both modes, each with its share (equation (1), where
+        the paper leaves the participation out); quadrature is a stiffness, in phase with x. The virtual force is
+        m(V_Vc) K_FBY V_dac sin(w_d t + phi_c) (equation (8)) on each mass's own combs, and V_dac follows the drive
+        pick-off. With x = -A cos(w_d t), the corrected equation (4), phi_c = pi gives it the direction of the Coriolis
+        force. The base band Re(d S) of equation (9) is that of Re(S e^{j th}) times V_dac sin(th + phi).
+        """
         bench, poles = self._bench, self._filter_poles
         eigen = np.array([p for mode in resonances for p in mode.poles]) - 1j * drive_rad_s
         # What each part adds to V_s = K_amp K_pre (K_inyv y1 + K_anyv y2), equations (7) and (8), V
@@ -341,24 +348,6 @@ class ChainDesign:
             carrier_through=carrier_through,
             virtual_through=virtual_through,
         )
-
-
-def build_chain(
-    bench: BenchParameters,
-    resonances: tuple[Resonance, Resonance],
-    drive_rad_s: float,
-    drive_displacement_m: complex,
-    drive_velocity_m_s: complex,
-) -> Chain:
-    """Return the chain for a drive motion given by its displacement and velocity envelopes.
-
-    The Coriolis force per mass is -2 Omega x' in the rows of both modes, each with its share (equation (1), where the
-    paper leaves the participation out); quadrature is a stiffness, in phase with x. The virtual force is m(V_Vc)
-    K_FBY V_dac sin(w_d t + phi_c) (equation (8)) on each mass's own combs, and V_dac follows the drive pick-off. With
-    x = -A cos(w_d t), the corrected equation (4), phi_c = pi gives it the direction of the Coriolis force.
-    The base band Re(d S) of equation (9) is that of Re(S e^{j th}) times V_dac sin(th + phi).
-    """
-    return ChainDesign(bench).chain(resonances, drive_rad_s, drive_displacement_m, drive_velocity_m_s)
 
 
 def _each(bench: BenchParameters, figure: _ModeFigure) -> NDArray[np.complex128]:
