@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from base64 import b64decode
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
@@ -70,8 +71,9 @@ def test_an_independent_library_reads_it(dcc: Any, quick: Run, written: Path) ->
     assert certificate.mandatory_language() == "en"
     assert certificate.item_id()["identifications"]["identification"]["value"] == "G-0042"
     assert not certificate.status_report.is_signed
-    found = {name.split()[-1]: quantity for name, quantity in certificate.get_calibration_results("name", "en")}
-    scale_factor, expected = found["scale_factor"]["real"], values_of(quick)["scale_factor"]
+    found = {name.split(": ")[-1]: quantity for name, quantity in certificate.get_calibration_results("name", "en")}
+    found = {name: found[key] for name in ("scale factor", "output") for key in found if key.endswith(name)}
+    scale_factor, expected = found["scale factor"]["real"], values_of(quick)["scale_factor"]
     assert float(scale_factor["value"]) == expected.value
     assert scale_factor["unit"] == r"\volt\degree\tothe{-1}\second"
     expanded = scale_factor["measurementUncertaintyUnivariate"]["expandedMU"]
@@ -145,3 +147,26 @@ def test_the_command_writes_it_or_says_what_is_missing(quick: Run, tmp_path: Pat
     refused = warm.run(["vcfbench", "report", str(quick.directory), "--dcc"], tmp_path)
     assert refused.returncode == 2
     assert "--set customer_address=..." in refused.stderr
+
+
+def test_machines_find_quantities_by_their_types_and_people_by_two_languages(written: Path) -> None:
+    tree = ET.parse(written).getroot()  # noqa: S314  # ours
+    (found,) = tree.findall(".//dcc:quantity[@refType='basic_measuredValue vcf_scaleFactor']", SPACES)
+    names = {each.get("lang"): each.text for each in found.findall("dcc:name/dcc:content", SPACES)}
+    assert names == {"en": "scale factor", "de": "Skalenfaktor"}
+    assert [each.text for each in tree.iterfind(".//dcc:usedLangCodeISO639_1", SPACES)] == ["en", "de"]
+    used = {word.split("_")[0] for each in tree.iter() for word in (each.get("refType") or "").split()}
+    assert used == {each.text for each in tree.iterfind(".//dcc:refTypeDefinition/dcc:namespace", SPACES)}
+
+
+def test_it_holds_the_report_for_people_and_its_day_of_issue(quick: Run, tmp_path: Path) -> None:
+    report = tmp_path / "report.pdf"
+    report.write_bytes(b"%PDF-1.7 of ours")
+    path = vcfbench.write_certificate(quick, tmp_path / "run.xml", {**WORDS, "issued": "2026-11-23"}, report)
+    tree = ET.parse(path).getroot()  # noqa: S314  # ours
+    assert text_at(tree, "dcc:document/dcc:fileName") == "report.pdf"
+    assert b64decode(text_at(tree, "dcc:document/dcc:dataBase64") or "") == report.read_bytes()
+    assert text_at(tree, ".//dcc:coreData/dcc:issueDate") == "2026-11-23"
+    report.write_bytes(b"no such thing")
+    with pytest.raises(ConfigError, match="expected a report as PDF"):
+        vcfbench.write_certificate(quick, tmp_path / "run.xml", WORDS, report)

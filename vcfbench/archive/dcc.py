@@ -6,6 +6,8 @@ and is no certificate of an accredited laboratory unless a laboratory makes it o
 
 from __future__ import annotations
 
+import re
+from base64 import b64encode
 from typing import TYPE_CHECKING, Final
 from xml.etree import ElementTree as ET
 
@@ -16,6 +18,7 @@ from vcfbench.archive.si_units import in_si
 from vcfbench.errors import ConfigError
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import incomplete
+from vcfbench.reports.names import named
 from vcfbench.reports.text import printable_lines
 from vcfbench.reports.typography import in_unicode
 
@@ -37,11 +40,18 @@ _UNSIGNED: Final = (
     "laboratory unless a laboratory checks it, completes it and makes it one."
 )
 _SIMULATED: Final = "SIMULATED: instruments and device were simulated. Nothing in this file was measured."
+_NAMESPACE: Final = "vcf"
+_REF_TYPES: Final = (
+    ("basic", "terms of the DCC Wiki", "https://wiki.dcc.ptb.de/en/dccrefTypeDefinitions"),
+    (_NAMESPACE, "names of results in vcfbench, in camel case", "vcfbench, docs/reports.md"),
+)
 _CONFORMITY: Final = {"pass": "pass", "fail": "fail", "marginal": "conditionalFail"}
 
 
-def dcc_of(run: Run, words: CertificateWords) -> bytes:
-    """Return the certificate of `run` as XML in UTF-8, the same bytes for the same record and words.
+def dcc_of(run: Run, words: CertificateWords, document: tuple[str, bytes] | None = None) -> bytes:
+    """Return the certificate of `run` as XML in UTF-8, the same bytes for the same record, words and document.
+
+    `document` is the name and bytes of the report for people (PDF), which it then holds.
 
     Values with an uncertainty become D-SI quantities with their expanded uncertainty for 95 % and its factor; those in
     a unit that D-SI has no words for stand as text, values without an uncertainty are left out.
@@ -60,6 +70,11 @@ def dcc_of(run: Run, words: CertificateWords) -> bytes:
     root.set(f"{{{_XSI}}}schemaLocation", f"{_DCC} https://ptb.de/dcc/v{SCHEMA_VERSION}/dcc.xsd")
     _administrative(_under(root, "administrativeData"), run, words, values)
     _measured(_under(_under(root, "measurementResults"), "measurementResult"), run, values)
+    if document is not None:
+        held = _under(root, "document")
+        for name, text in (("fileName", document[0]), ("mimeType", "application/pdf")):
+            _under(held, name, text)
+        _under(held, "dataBase64", b64encode(document[1]).decode())
     ET.indent(root)
     said = ET.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- {_UNSIGNED} -->\n{said}\n'.encode()
@@ -73,12 +88,20 @@ def _under(parent: ET.Element, name: str, text: str | None = None, space: str = 
     return element
 
 
-def _say(parent: ET.Element, name: str, *lines: str) -> ET.Element:
-    """Add an element that holds words in a language."""
+def _say(parent: ET.Element, name: str, *lines: str, german: str = "") -> ET.Element:
+    """Add an element that holds words in English, and in German where those are known."""
     element = _under(parent, name)
     for line in lines:
         _under(element, "content", line).set("lang", "en")
+    if german:
+        _under(element, "content", german).set("lang", "de")
     return element
+
+
+def _ref_type(name: str) -> str:
+    """Return by what machines find a result: ``vcf_turntable vcf_scaleFactor`` for ``turntable.scale_factor``."""
+    of = [re.sub(r"_+(\w)", lambda found: found[1].upper(), re.sub(r"\W", "_", each)) for each in name.split(".")]
+    return " ".join(f"{_NAMESPACE}_{each}" for each in of)
 
 
 def _administrative(parent: ET.Element, run: Run, words: CertificateWords, values: Sequence[ResultValue]) -> None:
@@ -87,7 +110,13 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
         one = _under(software, "software")
         _say(one, "name", name)
         _under(one, "release", version)
-    _core(_under(parent, "coreData"), run, words)
+    definitions = _under(parent, "refTypeDefinitions")
+    for namespace, said, link in _REF_TYPES:
+        one = _under(definitions, "refTypeDefinition")
+        _say(one, "name", said)
+        _under(one, "namespace", namespace)
+        _under(one, "link", link)
+    _core(_under(parent, "coreData"), run, words, german=any(named(each.name, each.unit).german for each in values))
     item = _under(_under(parent, "items"), "item")
     _say(item, "name", words.item)
     if words.item_manufacturer:
@@ -111,10 +140,11 @@ def _software(run: Run) -> Sequence[tuple[str, str]]:
     return [(name, str(version)) for name, version in run.header.get("versions", {}).items()] or [("vcfbench", "-")]
 
 
-def _core(parent: ET.Element, run: Run, words: CertificateWords) -> None:
+def _core(parent: ET.Element, run: Run, words: CertificateWords, *, german: bool) -> None:
     began, ended = days_of(run) or ("", "")
     _under(parent, "countryCodeISO3166_1", words.country)
-    _under(parent, "usedLangCodeISO639_1", "en")
+    for language in ("en", "de") if german else ("en",):
+        _under(parent, "usedLangCodeISO639_1", language)
     _under(parent, "mandatoryLangCodeISO639_1", "en")
     _under(parent, "uniqueIdentifier", words.identifier)
     if run.name is not None:
@@ -122,6 +152,8 @@ def _core(parent: ET.Element, run: Run, words: CertificateWords) -> None:
     _under(parent, "beginPerformanceDate", began)
     _under(parent, "endPerformanceDate", ended)
     _under(parent, "performanceLocation", "laboratory")
+    if words.issued:
+        _under(parent, "issueDate", words.issued)
 
 
 def _identification(parent: ET.Element, issuer: str, value: str, name: str) -> None:
@@ -152,6 +184,7 @@ def _statements(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> 
         _say(_under(parent, "statement"), "declaration", f"not checked: {each}")
     if run.verdict is not None:
         one = _under(parent, "statement")
+        one.set("refType", "basic_conformity")
         limits = [f"{e.key} from {e.low:g} to {e.high:g}: {e.word}" for e in run.verdict.limits]
         _say(one, "declaration", "Conformity with the limits of the bench file", *limits)
         _under(one, "conformity", _CONFORMITY[run.verdict.word])
@@ -166,7 +199,9 @@ def _measured(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> No
     if run.equipment:
         equipment = _under(parent, "measuringEquipments")
         for each in run.equipment:
-            _equipment(_under(equipment, "measuringEquipment"), each)
+            one = _under(equipment, "measuringEquipment")
+            one.set("refType", "basic_measurementStandard")
+            _equipment(one, each)
     _conditions(parent, run)
     results = _under(parent, "results")
     result = _under(results, "result")
@@ -206,14 +241,15 @@ def _equipment(parent: ET.Element, each: Equipment) -> None:
 
 def _conditions(parent: ET.Element, run: Run) -> None:
     quantities = (
-        ("temperature of the room", run.metadata.ambient_temperature_c, r"\degreecelsius"),
-        ("relative humidity", run.metadata.humidity_percent, r"\percent"),
+        ("temperature of the room", "basic_temperature", run.metadata.ambient_temperature_c, r"\degreecelsius"),
+        ("relative humidity", "basic_humidityRelative", run.metadata.humidity_percent, r"\percent"),
     )
-    known = [(name, value, unit) for name, value, unit in quantities if value is not None]
+    known = [(name, of, value, unit) for name, of, value, unit in quantities if value is not None]
     if known:
         conditions = _under(parent, "influenceConditions")
-        for name, value, unit in known:
+        for name, ref_type, value, unit in known:
             one = _under(conditions, "influenceCondition")
+            one.set("refType", ref_type)
             _say(one, "name", name)
             quantity = _under(_under(one, "data"), "quantity")
             _real(quantity, value, 1.0, unit)
@@ -221,7 +257,9 @@ def _conditions(parent: ET.Element, run: Run) -> None:
 
 def _quantity(parent: ET.Element, value: ResultValue) -> None:
     quantity = _under(parent, "quantity")
-    _say(quantity, "name", value.name)
+    quantity.set("refType", f"basic_measuredValue {_ref_type(value.name)}")
+    of = named(value.name, value.unit)
+    _say(quantity, "name", in_unicode(of.words), german=of.german)
     if said := (value.of + incomplete(value.missing)).removeprefix("; "):
         _say(quantity, "description", in_unicode(said))
     in_words = in_si(value.unit)
@@ -259,6 +297,7 @@ def _points(parent: ET.Element, run: Run) -> None:
     table = _under(_under(parent, "data"), "list")
     for name, (values, unit) in columns.items():
         quantity = _under(table, "quantity")
+        quantity.set("refType", _ref_type(name))
         _say(quantity, "name", name)
         numbers = _under(quantity, "realListXMLList", space=_SI)
         _under(numbers, "valueXMLList", " ".join(map(repr, values)), _SI)

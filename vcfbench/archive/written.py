@@ -46,6 +46,7 @@ def write_report(run: Run, path: str | Path, words: Mapping[str, str] | None = N
 
 _PICTURES: Final = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
 _LARGEST_LOGO: Final = 1 << 20
+_LARGEST_DOCUMENT: Final = 1 << 26
 
 
 def _picture(logo: str) -> str:
@@ -56,7 +57,9 @@ def _picture(logo: str) -> str:
     return f"data:{kind};base64,{b64encode(read_file(Path(logo), 'a logo', _LARGEST_LOGO)).decode()}"
 
 
-def write_certificate(run: Run, path: str | Path, words: Mapping[str, str] | None = None) -> Path:
+def write_certificate(
+    run: Run, path: str | Path, words: Mapping[str, str] | None = None, embed: str | Path | None = None
+) -> Path:
     """Write `run` as a Digital Calibration Certificate (DCC, XML), not signed, and return the file.
 
     Args:
@@ -64,13 +67,17 @@ def write_certificate(run: Run, path: str | Path, words: Mapping[str, str] | Non
         path: where it goes, ``.xml``.
         words: what no measurement gives, by the fields of `CertificateWords`: ``{"customer": "ACME Ltd", ...}``; what
             the run's tags, its record or the bench file tell may be left out.
+        embed: the report for people, a ``.pdf``, which the certificate then holds; None for none.
 
     Raises:
         ConfigError: something is missing (all of it in one), the run can have no certificate, or the file cannot be
             written.
     """
     path = Path(path)
-    written = dcc_of(run, certificate_words(run, words))
+    document = None if embed is None else (Path(embed).name, read_file(embed, "a report", _LARGEST_DOCUMENT))
+    if document is not None and not document[1].startswith(b"%PDF"):
+        raise ConfigError(f"{shown(Path(embed or ''))}: expected a report as PDF", hint="vcfbench report -o REPORT.pdf")
+    written = dcc_of(run, certificate_words(run, words), document)
     try:
         path.write_bytes(written)
     except OSError as error:

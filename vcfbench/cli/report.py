@@ -43,6 +43,9 @@ def report(  # noqa: PLR0917  # options of a command
         list[str] | None,
         typer.Option("--tag", metavar="KEY=VALUE", help="With --all: only runs with this tag. Repeatable."),
     ] = None,
+    embed: Annotated[
+        Path | None, typer.Option("--embed", metavar="FILE", help="With --dcc: the report as PDF, which it then holds.")
+    ] = None,
     *,
     every: Annotated[bool, typer.Option("--all", help="A report of each run in the directory of --runs.")] = False,
     as_: Annotated[
@@ -55,21 +58,24 @@ def report(  # noqa: PLR0917  # options of a command
     """Write the report of a run: a first page with the results, then all that they rest on."""
     if tag and not every:
         raise ConfigError("--tag: it chooses runs for --all")
+    if embed is not None and (every or not dcc):
+        raise ConfigError("--embed: a PDF goes into the one certificate of --dcc")
     said = {**_template(template), **dict(key_and_value("--set", each, "customer=ACME") for each in words or ())}
     if not every:
         recorded = load_run(run, runs)
-        _write(recorded, output or Path(f"{recorded.name}.{'xml' if dcc else 'html'}"), said, dcc=dcc)
+        _write(recorded, output or Path(f"{recorded.name}.{'xml' if dcc else 'html'}"), said, embed, dcc=dcc)
         return
     folder = output or Path()
     if not folder.is_dir():
         raise ConfigError(f"--all: expected a directory in -o, came {str(folder)!r}", hint="make it first")
     for each in _chosen(runs, tag or ()):
-        _write(each, folder / f"{each.name}.{'xml' if dcc else as_}", said, dcc=dcc)
+        _write(each, folder / f"{each.name}.{'xml' if dcc else as_}", said, None, dcc=dcc)
 
 
-def _write(run: Run, path: Path, words: Mapping[str, str], *, dcc: bool) -> None:
+def _write(run: Run, path: Path, words: Mapping[str, str], embed: Path | None, *, dcc: bool) -> None:
     if dcc:
-        typer.echo(write_certificate(run, path, {key: words[key] for key in words if key not in {"title", "logo"}}))
+        fields = {key: value for key, value in words.items() if key not in {"title", "logo"}}
+        typer.echo(write_certificate(run, path, fields, embed))
         return
     for written in write_report(run, path, words):
         typer.echo(written)
