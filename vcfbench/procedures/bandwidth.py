@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
+from vcfbench import steps
 from vcfbench.interfaces import (
     FunctionGenerator,
     MeasuresWaveforms,
@@ -29,20 +30,6 @@ from vcfbench.procedures.shared.response_phase import PhasePoint, measured_phase
 from vcfbench.procedures.shared.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
 from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
-from vcfbench.steps import (
-    CaptureSines,
-    CheckRails,
-    ConfigureMeter,
-    Note,
-    Outcome,
-    Plan,
-    SampleSine,
-    SetSine,
-    Settle,
-    SineRecord,
-    SineRecords,
-    SineResponse,
-)
 from vcfbench.steps.measured import Foreseen
 from vcfbench.steps.step import answer
 
@@ -137,52 +124,54 @@ PHASE_HOLDS = (
 )
 
 
-def plan(settings: BandwidthSettings) -> Plan:
+def plan(settings: BandwidthSettings) -> steps.Plan:
     """Sweep the sine over all frequencies, find the split, and go closely about it."""
     return (yield from energised(settings, at_rest(settings, _gains_and_phases(settings))))
 
 
-def _gains_and_phases(settings: BandwidthSettings) -> Routine[Outcome]:
+def _gains_and_phases(settings: BandwidthSettings) -> Routine[steps.Outcome]:
     found = yield from _swept(settings)
     yield from phases_of(settings, settings.sine_amplitude_v, found)
-    return Outcome(f"response at {len(found)} frequencies")
+    return steps.Outcome(f"response at {len(found)} frequencies")
 
 
-def at_rest(settings: BandwidthSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+def at_rest(settings: BandwidthSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
     """Look at the drive, and do `work` with the table held still under servo where there is one."""
     yield from look_at_drive(settings)
     has_table = settings.station.limits.max_rate_deg_s is not None
     return (yield from under_servo(settings, work) if has_table else work)
 
 
-def sweep(settings: BandwidthSettings) -> Routine[Outcome]:
+def sweep(settings: BandwidthSettings) -> Routine[steps.Outcome]:
     """Measure the drive frequency, then the response at all frequencies; V_Vc is left a sine."""
     found = yield from _swept(settings)
-    return Outcome(f"response at {len(found)} frequencies")
+    return steps.Outcome(f"response at {len(found)} frequencies")
 
 
-def _swept(settings: BandwidthSettings) -> Routine[list[tuple[float, SineResponse]]]:
+def _swept(settings: BandwidthSettings) -> Routine[list[tuple[float, steps.SineResponse]]]:
     # Measure the drive frequency where there is an oscilloscope: Q is in proportion to it
     if settings.station.oscilloscope is not None:
         drive = settings.drive
         middle = fmean(drive.frequency_hz), fmean(drive.amplitude_v)
-        expected = SineRecord(middle[0], (middle[1],), (0.0,))
-        yield CaptureSines((settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected)
-    yield ConfigureMeter(float(settings.meter_range_v), NPLC)
+        expected = steps.SineRecord(middle[0], (middle[1],), (0.0,))
+        yield steps.CaptureSines(
+            (settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected
+        )
+    yield steps.ConfigureMeter(float(settings.meter_range_v), NPLC)
     yield from v_vc_on()
-    yield Note("The sine at frequencies far apart")
+    yield steps.Note("The sine at frequencies far apart")
     rough = []
     for frequency_hz in _measurable(settings, settings.frequencies_hz):
         response = yield from _respond(settings, frequency_hz)
         rough.append((frequency_hz, response))
     split_hz = _split_hz(settings, rough)
-    yield Note(f"The sine about the split, near {split_hz:.4g} Hz")
+    yield steps.Note(f"The sine about the split, near {split_hz:.4g} Hz")
     close = _measurable(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
     found = list(rough)
     for frequency_hz in close:
         response = yield from _respond(settings, frequency_hz)
         found.append((frequency_hz, response))
-    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     return found
 
 
@@ -192,24 +181,24 @@ def _measurable(settings: BandwidthSettings, frequencies_hz: Iterable[float]) ->
     return sorted(each for each in frequencies_hz if each <= HIGHEST_HZ and stands_off_mains(each, mains_hz, samples))
 
 
-def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[SineResponse]:
-    yield SetSine(frequency_hz, settings.sine_amplitude_v)
-    yield Settle(settings.settle_s, "gyro settles after the change of frequency")
+def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[steps.SineResponse]:
+    yield steps.SetSine(frequency_hz, settings.sine_amplitude_v)
+    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
     samples, split_hz = settings.record_samples, settings.split_guess_hz
-    sample = SampleSine(frequency_hz, settings.sine_amplitude_v, samples, sampled_every_s(frequency_hz), split_hz)
-    response = answer((yield sample), SineResponse)
-    yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
+    sample = steps.SampleSine(frequency_hz, settings.sine_amplitude_v, samples, sampled_every_s(frequency_hz), split_hz)
+    response = answer((yield sample), steps.SineResponse)
+    yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
     return response
 
 
-def _split_hz(settings: BandwidthSettings, found: Sequence[tuple[float, SineResponse]]) -> float:
+def _split_hz(settings: BandwidthSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> float:
     from vcfbench.analysis.rate_band import split_guess_hz  # noqa: PLC0415  # NumPy, needed here alone
 
     tones = tones_of(settings, found)
     return split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
 
 
-def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, SineResponse]]) -> list[Tone]:
+def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> list[Tone]:
     """Fit the sine in every record; records of one interval share the spacing that the strongest of them shows."""
     from vcfbench.analysis.rate_band import fit_tone, true_spacing_s  # noqa: PLC0415  # as above
 
@@ -229,7 +218,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     """Fit the response to all that was sampled."""
     from vcfbench.analysis.rate_band import Known, fit_rate_band, response_phase_deg  # noqa: PLC0415  # as above
 
-    sampled = [(step, each) for step, each in measured.found(SineResponse) if isinstance(step, SampleSine)]
+    sampled = [(step, each) for step, each in measured.found(steps.SineResponse) if isinstance(step, steps.SampleSine)]
     drive_hz, u_drive_hz = _drive_hz(settings, measured)
     known = Known(
         drive_hz,
@@ -248,7 +237,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
 
 
 def _foreseen_tones(
-    settings: BandwidthSettings, steps: Sequence[SampleSine], known: Known, white_v_sqrt_s: float
+    settings: BandwidthSettings, asked: Sequence[steps.SampleSine], known: Known, white_v_sqrt_s: float
 ) -> list[Tone]:
     """Return the sines that the paper's gyroscope will show, and their noise: passed by its modes, and folded."""
     from vcfbench.analysis.rate_band import foreseen_tone  # noqa: PLC0415  # as above
@@ -265,13 +254,13 @@ def _foreseen_tones(
             known,
             shape,
         )
-        for each in steps
+        for each in asked
     ]
 
 
 def _drive_hz(settings: BandwidthSettings, measured: Measured) -> tuple[float, float]:
     """Return the drive frequency and its standard uncertainty, Hz: as measured, or the middle of its window."""
-    found = [each for each in measured.found(SineRecords) if len(each[1].channels) == 1]
+    found = [each for each in measured.found(steps.SineRecords) if len(each[1].channels) == 1]
     if not found:
         low, high = settings.drive.frequency_hz
         return 0.5 * (low + high), (high - low) / math.sqrt(12.0)

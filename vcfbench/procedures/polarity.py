@@ -15,35 +15,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, structs
 
+from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.shared.routines import (
-    energised,
-    go_to_rate,
-    look_at_drive,
-    set_v_vc,
-    take,
-    under_servo,
-    v_vc_on,
-    window_of,
-)
+from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words
-from vcfbench.steps import (
-    AcquireWithVvc,
-    ConfigureVvcMeter,
-    DisableVvc,
-    DriveReading,
-    Note,
-    Outcome,
-    Plan,
-    Settle,
-    Window,
-)
 from vcfbench.steps.drive_check import check_drive
 from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
 
@@ -149,20 +130,20 @@ class PolarityResult:
         return {"wrong_signs": float(self.wrong_signs)}
 
 
-def polarity(settings: PolaritySettings) -> Plan:
+def polarity(settings: PolaritySettings) -> steps.Plan:
     """Turn both ways, then drive V_Vc both ways."""
-    return (yield from energised(settings, _both_ways(settings)))
+    return (yield from routines.energised(settings, _both_ways(settings)))
 
 
-def _both_ways(settings: PolaritySettings) -> Routine[Outcome]:
+def _both_ways(settings: PolaritySettings) -> Routine[steps.Outcome]:
     yield from _look_at_drive(settings)
-    yield Note("At rest, generator off")
-    yield Settle(settings.settle_s, "gyro settles")
-    yield from take(settings, AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
+    yield steps.Note("At rest, generator off")
+    yield steps.Settle(settings.settle_s, "gyro settles")
+    yield from routines.take(settings, AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
     points: list[Point] = []
     if settings.has_table:
-        points += yield from under_servo(settings, _turned(settings))
-        yield Settle(settings.settle_s, "gyro settles")
+        points += yield from routines.under_servo(settings, _turned(settings))
+        yield steps.Settle(settings.settle_s, "gyro settles")
     points += yield from _driven(settings)
     silent = [each.what for each in _responses(settings, points) if not each.found]
     if silent:
@@ -172,13 +153,13 @@ def _both_ways(settings: PolaritySettings) -> Routine[Outcome]:
             step=str(points[-1].step),
             hint=LOOK_AT_SIGNALS,
         )
-    return Outcome("both ways")
+    return steps.Outcome("both ways")
 
 
 def _look_at_drive(settings: PolaritySettings) -> Routine[None]:
     """Check the drive signal; a carrier that is turned by half a cycle is a finding here, and no reason to end."""
     if not _carrier_has_a_sign(settings):
-        yield from look_at_drive(settings)
+        yield from routines.look_at_drive(settings)
         return
     either_way = structs.replace(settings, drive=structs.replace(settings.drive, phase_deg=(-180.0, 180.0)))
     seen = yield from check_drive(either_way)
@@ -200,35 +181,39 @@ def _carrier_sign(settings: PolaritySettings, phase_deg: float) -> Literal[-1, 0
 
 
 def _turned(settings: PolaritySettings) -> Routine[list[Point]]:
-    yield Note(f"The table, {settings.polarity_rate_deg_s:g} deg/s both ways")
+    yield steps.Note(f"The table, {settings.polarity_rate_deg_s:g} deg/s both ways")
     previous_deg_s, points = 0.0, []
     for sign in ABBA_SIGNS:
         rate_deg_s = sign * settings.polarity_rate_deg_s
         if rate_deg_s != previous_deg_s:
-            yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-        points.append((yield from take(settings, TURNED, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
+            yield from routines.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+        points.append(
+            (yield from routines.take(settings, TURNED, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s))
+        )
         previous_deg_s = rate_deg_s
     return points
 
 
 def _driven(settings: PolaritySettings) -> Routine[list[Point]]:
-    yield Note(f"V_Vc, {settings.polarity_v_vc_v:g} V both ways")
+    yield steps.Note(f"V_Vc, {settings.polarity_v_vc_v:g} V both ways")
     measured = "v_vc_meter" in settings.station.instruments
     if measured:
-        yield ConfigureVvcMeter(V_VC_RANGE_V, float(settings.nplc))
-    yield from v_vc_on()
+        yield steps.ConfigureVvcMeter(V_VC_RANGE_V, float(settings.nplc))
+    yield from routines.v_vc_on()
     asked_v = level_v = 0.0
     points: list[Point] = []
     for sign in ABBA_SIGNS:
         if asked_v != sign * settings.polarity_v_vc_v:
             asked_v = sign * settings.polarity_v_vc_v
-            level_v = yield from set_v_vc(settings, asked_v)
+            level_v = yield from routines.set_v_vc(settings, asked_v)
         if measured:
-            window = AcquireWithVvc(DRIVEN, 0.0, level_v, None, v_vc_tolerance_v=_ANY_V, **window_of(settings))
-            points.append(answer((yield window), Window).point)
+            window = steps.AcquireWithVvc(
+                DRIVEN, 0.0, level_v, None, v_vc_tolerance_v=_ANY_V, **routines.window_of(settings)
+            )
+            points.append(answer((yield window), steps.Window).point)
         else:
-            points.append((yield from take(settings, DRIVEN, rate_deg_s=0.0, v_vc_v=level_v)))
-    yield DisableVvc()
+            points.append((yield from routines.take(settings, DRIVEN, rate_deg_s=0.0, v_vc_v=level_v)))
+    yield steps.DisableVvc()
     return points
 
 
@@ -236,7 +221,7 @@ def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
     """Return the signs, and the explanation of the wrong ones."""
     signs = [*_responses(settings, points), *_bias(settings, points)]
     if _carrier_has_a_sign(settings):
-        *_, (_, drive) = points.found(DriveReading)
+        *_, (_, drive) = points.found(steps.DriveReading)
         found = _carrier_sign(settings, drive.phase_deg)
         signs.append(Sign("carrier", 1, found, drive.phase_deg, None, "deg"))
     wrong = {each.what for each in signs if not each.right}

@@ -14,14 +14,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from msgspec import Meta
 
+from vcfbench import interfaces, steps
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.interfaces import (
-    FunctionGenerator,
-    MeasuresWaveforms,
-    PowersRails,
-    Rotates,
-    SamplesVoltage,
-)
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -31,19 +25,6 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mea
 from vcfbench.procedures.shared.routines import energised, rails_of, v_vc_level_again
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.reports.document import Column, Report, Table, Text
-from vcfbench.steps import (
-    Amplitudes,
-    CheckRails,
-    ConfigureScope,
-    DisableVvc,
-    EnableSupply,
-    FindAmplitudes,
-    Note,
-    Outcome,
-    Plan,
-    Settle,
-    SetVvc,
-)
 from vcfbench.steps.scope import scale_v_per_div
 from vcfbench.steps.step import Effect, Step, StepResult, answer
 
@@ -225,26 +206,39 @@ NOT_HELD = (
 )
 
 
-def plan(settings: ResonanceSettings) -> Plan:
+def plan(settings: ResonanceSettings) -> steps.Plan:
     """Sweep, then let the sense modes ring down, then the drive."""
     return (yield from energised(settings, at_rest(settings, _both_ways(settings))))
 
 
-def _both_ways(settings: ResonanceSettings) -> Routine[Outcome]:
+def _both_ways(settings: ResonanceSettings) -> Routine[steps.Outcome]:
     swept = yield from sweep(settings)
     drive_hz = yield from _sense_ring_downs(settings)
-    yield from _drive_ring_downs(settings, drive_hz)
+    # Switch the rails off again and again, and on between
+    yield steps.Note("The drive rings down as the rails are switched off")
+    channel = settings.station.channel_of("drive")
+    seconds_a_division, points = _DRIVE_RECORD
+    yield steps.DisableVvc()
+    yield steps.ConfigureScope(seconds_a_division, channel)
+    found = answer((yield steps.FindAmplitudes((channel,), _LARGEST_V, 1.0)), steps.Amplitudes)
+    rails = rails_of(settings)
+    for number in range(settings.drive_ring_downs):
+        if number:
+            yield steps.EnableSupply()
+            yield steps.Settle(settings.drive.start_up_s, "rails up, drive loop starts")
+            yield steps.CheckRails(rails, settings.rail_tolerance_v)
+        yield ReleaseDrive(channel, found.amplitudes_v[0], points, drive_hz)
     rung = f"{settings.sense_ring_downs} ring-downs of the sense modes, {settings.drive_ring_downs} of the drive"
-    return Outcome(f"{swept.summary}; {rung}")
+    return steps.Outcome(f"{swept.summary}; {rung}")
 
 
 def _sense_ring_downs(settings: ResonanceSettings) -> Routine[float]:
     """Switch V_Vc off again and again; return the drive frequency, Hz."""
-    yield Note("The sense modes ring down as V_Vc is switched off")
+    yield steps.Note("The sense modes ring down as V_Vc is switched off")
     yield from v_vc_level_again()
     channels = settings.station.channel_of("drive"), settings.station.channel_of("sense")
     seconds_a_division, points = _SENSE_RECORD
-    yield ConfigureScope(seconds_a_division, channels[0])
+    yield steps.ConfigureScope(seconds_a_division, channels[0])
     drive_hz = fmean(settings.drive.frequency_hz)
     offsets_hz = settings.split_guess_hz, settings.in_phase_split_hz
     expected, drives_hz = (
@@ -253,32 +247,15 @@ def _sense_ring_downs(settings: ResonanceSettings) -> Routine[float]:
     )
     shown_v = (0.0, 0.0)
     for number in range(settings.sense_ring_downs):
-        yield SetVvc(settings.ring_down_v_vc_v)
-        yield Settle(settings.settle_s, "gyro settles after the V_Vc step")
+        yield steps.SetVvc(settings.ring_down_v_vc_v)
+        yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
         if number == 0:
-            found = answer((yield FindAmplitudes(channels, _LARGEST_V, 1.0)), Amplitudes)
+            found = answer((yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes)
             shown_v = found.amplitudes_v[0], found.amplitudes_v[1]
-        yield SetVvc(0.0)
+        yield steps.SetVvc(0.0)
         decay = answer((yield CaptureDecay(channels, shown_v, points, expected)), SenseDecay)
         drives_hz.append(decay.drive_hz)
     return fmean(drives_hz)
-
-
-def _drive_ring_downs(settings: ResonanceSettings, drive_hz: float) -> Routine[None]:
-    """Switch the rails off again and again, and on between."""
-    yield Note("The drive rings down as the rails are switched off")
-    channel = settings.station.channel_of("drive")
-    seconds_a_division, points = _DRIVE_RECORD
-    yield DisableVvc()
-    yield ConfigureScope(seconds_a_division, channel)
-    found = answer((yield FindAmplitudes((channel,), _LARGEST_V, 1.0)), Amplitudes)
-    rails = rails_of(settings)
-    for number in range(settings.drive_ring_downs):
-        if number:
-            yield EnableSupply()
-            yield Settle(settings.drive.start_up_s, "rails up, drive loop starts")
-            yield CheckRails(rails, settings.rail_tolerance_v)
-        yield ReleaseDrive(channel, found.amplitudes_v[0], points, drive_hz)
 
 
 def results(settings: ResonanceSettings, measured: Measured) -> Resonances:
@@ -398,11 +375,11 @@ RESONANCE = Procedure(
     ),
     entry=Keeps("resonance", resonance_characteristics),
     needs={
-        "power": PowersRails,
-        "rate_source": FunctionGenerator,
-        "multimeter": SamplesVoltage,
-        "oscilloscope": MeasuresWaveforms,
+        "power": interfaces.PowersRails,
+        "rate_source": interfaces.FunctionGenerator,
+        "multimeter": interfaces.SamplesVoltage,
+        "oscilloscope": interfaces.MeasuresWaveforms,
     },
-    uses={"rate_table": Rotates},
+    uses={"rate_table": interfaces.Rotates},
 )
 """Resonances of drive and sense modes."""

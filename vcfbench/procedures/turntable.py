@@ -9,13 +9,7 @@ from msgspec.structs import asdict
 from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.shared.column.report import (
-    line_words,
-    outputs_figure,
-    residuals_figure,
-    statement_tables,
-    sweep_text,
-)
+from vcfbench.procedures.shared.column import report
 from vcfbench.procedures.shared.column.results import (
     acceptance_u95,
     acceptance_values,
@@ -26,14 +20,8 @@ from vcfbench.procedures.shared.column.results import (
 )
 from vcfbench.procedures.shared.routines import go_to_rate, powered, ramp_to, take, take_reference
 from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.procedures.shared.sweep import schedule
 from vcfbench.procedures.shared.sweep.agreement import require_expected_column, require_steady_slope
-from vcfbench.procedures.shared.sweep.schedule import (
-    ZERO_TABLE,
-    SweepSettings,
-    no_whole_turn,
-    sweep_words,
-    window_grid,
-)
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.steps import Note, Outcome, Plan, Settle
 
@@ -50,19 +38,19 @@ STEP = 1
 """The number that the points of this procedure carry: it has one step."""
 
 
-def turntable(settings: SweepSettings) -> Plan:
+def turntable(settings: schedule.SweepSettings) -> Plan:
     """Calibrate on the rate table, the PCB holding V_Vc at 0 V."""
     return (yield from powered(settings, watched(settings, _calibrate(settings))))
 
 
-def _calibrate(settings: SweepSettings) -> Routine[Outcome]:
+def _calibrate(settings: schedule.SweepSettings) -> Routine[Outcome]:
     yield Note("Step 1: the table turns at each rate, generator off")
     points = yield from table_sweep(settings, STEP)
     require_expected_column(points, settings.expected)
-    return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
+    return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates{schedule.sweep_words(settings)}")
 
 
-def table_sweep(settings: SweepSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:
+def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:
     """Take the zero, visit the rates in their order and take a point at each, go back to rest and take the zero again.
 
     Their slope must agree with that of points that were measured `earlier` with the generator off: the zero and the
@@ -77,7 +65,7 @@ def table_sweep(settings: SweepSettings, step: int, earlier: Sequence[Point] = (
     for visit in settings.visits_deg_s:
         rate_deg_s = visit or 0.0
         yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-        own, number = (points, step) if visit is not None else (zeros, ZERO_TABLE)
+        own, number = (points, step) if visit is not None else (zeros, schedule.ZERO_TABLE)
         own.append((yield from take(settings, number, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
         if reference:
             require_steady_slope(points[-2:], reference)
@@ -89,14 +77,14 @@ def table_sweep(settings: SweepSettings, step: int, earlier: Sequence[Point] = (
     return points
 
 
-def _announced(settings: SweepSettings) -> Routine[None]:
+def _announced(settings: schedule.SweepSettings) -> Routine[None]:
     """Note the order of the rates, and those where windows of whole turns cannot be."""
-    if words := sweep_words(settings):
+    if words := schedule.sweep_words(settings):
         yield Note(f"The rates{words}")
     if settings.whole_turns:
         for rate_deg_s in sorted({abs(rate) for rate in settings.rates_deg_s}):
-            if not window_grid(settings, rate_deg_s).turns:
-                yield Note(no_whole_turn(settings, rate_deg_s))
+            if not schedule.window_grid(settings, rate_deg_s).turns:
+                yield Note(schedule.no_whole_turn(settings, rate_deg_s))
 
 
 class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
@@ -140,7 +128,7 @@ def turntable_results(
     return SweptTurntableResult(**values, sweep=sweep_found(settings, points, sweep))
 
 
-def _results(settings: SweepSettings, points: Sequence[Point]) -> TurntableResult:
+def _results(settings: schedule.SweepSettings, points: Sequence[Point]) -> TurntableResult:
     return turntable_results(points, settings.meter_resolution_v, settings)
 
 
@@ -153,11 +141,11 @@ def turntable_report(_settings: object, points: Sequence[Point], results: Turnta
     return Report(
         [
             Table(columns, rows),
-            Text(line_words("turntable", results)),
-            *([sweep_text("turntable", results.sweep)] if isinstance(results, SweptTurntableResult) else []),
-            *statement_tables(results.uncertainty),
-            outputs_figure("Output against the table's rate", lines),
-            residuals_figure(lines),
+            Text(report.line_words("turntable", results)),
+            *([report.sweep_text("turntable", results.sweep)] if isinstance(results, SweptTurntableResult) else []),
+            *report.statement_tables(results.uncertainty),
+            report.outputs_figure("Output against the table's rate", lines),
+            report.residuals_figure(lines),
         ]
     )
 
@@ -171,7 +159,7 @@ TURNTABLE = Procedure(
         "through the means gives scale factor (slope) and bias (value at rest); what it leaves over gives the "
         "non-linearity. Uncertainties are combined after the GUM (JCGM 100)."
     ),
-    settings=SweepSettings,
+    settings=schedule.SweepSettings,
     plan=turntable,
     results=_results,
     report=turntable_report,

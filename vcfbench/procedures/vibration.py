@@ -15,45 +15,20 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
+from vcfbench import steps
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.levels import generator_sheet
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.shared.routines import (
-    energised,
-    look_at_drive,
-    rails_of,
-    set_v_vc,
-    take,
-    under_servo,
-    v_vc_on,
-    window_of,
-)
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
-from vcfbench.steps import (
-    AcquireWithVvc,
-    CheckRails,
-    ConfigureMeter,
-    ConfigureVvcMeter,
-    DisableVibration,
-    EnableVibration,
-    ModulatedRecord,
-    Note,
-    Outcome,
-    Plan,
-    SampleModulated,
-    Settle,
-    SetVibration,
-    SetVvc,
-    Window,
-)
 from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
@@ -155,65 +130,67 @@ NOT_HELD = (
 )
 
 
-def vibration(settings: VibrationSettings) -> Plan:
+def vibration(settings: VibrationSettings) -> steps.Plan:
     """Take the response at rest, then the vibrations."""
-    yield DisableVibration()
-    return (yield from energised(settings, _held(settings)))
+    yield steps.DisableVibration()
+    return (yield from routines.energised(settings, _held(settings)))
 
 
-def _held(settings: VibrationSettings) -> Routine[Outcome]:
+def _held(settings: VibrationSettings) -> Routine[steps.Outcome]:
     """Look at the drive, and hold the table still under servo where there is one."""
-    yield from look_at_drive(settings)
+    yield from routines.look_at_drive(settings)
     work = _both(settings)
-    return (yield from work if settings.station.limits.max_rate_deg_s is None else under_servo(settings, work))
+    return (yield from work if settings.station.limits.max_rate_deg_s is None else routines.under_servo(settings, work))
 
 
-def _both(settings: VibrationSettings) -> Routine[Outcome]:
+def _both(settings: VibrationSettings) -> Routine[steps.Outcome]:
     yield from watched(settings, _static(settings))
-    yield Note("The virtual vibration")
+    yield steps.Note("The virtual vibration")
     yield from _meters(settings, NPLC)
     try:
-        yield SetVibration(settings.frequencies_hz[0], settings.vibration_amplitude_v)
-        yield EnableVibration()
+        yield steps.SetVibration(settings.frequencies_hz[0], settings.vibration_amplitude_v)
+        yield steps.EnableVibration()
         for frequency_hz in settings.frequencies_hz:
             yield from _vibrate(settings, frequency_hz)
     finally:
-        yield DisableVibration()
+        yield steps.DisableVibration()
     yield from _meters(settings, float(settings.nplc))
-    return Outcome(f"{len(settings.frequencies_hz)} vibrations")
+    return steps.Outcome(f"{len(settings.frequencies_hz)} vibrations")
 
 
 def _meters(settings: VibrationSettings, nplc: float) -> Routine[None]:
     """Set both meters up alike, so that the attenuation by averaging over a reading cancels."""
-    yield ConfigureMeter(float(settings.meter_range_v), nplc)
+    yield steps.ConfigureMeter(float(settings.meter_range_v), nplc)
     if settings.v_vc_is_measured:
-        yield ConfigureVvcMeter(V_VC_RANGE_V, nplc)
+        yield steps.ConfigureVvcMeter(V_VC_RANGE_V, nplc)
 
 
 def _static(settings: VibrationSettings) -> Routine[None]:
-    yield Note(f"V_Vc direct, {settings.static_v_vc_v:g} V both ways")
+    yield steps.Note(f"V_Vc direct, {settings.static_v_vc_v:g} V both ways")
     yield from _meters(settings, float(settings.nplc))
-    yield from v_vc_on()
+    yield from routines.v_vc_on()
     asked_v = level_v = 0.0
     tolerance_v = 1.25 * generator_sheet(settings).limit_v(settings.static_v_vc_v)
     points = []
     for sign in ABBA_SIGNS:
         if asked_v != sign * settings.static_v_vc_v:
             asked_v = sign * settings.static_v_vc_v
-            level_v = yield from set_v_vc(settings, asked_v)
+            level_v = yield from routines.set_v_vc(settings, asked_v)
         if settings.v_vc_is_measured:
-            window = AcquireWithVvc(_STATIC, 0.0, level_v, None, v_vc_tolerance_v=tolerance_v, **window_of(settings))
-            points.append(answer((yield window), Window).point)
+            window = steps.AcquireWithVvc(
+                _STATIC, 0.0, level_v, None, v_vc_tolerance_v=tolerance_v, **routines.window_of(settings)
+            )
+            points.append(answer((yield window), steps.Window).point)
         else:
-            points.append((yield from take(settings, _STATIC, rate_deg_s=0.0, v_vc_v=level_v)))
+            points.append((yield from routines.take(settings, _STATIC, rate_deg_s=0.0, v_vc_v=level_v)))
     require_answer(settings, points)
-    yield SetVvc(0.0)
+    yield steps.SetVvc(0.0)
 
 
 def _vibrate(settings: VibrationSettings, frequency_hz: float) -> Routine[None]:
-    yield SetVibration(frequency_hz, settings.vibration_amplitude_v)
-    yield Settle(settings.settle_s, "gyro settles after the change of frequency")
-    yield SampleModulated(
+    yield steps.SetVibration(frequency_hz, settings.vibration_amplitude_v)
+    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+    yield steps.SampleModulated(
         frequency_hz,
         settings.vibration_amplitude_v,
         settings.record_samples,
@@ -222,14 +199,14 @@ def _vibrate(settings: VibrationSettings, frequency_hz: float) -> Routine[None]:
         None,
         settings.rate_tolerance_deg_s,
     )
-    yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
+    yield steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)
 
 
 def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
     """Compare each response with the closed form."""
     static = _static_gain(settings, measured)
-    found = measured.found(ModulatedRecord)
-    records = [(step.frequency_hz, each) for step, each in found if isinstance(step, SampleModulated)]
+    found = measured.found(steps.ModulatedRecord)
+    records = [(step.frequency_hz, each) for step, each in found if isinstance(step, steps.SampleModulated)]
     mains_hz = float(settings.station.mains_hz)
     outputs = _tones([(hz, each, each.output_v) for hz, each in records], mains_hz)
     inputs = _tones([(hz, each, each.v_vc_v) for hz, each in records if each.v_vc_v], mains_hz)
@@ -290,7 +267,7 @@ def _believed(settings: VibrationSettings, what: str, size: float) -> list[Uncer
     return [UncertaintyPart(f"generator's accuracy, {what}", size * generator_sheet(settings).setting / math.sqrt(3.0))]
 
 
-def _tones(records: Sequence[tuple[float, ModulatedRecord, Sequence[float]]], mains_hz: float) -> list[Tone]:
+def _tones(records: Sequence[tuple[float, steps.ModulatedRecord, Sequence[float]]], mains_hz: float) -> list[Tone]:
     """Fit the sine in every record; records of one interval share the spacing that the strongest of them shows."""
     from vcfbench.analysis.rate_band import fit_tone, true_spacing_s  # noqa: PLC0415  # NumPy, needed here alone
 

@@ -14,17 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from msgspec import Meta, Struct, field, structs, to_builtins
 
+from vcfbench import interfaces
 from vcfbench.errors import BenchError
 from vcfbench.files import dotted
-from vcfbench.interfaces import (
-    ForcesTemperature,
-    MeasuresWaveforms,
-    PowersRails,
-    ReadsVoltage,
-    Rotates,
-    SetsVoltage,
-    lacking,
-)
 from vcfbench.models import data_sheet_of, driver_of, find_model
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
@@ -304,7 +296,7 @@ def _naming(name: str) -> Callable[[Any], str]:
 def _absent(model: str, capability: type) -> Sequence[str]:
     row = find_model(model)
     driver = None if row is None else driver_of(row)
-    return () if driver is None else lacking(getattr(driver, "driver_class", driver), capability)
+    return () if driver is None else interfaces.lacking(getattr(driver, "driver_class", driver), capability)
 
 
 class BeginPart(Step, Struct, frozen=True):
@@ -516,13 +508,13 @@ CHARACTERIZE = Procedure(
     plan=plan,
     results=results,
     report=report,
-    needs={"power": PowersRails, "multimeter": ReadsVoltage},
+    needs={"power": interfaces.PowersRails, "multimeter": interfaces.ReadsVoltage},
     uses={
-        "rate_source": SetsVoltage,
-        "oscilloscope": MeasuresWaveforms,
-        "rate_table": Rotates,
-        "v_vc_meter": ReadsVoltage,
-        "chamber": ForcesTemperature,
+        "rate_source": interfaces.SetsVoltage,
+        "oscilloscope": interfaces.MeasuresWaveforms,
+        "rate_table": interfaces.Rotates,
+        "v_vc_meter": interfaces.ReadsVoltage,
+        "chamber": interfaces.ForcesTemperature,
     },
     entry=entry,
 )

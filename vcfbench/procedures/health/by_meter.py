@@ -9,6 +9,7 @@ import math
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
+from vcfbench import steps
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bandwidth import tones_of
 from vcfbench.procedures.shared.known.k_vc_change import ASSUMED
@@ -16,20 +17,6 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mea
 from vcfbench.procedures.shared.routines import rails_of, v_vc_level_again, v_vc_on
 from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
 from vcfbench.specifications import AC_VOLTS_U
-from vcfbench.steps import (
-    AcMeasured,
-    CheckRails,
-    ConfigureMeter,
-    DisableVvc,
-    MeasureAc,
-    NotChecked,
-    Note,
-    SampleSine,
-    SetSine,
-    Settle,
-    SineResponse,
-    move_leads,
-)
 from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
@@ -52,38 +39,38 @@ def compared_amplitudes(settings: KnownVvcSettings) -> Routine[None]:
     """Have the leads of the multimeter moved to drive and carrier and back, and read the AC volts of both."""
     model = settings.station.instruments["multimeter"].model
     if model not in AC_VOLTS_U:
-        yield NotChecked("amplitudes of drive and carrier", f"nothing is known of the AC volts of a {model}")
+        yield steps.NotChecked("amplitudes of drive and carrier", f"nothing is known of the AC volts of a {model}")
         return
-    yield Note("Health: amplitudes of drive and carrier, by the multimeter")
+    yield steps.Note("Health: amplitudes of drive and carrier, by the multimeter")
     expected_v = fmean(settings.drive.amplitude_v) / math.sqrt(2.0)
-    yield move_leads("multimeter", "carrier")
-    carrier = answer((yield MeasureAc("carrier", _READINGS, expected_v)), AcMeasured)
-    yield move_leads("multimeter", "drive")
-    drive = answer((yield MeasureAc("drive", _READINGS, expected_v)), AcMeasured)
+    yield steps.move_leads("multimeter", "carrier")
+    carrier = answer((yield steps.MeasureAc("carrier", _READINGS, expected_v)), steps.AcMeasured)
+    yield steps.move_leads("multimeter", "drive")
+    drive = answer((yield steps.MeasureAc("drive", _READINGS, expected_v)), steps.AcMeasured)
     if drive.range_v < carrier.range_v:
-        yield MeasureAc("drive", _READINGS, expected_v, carrier.range_v)
-    yield move_leads("multimeter", "output")
-    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+        yield steps.MeasureAc("drive", _READINGS, expected_v, carrier.range_v)
+    yield steps.move_leads("multimeter", "output")
+    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
 
 
 def split_by_meter(settings: KnownVvcSettings, then: Characteristics) -> Routine[None]:
     """Have V_Vc a sine of a few frequencies about the split that was, and sample the output; V_Vc is off afterwards."""
     assert then.split_hz is not None  # noqa: S101  # the caller saw
-    yield Note("Health: split and Q, by a few sines on V_Vc through the multimeter")
-    yield ConfigureMeter(float(settings.meter_range_v), NPLC)
+    yield steps.Note("Health: split and Q, by a few sines on V_Vc through the multimeter")
+    yield steps.ConfigureMeter(float(settings.meter_range_v), NPLC)
     yield from v_vc_on()
     for ratio in _OF_SPLIT:
         frequency_hz = float(f"{ratio * then.split_hz.value:.4g}")
         if frequency_hz > HIGHEST_HZ or not stands_off_mains(frequency_hz, settings.station.mains_hz, _SAMPLES):
             continue
-        yield SetSine(frequency_hz, _SINE_V)
-        yield Settle(settings.settle_s, "gyro settles after the change of frequency")
+        yield steps.SetSine(frequency_hz, _SINE_V)
+        yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
         interval_s, gain = sampled_every_s(frequency_hz), _gain_of(then, frequency_hz)
-        yield SampleSine(frequency_hz, _SINE_V, _SAMPLES, interval_s, then.split_hz.value, gain)
-    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+        yield steps.SampleSine(frequency_hz, _SINE_V, _SAMPLES, interval_s, then.split_hz.value, gain)
+    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield from v_vc_level_again()
-    yield DisableVvc()
-    yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
+    yield steps.DisableVvc()
+    yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
 
 
 def _gain_of(then: Characteristics, frequency_hz: float) -> float:
@@ -115,7 +102,11 @@ def found_by_sines(
     Raises:
         MeasurementError: the response is not that of the two modes, or has too few tones.
     """
-    sines = [(step.frequency_hz, each) for step, each in measured.found(SineResponse) if isinstance(step, SampleSine)]
+    sines = [
+        (step.frequency_hz, each)
+        for step, each in measured.found(steps.SineResponse)
+        if isinstance(step, steps.SampleSine)
+    ]
     if not sines or then is None or then.split_hz is None or then.q_anti_phase is None:
         return {}
     from vcfbench.analysis.rate_band import Known, NearSplit, fit_near_split  # noqa: PLC0415  # NumPy
@@ -170,7 +161,7 @@ def carrier_over_drive(settings: KnownVvcSettings, measured: Measured) -> Measur
     The drive on both ranges tells what the carrier's range is off against the other; the error of range is taken to be
     one of its zero. What is left goes with how far the two levels are apart, and cancels with the same meter later.
     """
-    seen = [(step, each) for step, each in measured.found(AcMeasured) if isinstance(step, MeasureAc)]
+    seen = [(step, each) for step, each in measured.found(steps.AcMeasured) if isinstance(step, steps.MeasureAc)]
     if not seen:
         return None
     carrier, drive, *again = [each for _, each in seen]

@@ -13,6 +13,7 @@ import math
 from statistics import fmean
 from typing import TYPE_CHECKING
 
+from vcfbench import steps
 from vcfbench.interfaces import AveragesWaveforms
 from vcfbench.procedures.health.by_meter import split_by_meter
 from vcfbench.procedures.health.modes import Modes, modes_of
@@ -20,23 +21,6 @@ from vcfbench.procedures.health.way import way_of
 from vcfbench.procedures.phase.results import CaptureSense
 from vcfbench.procedures.resonance import CaptureDecay, RingingMode, SenseDecay
 from vcfbench.procedures.shared.routines import rails_of, v_vc_level_again, v_vc_on
-from vcfbench.steps import (
-    Amplitudes,
-    CaptureMeanSines,
-    CaptureRotations,
-    CheckRails,
-    ConfigureScope,
-    DisableVvc,
-    FindAmplitudes,
-    NotChecked,
-    Note,
-    RotationRecord,
-    Rotations,
-    SetSine,
-    Settle,
-    SetVvc,
-    SineRecord,
-)
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.step import answer
 
@@ -76,13 +60,13 @@ _A_PERIOD = 2.3
 _FAR_POINTS, _FAR_S_PER_DIV = 10_000, 5e-3
 
 
-class CaptureFar(CaptureRotations, frozen=True):
+class CaptureFar(steps.CaptureRotations, frozen=True):
     """Records under a sine so far from the modes that feed-through shows beside their response; the filter is shut.
 
     The last of `channels` is not looked at.
     """
 
-    def _record(self, scope: Oscilloscope) -> RotationRecord:
+    def _record(self, scope: Oscilloscope) -> steps.RotationRecord:
         from vcfbench.analysis.rotating import fit_rotation  # noqa: PLC0415  # NumPy, needed here alone
 
         first, second, _ = self.channels
@@ -93,15 +77,15 @@ class CaptureFar(CaptureRotations, frozen=True):
         drive, sense = (scope.waveform(channel, self.points) for channel in (first, second))
         interval_s = float(drive.time_s[1] - drive.time_s[0])
         found = fit_rotation(drive.voltage_v, sense.voltage_v, drive.voltage_v, interval_s, self.difference_hz)
-        return RotationRecord(found.drive_hz, found.difference_hz, 0.0, found.turning, 0.0)
+        return steps.RotationRecord(found.drive_hz, found.difference_hz, 0.0, found.turning, 0.0)
 
-    def predict(self, gyro: LinearGyro) -> Rotations:
+    def predict(self, gyro: LinearGyro) -> steps.Rotations:
         """Predict the modes' response of a dry run there, without feed-through."""
         del gyro
         modes = _expected(self.drive_hz)
         turning_v = abs(modes.answer(_SHARE, self.difference_hz) / modes.answer(_SHARE, 0.0))
-        record = RotationRecord(self.drive_hz, self.difference_hz, 0.0, turning_v, 0.0)
-        return Rotations((record,) * self.count)
+        record = steps.RotationRecord(self.drive_hz, self.difference_hz, 0.0, turning_v, 0.0)
+        return steps.Rotations((record,) * self.count)
 
 
 def level_v(settings: KnownVvcSettings) -> float:
@@ -125,50 +109,50 @@ def examined(
         return
     split_and_q = then is not None and source and then.split_hz is not None and then.q_anti_phase is not None
     if way == "multimeter" and then is not None and split_and_q:
-        yield NotChecked("phases, feed-through and amplitudes", lacks)
+        yield steps.NotChecked("phases, feed-through and amplitudes", lacks)
         yield from split_by_meter(settings, then)
     else:
-        yield NotChecked("what K_Vc depends on", lacks if way != "oscilloscope" else f"{source} does not have it")
+        yield steps.NotChecked("what K_Vc depends on", lacks if way != "oscilloscope" else f"{source} does not have it")
 
 
 def _by_oscilloscope(settings: KnownVvcSettings) -> Routine[None]:
-    yield Note("Health: what K_Vc depends on, by the oscilloscope")
+    yield steps.Note("Health: what K_Vc depends on, by the oscilloscope")
     yield from v_vc_on()
     split_hz, drive_hz = yield from _ring_downs(settings)
     yield from _at_both_signs(settings)
     near_hz = min(_NEAR_HZ, _OF_SPLIT * split_hz)
     near_s_per_div = one_two_five(_TURNS / near_hz / 10.0)
     points = round(one_two_five(_A_PERIOD * drive_hz * 10.0 * near_s_per_div))
-    yield ConfigureScope(near_s_per_div, settings.station.channel_of("drive"))
+    yield steps.ConfigureScope(near_s_per_div, settings.station.channel_of("drive"))
     for sign in (1.0, -1.0):
         channels = _channels(settings, "sense", "output")
         shown_v = yield from _turned(settings, drive_hz, sign * near_hz, channels)
-        yield CaptureRotations(channels, shown_v, _NEAR_RECORDS, points, sign * near_hz, drive_hz)
-    yield ConfigureScope(_FAR_S_PER_DIV, settings.station.channel_of("drive"))
+        yield steps.CaptureRotations(channels, shown_v, _NEAR_RECORDS, points, sign * near_hz, drive_hz)
+    yield steps.ConfigureScope(_FAR_S_PER_DIV, settings.station.channel_of("drive"))
     for sign in (1.0, -1.0):
         channels, far_hz = _channels(settings, "sense", "carrier"), sign * _OF_DRIVE * drive_hz
         shown_v = yield from _turned(settings, drive_hz, far_hz, channels)
         yield CaptureFar(channels, shown_v, _FAR_RECORDS, _FAR_POINTS, far_hz, drive_hz)
     yield from v_vc_level_again()
-    yield DisableVvc()
-    yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
+    yield steps.DisableVvc()
+    yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
 
 
 def _ring_downs(settings: KnownVvcSettings) -> Routine[tuple[float, float]]:
     """Switch V_Vc off again and again; return split and drive frequency, Hz."""
     channels = settings.station.channel_of("drive"), settings.station.channel_of("sense")
     seconds_a_division, points = _RING_DOWN_RECORD
-    yield ConfigureScope(seconds_a_division, channels[0])
+    yield steps.ConfigureScope(seconds_a_division, channels[0])
     shown_v: tuple[float, float] | None = None
     modes = _expected(fmean(settings.drive.frequency_hz))
     expected = SenseDecay(modes.drive_hz, (modes.anti_phase, modes.in_phase))
     for _ in range(_RING_DOWNS):
-        yield SetVvc(level_v(settings))
-        yield Settle(settings.settle_s, "gyro settles after the V_Vc step")
+        yield steps.SetVvc(level_v(settings))
+        yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
         if shown_v is None:
-            found = answer((yield FindAmplitudes(channels, _LARGEST_V, 1.0)), Amplitudes)
+            found = answer((yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes)
             shown_v = found.amplitudes_v[0], found.amplitudes_v[1]
-        yield SetVvc(0.0)
+        yield steps.SetVvc(0.0)
         modes = modes_of(answer((yield CaptureDecay(channels, shown_v, points, expected)), SenseDecay))
     return abs(modes.drive_hz - modes.anti_phase.frequency_hz), modes.drive_hz
 
@@ -183,37 +167,39 @@ def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
     """Take drive, carrier and sense signal at both signs of V_Vc; means of many records of the first two."""
     drive = settings.drive
     drive_hz, channels = fmean(drive.frequency_hz), _channels(settings, "carrier", "sense")
-    yield ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
+    yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
     shown_v = (0.0, 0.0, 0.0)
     for sign in (1.0, -1.0):
-        yield SetVvc(sign * level_v(settings))
-        yield Settle(settings.settle_s, "gyro settles after the V_Vc step")
-        found = answer((yield FindAmplitudes(channels, _LARGEST_V, 1.0)), Amplitudes)
+        yield steps.SetVvc(sign * level_v(settings))
+        yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
+        found = answer((yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes)
         shown_v = max(shown_v, found.amplitudes_v[:3], key=lambda seen: seen[2])  # type: ignore[assignment]
     amplitude_v, turned = fmean(drive.amplitude_v), 1j * _expected(drive_hz).answer(_SHARE, 0.0)
-    expected = SineRecord(drive_hz, (amplitude_v, amplitude_v), (0.0, -90.0))
+    expected = steps.SineRecord(drive_hz, (amplitude_v, amplitude_v), (0.0, -90.0))
     for place in range(_MEANS):
         level = _HIGHEST * amplitude_v * (2.0 * place / (_MEANS - 1) - 1.0)
-        yield ConfigureScope(one_two_five(_PERIODS / drive_hz / 10.0), channels[0], level)
-        yield CaptureMeanSines(channels[:2], shown_v[:2], 1, expected)
-    yield ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
+        yield steps.ConfigureScope(one_two_five(_PERIODS / drive_hz / 10.0), channels[0], level)
+        yield steps.CaptureMeanSines(channels[:2], shown_v[:2], 1, expected)
+    yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
     for sign in _STATES:
-        yield SetVvc(sign * level_v(settings))
-        yield Settle(settings.settle_s, "gyro settles after the V_Vc step")
-        seen = SineRecord(
+        yield steps.SetVvc(sign * level_v(settings))
+        yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
+        seen = steps.SineRecord(
             drive_hz, (amplitude_v, amplitude_v, 1.0), (0.0, -90.0, math.degrees(cmath.phase(sign * turned)))
         )
         yield CaptureSense(channels, shown_v, _RECORDS, seen, _SPACING_S, 0.0, sign * level_v(settings))
-    yield SetVvc(0.0)
+    yield steps.SetVvc(0.0)
 
 
 def _turned(
     settings: KnownVvcSettings, drive_hz: float, off_hz: float, channels: tuple[int, int, int]
 ) -> Routine[tuple[float, float, float]]:
     """Have V_Vc turn the sense signal against the drive; return the amplitudes of the channels, V."""
-    yield SetSine(2.0 * drive_hz + off_hz, 2.0 * level_v(settings))
-    yield Settle(settings.settle_s, "gyro settles after the change of frequency")
-    first_v, second_v, third_v = answer((yield FindAmplitudes(channels, _LARGEST_V, 1.0)), Amplitudes).amplitudes_v
+    yield steps.SetSine(2.0 * drive_hz + off_hz, 2.0 * level_v(settings))
+    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+    first_v, second_v, third_v = answer(
+        (yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes
+    ).amplitudes_v
     return first_v, second_v, third_v
 
 

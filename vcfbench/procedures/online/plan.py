@@ -10,83 +10,66 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
+from vcfbench import steps
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.online.report import online_report
 from vcfbench.procedures.online.results import online_results
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import ready_meters
-from vcfbench.procedures.shared.routines import (
-    energised,
-    go_to_rate,
-    look_at_drive,
-    rails_of,
-    under_servo,
-    v_vc_on,
-)
-from vcfbench.steps import (
-    CheckRails,
-    ConfigureGenerator,
-    Note,
-    Outcome,
-    Plan,
-    SampleModulated,
-    SetSine,
-    Settle,
-    move_leads,
-)
 
 if TYPE_CHECKING:
     from vcfbench.steps.step import Routine
 
 
-def online(settings: OnlineSettings) -> Plan:
+def online(settings: OnlineSettings) -> steps.Plan:
     """Calibrate while the gyroscope measures."""
-    return (yield from energised(settings, _measuring(settings)))
+    return (yield from routines.energised(settings, _measuring(settings)))
 
 
-def _measuring(settings: OnlineSettings) -> Routine[Outcome]:
-    yield from look_at_drive(settings)
+def _measuring(settings: OnlineSettings) -> Routine[steps.Outcome]:
+    yield from routines.look_at_drive(settings)
     yield from ready_meters(settings)
     if settings.station.limits.max_rate_deg_s is None:
         return (yield from _modulated(settings, None))
-    return (yield from under_servo(settings, _turning(settings)))
+    return (yield from routines.under_servo(settings, _turning(settings)))
 
 
-def _turning(settings: OnlineSettings) -> Routine[Outcome]:
+def _turning(settings: OnlineSettings) -> Routine[steps.Outcome]:
     """Turn the table at its rate, which may be none, all the while."""
     if settings.rate_deg_s:
-        yield from go_to_rate(settings, settings.rate_deg_s, previous_deg_s=0.0)
+        yield from routines.go_to_rate(settings, settings.rate_deg_s, previous_deg_s=0.0)
     return (yield from _modulated(settings, settings.rate_deg_s))
 
 
-def _modulated(settings: OnlineSettings, table_deg_s: float | None) -> Routine[Outcome]:
+def _modulated(settings: OnlineSettings, table_deg_s: float | None) -> Routine[steps.Outcome]:
     """Take V_Vc at rest, the modulation, and V_Vc at rest again."""
     of: Literal["both", "output"] = "both" if settings.v_vc_role == "v_vc_meter" else "output"
-    yield Note("V_Vc at rest: what the true rate reads without modulation")
-    yield from v_vc_on()
-    yield Settle(settings.settle_s, "gyro settles after the generator came on")
+    yield steps.Note("V_Vc at rest: what the true rate reads without modulation")
+    yield from routines.v_vc_on()
+    yield steps.Settle(settings.settle_s, "gyro settles after the generator came on")
     yield from _sampled(settings, 0.0, of, table_deg_s)
-    yield Note(f"The modulation, {settings.bursts} times {settings.burst_readings * settings.aperture_s:g} s")
-    yield SetSine(settings.modulation_hz, settings.amplitude_v)
-    yield Settle(settings.settle_s, "gyro settles after the sine came on")
+    yield steps.Note(f"The modulation, {settings.bursts} times {settings.burst_readings * settings.aperture_s:g} s")
+    yield steps.SetSine(settings.modulation_hz, settings.amplitude_v)
+    yield steps.Settle(settings.settle_s, "gyro settles after the sine came on")
     for _ in range(settings.bursts):
         yield from _sampled(settings, settings.amplitude_v, of, table_deg_s)
-    yield Note("V_Vc at rest again")
-    yield ConfigureGenerator(0.0)
-    yield Settle(settings.settle_s, "gyro settles after the sine went off")
+    yield steps.Note("V_Vc at rest again")
+    yield steps.ConfigureGenerator(0.0)
+    yield steps.Settle(settings.settle_s, "gyro settles after the sine went off")
     yield from _sampled(settings, 0.0, of, table_deg_s)
     if settings.v_vc_role == "multimeter":
         # Have V_Vc measured by the one meter, whose leads a person moves there and back: at rest and the sine
-        yield Note("V_Vc by the one multimeter")
-        yield move_leads("multimeter", "v_vc")
+        yield steps.Note("V_Vc by the one multimeter")
+        yield steps.move_leads("multimeter", "v_vc")
         yield _sample(settings, 0.0, "v_vc", None)
-        yield SetSine(settings.modulation_hz, settings.amplitude_v)
-        yield Settle(settings.settle_s, "the generator settles")
+        yield steps.SetSine(settings.modulation_hz, settings.amplitude_v)
+        yield steps.Settle(settings.settle_s, "the generator settles")
         yield _sample(settings, settings.amplitude_v, "v_vc", None)
-        yield move_leads("multimeter", "output")
-    return Outcome(f"{settings.bursts * settings.windows_a_burst} windows of {settings.window_s:g} s")
+        yield steps.move_leads("multimeter", "output")
+    return steps.Outcome(f"{settings.bursts * settings.windows_a_burst} windows of {settings.window_s:g} s")
 
 
 def _sampled(
@@ -94,13 +77,13 @@ def _sampled(
 ) -> Routine[None]:
     """Take a record of the output, and read the rails back: the meter would not know that they fell."""
     yield _sample(settings, amplitude_v, of, table_deg_s)
-    yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
+    yield steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)
 
 
 def _sample(
     settings: OnlineSettings, amplitude_v: float, of: Literal["both", "output", "v_vc"], table_deg_s: float | None
-) -> SampleModulated:
-    return SampleModulated(
+) -> steps.SampleModulated:
+    return steps.SampleModulated(
         settings.modulation_hz,
         amplitude_v,
         settings.burst_readings,

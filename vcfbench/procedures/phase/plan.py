@@ -7,6 +7,7 @@ from dataclasses import fields
 from statistics import fmean
 from typing import TYPE_CHECKING, TypeAlias
 
+from vcfbench import steps
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.phase.report import phase_report
@@ -16,23 +17,6 @@ from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
-from vcfbench.steps import (
-    Amplitudes,
-    CaptureRotations,
-    CaptureSines,
-    ConfigureScope,
-    FindAmplitudes,
-    Note,
-    Outcome,
-    Plan,
-    RotationRecord,
-    Rotations,
-    SetSine,
-    Settle,
-    SetVvc,
-    SineRecord,
-    SineRecords,
-)
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.step import answer
 
@@ -53,29 +37,29 @@ _TURNS = 4.0
 """Least turns of the sense signal against the drive in a record."""
 
 
-def plan(settings: PhaseSettings) -> Plan:
+def plan(settings: PhaseSettings) -> steps.Plan:
     """Take records at both signs of rate, V_Vc and difference, until every phase is known well enough."""
     return (yield from powered(settings, _cycles(settings)))
 
 
-def _cycles(settings: PhaseSettings) -> Routine[Outcome]:
+def _cycles(settings: PhaseSettings) -> Routine[steps.Outcome]:
     yield from v_vc_on()
     shown_v = yield from _amplitudes_driven(settings)
     drive_hz = yield from _drive_hz(settings, shown_v[0])
     turning_v = yield from _amplitudes_turning(settings, drive_hz)
-    states: list[tuple[CaptureSense, SineRecords]] = []
-    turned: list[RotationRecord] = []
+    states: list[tuple[CaptureSense, steps.SineRecords]] = []
+    turned: list[steps.RotationRecord] = []
     for cycle in range(1, settings.most_cycles + 1):
-        yield Note(f"Cycle {cycle}")
+        yield steps.Note(f"Cycle {cycle}")
         signs = (1.0, -1.0) if cycle % 2 else (-1.0, 1.0)
         states += yield from _static(settings, signs, shown_v)
         turned += yield from _rotations(settings, signs, turning_v, drive_hz)
         if cycle >= LEAST_CYCLES and phases_of(settings, states, turned).target_met:
-            return Outcome(f"every phase within {settings.target_deg:g} deg after {cycle} cycles")
-    return Outcome(f"not every phase within {settings.target_deg:g} deg after {settings.most_cycles} cycles")
+            return steps.Outcome(f"every phase within {settings.target_deg:g} deg after {cycle} cycles")
+    return steps.Outcome(f"not every phase within {settings.target_deg:g} deg after {settings.most_cycles} cycles")
 
 
-def _fast(settings: PhaseSettings, drive_v: float = 0.0) -> ConfigureScope:
+def _fast(settings: PhaseSettings, drive_v: float = 0.0) -> steps.ConfigureScope:
     """Return the time base that shows some ten periods of the drive, with points enough for each.
 
     The trigger is beyond the drive's amplitude `drive_v`, where that is known: records that begin anywhere have other
@@ -83,18 +67,18 @@ def _fast(settings: PhaseSettings, drive_v: float = 0.0) -> ConfigureScope:
     """
     drive_hz = fmean(settings.drive.frequency_hz)
     channel = settings.station.channel_of("drive")
-    return ConfigureScope(one_two_five(1.0 / drive_hz), channel, _NEVER_REACHED * drive_v)
+    return steps.ConfigureScope(one_two_five(1.0 / drive_hz), channel, _NEVER_REACHED * drive_v)
 
 
-def _slow(settings: PhaseSettings) -> ConfigureScope:
+def _slow(settings: PhaseSettings) -> steps.ConfigureScope:
     """Return the time base that shows whole turns of the sense signal against the drive."""
     seconds_a_division = one_two_five(_TURNS / settings.difference_hz / 10.0)
-    return ConfigureScope(seconds_a_division, settings.station.channel_of("drive"))
+    return steps.ConfigureScope(seconds_a_division, settings.station.channel_of("drive"))
 
 
 def _amplitudes_driven(settings: PhaseSettings) -> Routine[_Amplitudes]:
     """Find the largest amplitudes of drive, carrier and sense signal: all states are seen at one scale."""
-    yield Note("The largest signals of all states, which set the scales")
+    yield steps.Note("The largest signals of all states, which set the scales")
     yield _fast(settings)
     shown_v, previous_deg_s = (0.0, 0.0, 0.0), 0.0
     for rate_deg_s, v_vc_v in _states(settings, (1.0, -1.0)):
@@ -107,14 +91,14 @@ def _amplitudes_driven(settings: PhaseSettings) -> Routine[_Amplitudes]:
 def _drive_hz(settings: PhaseSettings, drive_v: float) -> Routine[float]:
     """Measure the drive frequency: V_Vc shall have twice that and a little."""
     drive, channel = settings.drive, settings.station.channel_of("drive")
-    expected = SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
-    found = answer((yield CaptureSines((channel,), (drive_v,), settings.records, expected)), SineRecords)
+    expected = steps.SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
+    found = answer((yield steps.CaptureSines((channel,), (drive_v,), settings.records, expected)), steps.SineRecords)
     return fmean(each.frequency_hz for each in found.records)
 
 
 def _amplitudes_turning(settings: PhaseSettings, drive_hz: float) -> Routine[_Amplitudes]:
     """Find the largest amplitudes of drive, sense signal and output under both sines."""
-    yield Note("The largest signals under the sines beside twice the drive frequency")
+    yield steps.Note("The largest signals under the sines beside twice the drive frequency")
     yield _slow(settings)
     shown_v = (0.0, 0.0, 0.0)
     for sign in (1.0, -1.0):
@@ -126,7 +110,7 @@ def _amplitudes_turning(settings: PhaseSettings, drive_hz: float) -> Routine[_Am
 
 def _larger(channels: tuple[int, int, int], before_v: _Amplitudes) -> Routine[_Amplitudes]:
     """Look how large three channels are, and return the larger of that and of the amplitudes before."""
-    found = answer((yield FindAmplitudes(channels, _LARGEST_V, 1.0)), Amplitudes)
+    found = answer((yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes)
     first, second, third = map(max, before_v, found.amplitudes_v)
     return first, second, third
 
@@ -138,8 +122,8 @@ def _channels(settings: PhaseSettings, second: Node, third: Node) -> tuple[int, 
 
 def _turn(settings: PhaseSettings, sign: float, drive_hz: float) -> Routine[None]:
     """Have V_Vc turn the sense signal against the drive; how fast it does, the records tell."""
-    yield SetSine(2.0 * drive_hz + sign * settings.difference_hz, settings.sine_amplitude_v)
-    yield Settle(settings.settle_s, "gyro settles after the change of frequency")
+    yield steps.SetSine(2.0 * drive_hz + sign * settings.difference_hz, settings.sine_amplitude_v)
+    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
 
 
 def _states(settings: PhaseSettings, signs: tuple[float, float]) -> list[tuple[float, float]]:
@@ -149,13 +133,13 @@ def _states(settings: PhaseSettings, signs: tuple[float, float]) -> list[tuple[f
 
 
 def _go(settings: PhaseSettings, rate_deg_s: float, v_vc_v: float, previous_deg_s: float) -> Routine[None]:
-    yield SetVvc(v_vc_v)
+    yield steps.SetVvc(v_vc_v)
     yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
 
 
 def _static(
     settings: PhaseSettings, signs: tuple[float, float], shown_v: _Amplitudes
-) -> Routine[list[tuple[CaptureSense, SineRecords]]]:
+) -> Routine[list[tuple[CaptureSense, steps.SineRecords]]]:
     """Take the records of a cycle's states, table and V_Vc at rest afterwards."""
     yield _fast(settings, shown_v[0])
     channels, drive = _channels(settings, "carrier", "sense"), settings.drive
@@ -164,9 +148,9 @@ def _static(
     for rate_deg_s, v_vc_v in _states(settings, signs):
         yield from _go(settings, rate_deg_s, v_vc_v, previous_deg_s)
         sense_deg = math.copysign(90.0, rate_deg_s + v_vc_v)
-        expected = SineRecord(fmean(drive.frequency_hz), (*levels_v, 1.0), (0.0, -90.0, sense_deg))
+        expected = steps.SineRecord(fmean(drive.frequency_hz), (*levels_v, 1.0), (0.0, -90.0, sense_deg))
         step = CaptureSense(channels, shown_v, settings.records, expected, _SPACING_S, rate_deg_s, v_vc_v)
-        taken.append((step, answer((yield step), SineRecords)))
+        taken.append((step, answer((yield step), steps.SineRecords)))
         previous_deg_s = rate_deg_s
     yield from _go(settings, 0.0, 0.0, previous_deg_s)
     return taken
@@ -174,16 +158,16 @@ def _static(
 
 def _rotations(
     settings: PhaseSettings, signs: tuple[float, float], shown_v: _Amplitudes, drive_hz: float
-) -> Routine[list[RotationRecord]]:
+) -> Routine[list[steps.RotationRecord]]:
     """Take the records of a cycle's sines."""
     yield _slow(settings)
     channels = _channels(settings, "sense", "output")
-    taken: list[RotationRecord] = []
+    taken: list[steps.RotationRecord] = []
     for sign in signs:
         yield from _turn(settings, sign, drive_hz)
         offset_hz, count = sign * settings.difference_hz, settings.rotation_records
-        step = CaptureRotations(channels, shown_v, count, _ROTATION_POINTS, offset_hz, drive_hz)
-        taken += answer((yield step), Rotations).records
+        step = steps.CaptureRotations(channels, shown_v, count, _ROTATION_POINTS, offset_hz, drive_hz)
+        taken += answer((yield step), steps.Rotations).records
     yield from v_vc_level_again()
     return taken
 

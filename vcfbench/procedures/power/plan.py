@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from msgspec import structs
 
+from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
@@ -19,33 +20,11 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.power.results import RailDraw, RailsDrawn, RailsLogged, power_report, power_results
 from vcfbench.procedures.power.settings import Order, PowerSettings
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
-from vcfbench.procedures.shared.routines import (
-    go_to_rate,
-    held_at_rest,
-    look_at_drive,
-    off_afterwards,
-    rails_of,
-    set_v_vc,
-    source_off,
-    take,
-    v_vc_on,
-)
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
-from vcfbench.steps import (
-    CheckRails,
-    ConfigureMeter,
-    ConfigureRail,
-    DisableSupply,
-    DisableVvc,
-    EnableSupply,
-    Note,
-    Outcome,
-    Plan,
-    Settle,
-)
 from vcfbench.steps.step import Effect, Reading, Step
 
 if TYPE_CHECKING:
@@ -59,10 +38,10 @@ _ROUND_S = 0.05
 """The least time from one round of readings to the next; most supplies need more for their currents."""
 
 
-class SuppliedAndLogged(EnableSupply, frozen=True):
+class SuppliedAndLogged(steps.EnableSupply, frozen=True):
     """Switch the supply on; from then on currents and output are read as fast as they come, for `seconds`."""
 
-    rails: tuple[ConfigureRail, ...]
+    rails: tuple[steps.ConfigureRail, ...]
     seconds: float
 
     def describe(self) -> str:
@@ -85,15 +64,15 @@ class SuppliedAndLogged(EnableSupply, frozen=True):
         return _predicted(self.rails, self.seconds, gyro)
 
 
-class RailOnAndLog(ConfigureRail, frozen=True):
+class RailOnAndLog(steps.ConfigureRail, frozen=True):
     """Set a rail to its level while the outputs are on, and log as :class:`SuppliedAndLogged` does."""
 
-    rails: tuple[ConfigureRail, ...]
+    rails: tuple[steps.ConfigureRail, ...]
     seconds: float
 
     def describe(self) -> str:
         """Describe the action."""
-        return f"{ConfigureRail.describe(self)}; currents and output as fast as they come for {self.seconds:g} s"
+        return f"{steps.ConfigureRail.describe(self)}; currents and output as fast as they come for {self.seconds:g} s"
 
     @property
     def physical_s(self) -> float:
@@ -103,7 +82,7 @@ class RailOnAndLog(ConfigureRail, frozen=True):
     def perform(self, context: Context) -> Any:
         """Set the level and read."""
         begun_s = context.bench.clock.now()
-        ConfigureRail.perform(self, context)
+        steps.ConfigureRail.perform(self, context)
         return _log(context, self.rails, begun_s, self.seconds)
 
     def predict(self, gyro: LinearGyro) -> Any:
@@ -111,7 +90,7 @@ class RailOnAndLog(ConfigureRail, frozen=True):
         return _predicted(self.rails, self.seconds, gyro)
 
 
-def _log(context: Context, rails: tuple[ConfigureRail, ...], begun_s: float, seconds: float) -> RailsLogged:
+def _log(context: Context, rails: tuple[steps.ConfigureRail, ...], begun_s: float, seconds: float) -> RailsLogged:
     clock, power, meter = context.bench.clock, context.bench.power, context.bench.multimeter
     drawn, outputs = [], []
     while (round_s := clock.now()) < begun_s + seconds:
@@ -123,7 +102,7 @@ def _log(context: Context, rails: tuple[ConfigureRail, ...], begun_s: float, sec
     return RailsLogged(begun_s, tuple(drawn), tuple(outputs))
 
 
-def _predicted(rails: tuple[ConfigureRail, ...], seconds: float, gyro: LinearGyro) -> RailsLogged:
+def _predicted(rails: tuple[steps.ConfigureRail, ...], seconds: float, gyro: LinearGyro) -> RailsLogged:
     times = [number * _ROUND_S for number in range(max(8, int(seconds / _ROUND_S)))]
     drawn = tuple(RailDraw(t_s, rail.output, None, 0.0) for t_s in times for rail in rails)
     return RailsLogged(0.0, drawn, tuple(Reading(t_s, gyro.output_v(0.0)) for t_s in times))
@@ -136,7 +115,7 @@ class MeasureRails(Step):
     effect: ClassVar[Effect] = Effect.MEASURES
     subject: ClassVar[str] = "rails"
 
-    rails: tuple[ConfigureRail, ...]
+    rails: tuple[steps.ConfigureRail, ...]
     samples: int
     interval_s: float
 
@@ -168,35 +147,35 @@ class MeasureRails(Step):
         return RailsDrawn(tuple(drawn))
 
 
-def plan(settings: PowerSettings) -> Plan:
+def plan(settings: PowerSettings) -> steps.Plan:
     """Log power-on, read the steady currents, and move the rails."""
     yield from read_scale_factor(settings)
-    return (yield from off_afterwards(settings, held_at_rest(settings, _tested(settings))))
+    return (yield from routines.off_afterwards(settings, routines.held_at_rest(settings, _tested(settings))))
 
 
-def _tested(settings: PowerSettings) -> Routine[Outcome]:
-    yield ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)
-    yield from source_off(settings)
+def _tested(settings: PowerSettings) -> Routine[steps.Outcome]:
+    yield steps.ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)
+    yield from routines.source_off(settings)
     for number, order in enumerate(settings.orders):
         yield from _powered_on(settings, order)
         if number + 1 < len(settings.orders):
-            yield DisableSupply()
-            yield Settle(settings.off_s, "rails and drive come to rest")
-    rails = rails_of(settings)
-    yield Settle(settings.start_up_s, "warm-up")
-    yield CheckRails(rails, settings.rail_tolerance_v)
-    yield from look_at_drive(settings)
-    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    yield Note("Steady currents")
+            yield steps.DisableSupply()
+            yield steps.Settle(settings.off_s, "rails and drive come to rest")
+    rails = routines.rails_of(settings)
+    yield steps.Settle(settings.start_up_s, "warm-up")
+    yield steps.CheckRails(rails, settings.rail_tolerance_v)
+    yield from routines.look_at_drive(settings)
+    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield steps.Note("Steady currents")
     yield MeasureRails(rails, settings.samples, settings.sample_interval_s)
     yield from watched(settings, _moved(settings))
-    return Outcome(f"power-on in {len(settings.orders)} orders, {len(settings.rails_varied)} rails moved")
+    return steps.Outcome(f"power-on in {len(settings.orders)} orders, {len(settings.rails_varied)} rails moved")
 
 
 def _moved(settings: PowerSettings) -> Routine[None]:
     for which in settings.rails_varied:
         for cycle in range(settings.cycles):
-            yield Note(f"Rails moved: {which}, {settings.rail_step_v:g} V either way, cycle {cycle + 1}")
+            yield steps.Note(f"Rails moved: {which}, {settings.rail_step_v:g} V either way, cycle {cycle + 1}")
             for sign in CHOPPED:
                 yield from _at_rails(settings.moved(which, sign * settings.rail_step_v))
     yield from _set_rails(settings)
@@ -204,8 +183,8 @@ def _moved(settings: PowerSettings) -> Routine[None]:
 
 def _powered_on(settings: PowerSettings, order: Order) -> Routine[None]:
     """Switch on and log; the rail that comes second is at 0 V first."""
-    yield Note(f"Power-on: {'both rails together' if order == 'together' else f'{order} rail first'}")
-    rails = rails_of(settings)
+    yield steps.Note(f"Power-on: {'both rails together' if order == 'together' else f'{order} rail first'}")
+    rails = routines.rails_of(settings)
     second = [rail for rail in rails if order not in {"together", rail.rail}]
     for rail in rails:
         yield structs.replace(rail, voltage_v=0.0) if rail in second else rail
@@ -215,9 +194,9 @@ def _powered_on(settings: PowerSettings, order: Order) -> Routine[None]:
 
 
 def _set_rails(settings: PowerSettings) -> Routine[None]:
-    for rail in rails_of(settings):  # noqa: UP028  # a tuple cannot be sent results
+    for rail in routines.rails_of(settings):  # noqa: UP028  # a tuple cannot be sent results
         yield rail
-    yield Settle(settings.settle_s, "gyro settles after the step of the rails")
+    yield steps.Settle(settings.settle_s, "gyro settles after the step of the rails")
 
 
 def _at_rails(settings: PowerSettings) -> Routine[None]:
@@ -225,22 +204,26 @@ def _at_rails(settings: PowerSettings) -> Routine[None]:
     yield from _set_rails(settings)
     held = settings.station.limits.max_rate_deg_s is not None
     table_deg_s = 0.0 if held else None
-    points = [(yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=table_deg_s))]
+    points = [(yield from routines.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=table_deg_s))]
     level = settings.level_deg_s
     if settings.by is ScaleFactorBy.TABLE:
         for rate_deg_s, previous_deg_s in ((level, 0.0), (-level, level)):
-            yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-            points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
-        yield from go_to_rate(settings, 0.0, previous_deg_s=-level)
+            yield from routines.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+            points.append(
+                (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s))
+            )
+        yield from routines.go_to_rate(settings, 0.0, previous_deg_s=-level)
         require_answer(settings, points)
         return
-    yield from v_vc_on()
+    yield from routines.v_vc_on()
     for rate_deg_s, wanted_v in ((level, settings.level_v), (-level, -settings.level_v)):
-        v_vc_v = yield from set_v_vc(settings, wanted_v)
-        points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s)))
+        v_vc_v = yield from routines.set_v_vc(settings, wanted_v)
+        points.append(
+            (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
+        )
     require_answer(settings, points)
-    yield DisableVvc()
-    yield Settle(settings.settle_s, "gyro settles, generator off")
+    yield steps.DisableVvc()
+    yield steps.Settle(settings.settle_s, "gyro settles, generator off")
 
 
 def power_characteristics(settings: PowerSettings, found: PowerResult) -> Characteristics | None:

@@ -16,13 +16,7 @@ from vcfbench.procedures.health.by_meter import compared_amplitudes, same_oscill
 from vcfbench.procedures.health.plan import examined
 from vcfbench.procedures.health.way import way_of
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.self_calibration.results import (
-    AT_REST,
-    DRIVEN,
-    entry_of,
-    self_calibration_report,
-    self_calibration_results,
-)
+from vcfbench.procedures.self_calibration import results
 from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
 from vcfbench.procedures.shared.known.device import level_for
 from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
@@ -75,7 +69,7 @@ def _amplitudes_wanted(settings: SelfCalibrationSettings) -> bool:
 
 def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:
     yield Settle(settings.settle_s, "gyro settles, generator off")
-    yield from take(settings, AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
+    yield from take(settings, results.AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
 
 
 def _block(settings: SelfCalibrationSettings, rate_deg_s: float, levels_v: dict[float, float]) -> Routine[None]:
@@ -86,7 +80,7 @@ def _block(settings: SelfCalibrationSettings, rate_deg_s: float, levels_v: dict[
         level_v = levels_v[signed]
         if level_v != previous_v:
             levels_v[signed] = level_v = yield from set_v_vc(settings, level_v)
-        yield from take_level(settings, DRIVEN, rate_deg_s=signed, v_vc_v=level_v, table_deg_s=None)
+        yield from take_level(settings, results.DRIVEN, rate_deg_s=signed, v_vc_v=level_v, table_deg_s=None)
         previous_v = level_v
 
 
@@ -100,9 +94,9 @@ SELF_CALIBRATION = Procedure(
     ),
     settings=SelfCalibrationSettings,
     plan=self_calibration,
-    results=self_calibration_results,
-    report=self_calibration_report,
-    entry=entry_of,
+    results=results.self_calibration_results,
+    report=results.self_calibration_report,
+    entry=results.entry_of,
     needs={"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "v_vc_meter": ReadsVoltage},
 )

@@ -11,24 +11,9 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct
 
+from vcfbench import steps
 from vcfbench.procedures.shared.routines import window_of
 from vcfbench.procedures.shared.steady.walk import Limits, sigmas
-from vcfbench.steps import (
-    Acquire,
-    AwaitRate,
-    ConfigureMeter,
-    DisableTable,
-    DisableVibration,
-    DisableVvc,
-    EnableSupply,
-    EnableTable,
-    EnableVibration,
-    EnableVvc,
-    SetRate,
-    Settle,
-    VerifyZero,
-    Window,
-)
 from vcfbench.steps.executor import Moved
 from vcfbench.steps.replay import set_again
 from vcfbench.steps.step import Effect, answer
@@ -42,8 +27,8 @@ if TYPE_CHECKING:
 
 _AT_REST: Final = frozenset(
     {
-        *(EnableTable.subject, SetRate.subject),
-        *("generator", DisableVvc.subject, "V_Vc", DisableVibration.subject, "virtual vibration"),
+        *(steps.EnableTable.subject, steps.SetRate.subject),
+        *("generator", steps.DisableVvc.subject, "V_Vc", steps.DisableVibration.subject, "virtual vibration"),
         *("multimeter", "V_Vc meter", "oscilloscope"),
     }
 )
@@ -58,38 +43,43 @@ class AroundPause(Struct, frozen=True):
     settings: ProcedureSettings
     drifts: bool = False
 
-    def to_rest(self, done: Sequence[Step]) -> Routine[Window | None]:
+    def to_rest(self, done: Sequence[Step]) -> Routine[steps.Window | None]:
         """Bring the bench to rest after the steps `done`, and read the output, where something was measured before."""
         settings = self.settings
-        if _last(done, EnableVvc, DisableVvc, subject=DisableVvc.subject) is EnableVvc:
-            yield DisableVvc()
-        if _last(done, EnableVibration, DisableVibration, subject=DisableVibration.subject) is EnableVibration:
-            yield DisableVibration()
-        turns = next((step for step in reversed(done) if SetRate.subject in step.sets), None)
-        if isinstance(turns, SetRate) and turns.rate_deg_s:
-            stop = SetRate(0.0, turns.acceleration_deg_s2, turns.rate_deg_s)
+        if _last(done, steps.EnableVvc, steps.DisableVvc, subject=steps.DisableVvc.subject) is steps.EnableVvc:
+            yield steps.DisableVvc()
+        if (
+            _last(done, steps.EnableVibration, steps.DisableVibration, subject=steps.DisableVibration.subject)
+            is steps.EnableVibration
+        ):
+            yield steps.DisableVibration()
+        turns = next((step for step in reversed(done) if steps.SetRate.subject in step.sets), None)
+        if isinstance(turns, steps.SetRate) and turns.rate_deg_s:
+            stop = steps.SetRate(0.0, turns.acceleration_deg_s2, turns.rate_deg_s)
             yield stop
             deadline_s = 2.0 * stop.ramp_s + settings.rate_deadline_s
-            yield AwaitRate(0.0, stop.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
+            yield steps.AwaitRate(0.0, stop.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
         return (yield from self.looked_at(done)) if _is_comparable(done) else None
 
-    def looked_at(self, done: Sequence[Step]) -> Routine[Window]:
+    def looked_at(self, done: Sequence[Step]) -> Routine[steps.Window]:
         """Read the output at rest, V_Vc off."""
         settings = self.settings
-        yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-        yield Settle(settings.settle_s, "gyro settles, table at rest")
-        held = _last(done, EnableTable, DisableTable, subject=EnableTable.subject) is EnableTable
-        rails = next((step.rails for step in reversed(done) if isinstance(step, Acquire)), ())
+        yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+        yield steps.Settle(settings.settle_s, "gyro settles, table at rest")
+        held = (
+            _last(done, steps.EnableTable, steps.DisableTable, subject=steps.EnableTable.subject) is steps.EnableTable
+        )
+        rails = next((step.rails for step in reversed(done) if isinstance(step, steps.Acquire)), ())
         window = {**window_of(settings), "rails": rails, "samples": _WINDOWS * settings.samples, "noise_v": None}
-        return answer((yield VerifyZero(0, 0.0, 0.0, 0.0 if held else None, **window)), Window)
+        return answer((yield steps.VerifyZero(0, 0.0, 0.0, 0.0 if held else None, **window)), steps.Window)
 
     def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
         """Set again all that was `disturbed` by the pause, and wait as after a setting."""
         yield from set_again(done, disturbed)
         if disturbed - {"multimeter"}:
-            yield Settle(self.settings.settle_s, "gyro settles as it did before the pause")
+            yield steps.Settle(self.settings.settle_s, "gyro settles as it did before the pause")
 
-    def moved(self, done: Sequence[Step], before: Window, after: Window) -> Moved:
+    def moved(self, done: Sequence[Step], before: steps.Window, after: steps.Window) -> Moved:
         """Return the shift of the output from `before` to `after`, and the limit of its noise and drift."""
         settings, limits = self.settings, Limits.of(self.settings)
         one, other = before.point, after.point
@@ -127,6 +117,6 @@ def _powered(done: Sequence[Step]) -> int:
     """Return how many of `done` come before the supply is on; 0 where it is off."""
     on = 0
     for place, step in enumerate(done, 1):
-        if EnableSupply.subject in step.sets:
-            on = place if isinstance(step, EnableSupply) else 0
+        if steps.EnableSupply.subject in step.sets:
+            on = place if isinstance(step, steps.EnableSupply) else 0
     return on

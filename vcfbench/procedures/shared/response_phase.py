@@ -10,18 +10,9 @@ from dataclasses import dataclass
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
+from vcfbench import steps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.reports.document import Axis, Column, Figure, Series, Table
-from vcfbench.steps import (
-    CaptureSines,
-    ConfigureScope,
-    Note,
-    SetSine,
-    Settle,
-    SineRecord,
-    SineRecords,
-    SineResponse,
-)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -58,21 +49,21 @@ def phase_channels(settings: ProcedureSettings) -> tuple[int, int] | None:
 
 
 def phases_of(
-    settings: ProcedureSettings, amplitude_v: float, found: Sequence[tuple[float, SineResponse]]
+    settings: ProcedureSettings, amplitude_v: float, found: Sequence[tuple[float, steps.SineResponse]]
 ) -> Routine[None]:
     """Capture V_Vc and output at each frequency; the meter's samples `found` there tell the output's size."""
     channels = phase_channels(settings)
     if channels is None:
         return
-    yield Note("V_Vc and output on the oscilloscope: the phase between them")
+    yield steps.Note("V_Vc and output on the oscilloscope: the phase between them")
     for frequency_hz, response in sorted(found, key=lambda each: each[0]):
         largest_v = _ROOM * max(*map(abs, response.voltages_v), settings.meter_resolution_v)
         lasts_s = _PERIODS / frequency_hz
-        yield SetSine(frequency_hz, amplitude_v)
-        yield Settle(settings.settle_s, "gyro settles after the change of frequency")
-        yield ConfigureScope(lasts_s / _DIVISIONS_WIDE, channels[0])
-        expected = SineRecord(frequency_hz, (amplitude_v, largest_v), (0.0, 0.0))
-        yield CaptureSines(channels, (_ROOM * amplitude_v, largest_v), RECORDS, expected, lasts_s)
+        yield steps.SetSine(frequency_hz, amplitude_v)
+        yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+        yield steps.ConfigureScope(lasts_s / _DIVISIONS_WIDE, channels[0])
+        expected = steps.SineRecord(frequency_hz, (amplitude_v, largest_v), (0.0, 0.0))
+        yield steps.CaptureSines(channels, (_ROOM * amplitude_v, largest_v), RECORDS, expected, lasts_s)
 
 
 def measured_phases(
@@ -86,8 +77,8 @@ def measured_phases(
     channels = phase_channels(settings)
     points: list[PhasePoint] = []
     at_rest_deg = 0.0
-    for step, taken in measured.found(SineRecords):
-        if channels is None or taken.channels != channels or not isinstance(step, CaptureSines):
+    for step, taken in measured.found(steps.SineRecords):
+        if channels is None or taken.channels != channels or not isinstance(step, steps.CaptureSines):
             continue
         frequency_hz, seen = step.expected.frequency_hz, [each.phases_deg[1] for each in taken.records]
         if points:

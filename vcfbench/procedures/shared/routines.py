@@ -5,33 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.sweep.schedule import window_grid
-from vcfbench.steps import (
-    Acquire,
-    AwaitRate,
-    CheckRails,
-    ConfigureGenerator,
-    ConfigureMeter,
-    ConfigureRail,
-    DisableSupply,
-    DisableTable,
-    DisableVvc,
-    EnableSupply,
-    EnableTable,
-    EnableVvc,
-    LookAtOutput,
-    NotChecked,
-    Note,
-    Outcome,
-    OutputSeen,
-    SetRate,
-    Settle,
-    SetVvc,
-    VerifyZero,
-    VvcSetting,
-    Window,
-)
 from vcfbench.steps.drive_check import check_drive
 from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
 
@@ -52,9 +28,9 @@ _ANSWERS = 10.0
 
 def power_up(settings: ProcedureSettings) -> Routine[None]:
     """Set up meter and generator, then switch the rails on; V_Vc is off before the PCB gets power."""
-    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    yield DisableVvc()
-    yield ConfigureGenerator(0.0)
+    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield steps.DisableVvc()
+    yield steps.ConfigureGenerator(0.0)
     yield from rails_on(settings)
 
 
@@ -63,56 +39,58 @@ def rails_on(settings: ProcedureSettings) -> Routine[None]:
     rails = rails_of(settings)
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
         yield rail
-    yield EnableSupply()
-    yield Settle(settings.start_up_s, "rails up, drive loop starts")
-    yield CheckRails(rails, settings.rail_tolerance_v)
+    yield steps.EnableSupply()
+    yield steps.Settle(settings.start_up_s, "rails up, drive loop starts")
+    yield steps.CheckRails(rails, settings.rail_tolerance_v)
 
 
-def rails_of(settings: ProcedureSettings) -> tuple[ConfigureRail, ...]:
+def rails_of(settings: ProcedureSettings) -> tuple[steps.ConfigureRail, ...]:
     """Return the setting of each rail."""
-    return tuple(ConfigureRail(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a) for rail in settings.rails)
+    return tuple(
+        steps.ConfigureRail(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a) for rail in settings.rails
+    )
 
 
 def look_at_drive(settings: ProcedureSettings) -> Routine[None]:
     """Check the drive signal where the bench has an oscilloscope; where it has none, wait, and have the run say so."""
     if settings.station.oscilloscope is None:
-        yield NotChecked("the drive signal", "the bench has no oscilloscope")
-        yield Settle(settings.drive.start_up_s, "drive loop starts, unseen")
+        yield steps.NotChecked("the drive signal", "the bench has no oscilloscope")
+        yield steps.Settle(settings.drive.start_up_s, "drive loop starts, unseen")
     else:
         yield from check_drive(settings)
 
 
 def ramp_to(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
     """Ramp the table and wait until it is at its rate."""
-    ramp = SetRate(rate_deg_s, settings.acceleration_deg_s2, previous_deg_s)
+    ramp = steps.SetRate(rate_deg_s, settings.acceleration_deg_s2, previous_deg_s)
     yield ramp
     deadline_s = 2.0 * ramp.ramp_s + settings.rate_deadline_s
-    yield AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
+    yield steps.AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
 
 
 def go_to_rate(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
     """Ramp the table, wait until it is at its rate, then let the gyro settle."""
     yield from ramp_to(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-    yield Settle(settings.settle_s, "gyro settles after the rate step")
+    yield steps.Settle(settings.settle_s, "gyro settles after the rate step")
 
 
 def v_vc_on() -> Routine[None]:
     """Set 0 V and only then close the generator's relay."""
-    yield SetVvc(0.0)
-    yield EnableVvc()
+    yield steps.SetVvc(0.0)
+    yield steps.EnableVvc()
 
 
 def v_vc_level_again() -> Routine[None]:
     """Have V_Vc be a level of 0 V again after it was a sine."""
-    yield DisableVvc()
-    yield ConfigureGenerator(0.0)
+    yield steps.DisableVvc()
+    yield steps.ConfigureGenerator(0.0)
     yield from v_vc_on()
 
 
 def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:
     """Set V_Vc and let the gyro settle; return the level read back, V."""
-    setting = answer((yield SetVvc(v_vc_v)), VvcSetting)
-    yield Settle(settings.settle_s, "gyro settles after the V_Vc step")
+    setting = answer((yield steps.SetVvc(v_vc_v)), steps.VvcSetting)
+    yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
     return setting.v_vc_v
 
 
@@ -122,14 +100,14 @@ def take(
     """Average one window and return its point; `table_deg_s` is the table's due readback, None asks no table."""
     grid = window_grid(settings, table_deg_s or 0.0)
     window = {**window_of(settings), "samples": grid.samples, "interval_s": grid.interval_s}
-    acquire = Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window)
-    return answer((yield acquire), Window).point
+    acquire = steps.Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window)
+    return answer((yield acquire), steps.Window).point
 
 
 def take_reference(settings: ProcedureSettings, step: int, v_vc_v: float = 0.0) -> Routine[Point]:
     """Average one window at rest, V_Vc as it is, and return its mean, which is for comparison and no point."""
-    verify = VerifyZero(step, 0.0, v_vc_v, 0.0, **window_of(settings))
-    return answer((yield verify), Window).point
+    verify = steps.VerifyZero(step, 0.0, v_vc_v, 0.0, **window_of(settings))
+    return answer((yield verify), steps.Window).point
 
 
 def require_alive(settings: ProcedureSettings, point: Point) -> None:
@@ -163,22 +141,22 @@ def require_answer(settings: ProcedureSettings) -> Routine[None]:
     """
     limits = settings.station.limits
     if limits.max_rate_deg_s is None and limits.max_v_vc_v is None:
-        yield NotChecked("whether the output answers", "the bench has neither table nor generator")
+        yield steps.NotChecked("whether the output answers", "the bench has neither table nor generator")
         return
-    yield Note("Does the output answer?")
-    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    at_rest = answer((yield LookAtOutput(_LOOKS)), OutputSeen)
+    yield steps.Note("Does the output answer?")
+    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    at_rest = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)
     if limits.max_rate_deg_s is not None:
         rate_deg_s = min(_SLOW_DEG_S, limits.max_rate_deg_s)
         yield from go_to_rate(settings, rate_deg_s, previous_deg_s=0.0)
-        moved = answer((yield LookAtOutput(_LOOKS, rate_deg_s)), OutputSeen)
+        moved = answer((yield steps.LookAtOutput(_LOOKS, rate_deg_s)), steps.OutputSeen)
         what, aside = f"a rate of {rate_deg_s:g} deg/s", ""
     else:
         v_vc_v = min(_SMALL_V, limits.max_v_vc_v or _SMALL_V)
         yield from v_vc_on()
         yield from set_v_vc(settings, v_vc_v)
-        moved = answer((yield LookAtOutput(_LOOKS)), OutputSeen)
-        yield DisableVvc()
+        moved = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)
+        yield steps.DisableVvc()
         what, aside = f"V_Vc of {v_vc_v:g} V", "the generator's lead to V_Vc, the carrier, "
     u_v = math.sqrt((at_rest.variance_v2 + moved.variance_v2 + settings.meter_resolution_v**2) / _LOOKS)
     if abs(moved.mean_v - at_rest.mean_v) < _ANSWERS * u_v:
@@ -221,7 +199,7 @@ def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     it, whatever becomes of these steps.
     """
     try:
-        yield Note("Start-up")
+        yield steps.Note("Start-up")
         yield from power_up(settings)
         return (yield from work)
     finally:
@@ -230,54 +208,54 @@ def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
 
 def under_servo(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     """Do `work` with the table under servo; whatever happens, bring it to rest and open the servo."""
-    yield EnableTable()
+    yield steps.EnableTable()
     try:
         return (yield from work)
     finally:
-        yield Note("Shut down")
+        yield steps.Note("Shut down")
         yield from table_to_rest(settings)
-        yield DisableTable()
+        yield steps.DisableTable()
 
 
 def table_to_rest(settings: ProcedureSettings) -> Routine[None]:
     """Demand zero from whatever rate the table has, and see it come to rest."""
-    yield SetRate(0.0, settings.acceleration_deg_s2, 0.0)
+    yield steps.SetRate(0.0, settings.acceleration_deg_s2, 0.0)
     deadline_s = 2.0 * settings.fastest_deg_s / settings.acceleration_deg_s2 + settings.rate_deadline_s
-    yield AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
+    yield steps.AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
 
 
 def power_down() -> Routine[None]:
     """Switch off the stimulus, then the power."""
     try:
-        yield DisableVvc()
+        yield steps.DisableVvc()
     finally:
-        yield DisableSupply()
+        yield steps.DisableSupply()
 
 
 def source_off(settings: ProcedureSettings) -> Routine[None]:
     """Switch V_Vc off and set it to 0 V, where the bench has a generator."""
     if _has_source(settings):
-        yield DisableVvc()
-        yield ConfigureGenerator(0.0)
+        yield steps.DisableVvc()
+        yield steps.ConfigureGenerator(0.0)
 
 
 def _has_source(settings: ProcedureSettings) -> bool:
     return settings.station.limits.max_v_vc_v is not None
 
 
-def held_at_rest(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+def held_at_rest(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
     """Do `work` with the table held at rest under servo, where the bench has one."""
     held = settings.station.limits.max_rate_deg_s is not None
     return (yield from (under_servo(settings, work) if held else work))
 
 
-def off_afterwards(settings: ProcedureSettings, work: Routine[Outcome]) -> Routine[Outcome]:
+def off_afterwards(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
     """Do `work`; whatever happens, generator (where there is one) and supply are off afterwards."""
     try:
         return (yield from work)
     finally:
         try:
             if _has_source(settings):
-                yield DisableVvc()
+                yield steps.DisableVvc()
         finally:
-            yield DisableSupply()
+            yield steps.DisableSupply()

@@ -12,6 +12,7 @@ from itertools import pairwise
 from statistics import fmean
 from typing import TYPE_CHECKING
 
+from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import (
@@ -25,40 +26,13 @@ from vcfbench.interfaces import (
 from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
-from vcfbench.procedures.shared.routines import (
-    energised,
-    go_to_rate,
-    look_at_drive,
-    set_v_vc,
-    take,
-    under_servo,
-    v_vc_on,
-    window_of,
-)
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
-from vcfbench.steps import (
-    Acquire,
-    AwaitTemperature,
-    CaptureSines,
-    ConfigureGenerator,
-    ConfigureMeter,
-    DisableVvc,
-    NotChecked,
-    Outcome,
-    Plan,
-    SetTemperature,
-    Settle,
-    SineRecord,
-    StopFlow,
-    TemperatureReading,
-    Window,
-    set_air_by_hand,
-)
 from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
@@ -74,33 +48,33 @@ _DRIVE_RECORDS = 8
 _SIGMAS = 3.0
 
 
-def plan(settings: TemperatureSettings) -> Plan:
+def plan(settings: TemperatureSettings) -> steps.Plan:
     """Go to each temperature, soak, measure; whatever happens, the air is off afterwards."""
     yield from read_scale_factor(settings)
-    return (yield from energised(settings, _with_drive(settings)))
+    return (yield from routines.energised(settings, _with_drive(settings)))
 
 
-def _with_drive(settings: TemperatureSettings) -> Routine[Outcome]:
-    yield from look_at_drive(settings)
+def _with_drive(settings: TemperatureSettings) -> Routine[steps.Outcome]:
+    yield from routines.look_at_drive(settings)
     if not settings.split:
-        yield NotChecked("the mode split", "not measured here; --set split=true does, at each temperature")
+        yield steps.NotChecked("the mode split", "not measured here; --set split=true does, at each temperature")
     work = _in_chamber(settings)
     held = settings.station.limits.max_rate_deg_s is not None
-    return (yield from (under_servo(settings, work) if held else work))
+    return (yield from (routines.under_servo(settings, work) if held else work))
 
 
-def _in_chamber(settings: TemperatureSettings) -> Routine[Outcome]:
+def _in_chamber(settings: TemperatureSettings) -> Routine[steps.Outcome]:
     if settings.chamber is None:
         outcome = yield from _over_temperature(settings)
-        yield set_air_by_hand(settings.room_c, settings.chamber_takes_s)
+        yield steps.set_air_by_hand(settings.room_c, settings.chamber_takes_s)
         return outcome
     try:
         return (yield from _over_temperature(settings))
     finally:
-        yield StopFlow()
+        yield steps.StopFlow()
 
 
-def _over_temperature(settings: TemperatureSettings) -> Routine[Outcome]:
+def _over_temperature(settings: TemperatureSettings) -> Routine[steps.Outcome]:
     previous_c = settings.room_c
     for temperature_c, direction in zip(settings.temperatures_c, directions(settings.temperatures_c), strict=True):
         yield AtTemperature(temperature_c, direction)
@@ -110,17 +84,17 @@ def _over_temperature(settings: TemperatureSettings) -> Routine[Outcome]:
         yield from watched(settings, _chopped(settings))
         if settings.station.oscilloscope is not None:
             drive = settings.drive
-            expected = SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
-            yield CaptureSines(
+            expected = steps.SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
+            yield steps.CaptureSines(
                 (settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected
             )
         if settings.split:
             yield from sweep(settings.sweep)
-            yield DisableVvc()
-            yield ConfigureGenerator(0.0)
-            yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+            yield steps.DisableVvc()
+            yield steps.ConfigureGenerator(0.0)
+            yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
         previous_c = temperature_c
-    return Outcome(f"{len(settings.temperatures_c)} temperatures")
+    return steps.Outcome(f"{len(settings.temperatures_c)} temperatures")
 
 
 def directions(temperatures_c: Sequence[float]) -> list[str]:
@@ -134,9 +108,9 @@ def directions(temperatures_c: Sequence[float]) -> list[str]:
 def _go_to(settings: TemperatureSettings, temperature_c: float, previous_c: float) -> Routine[None]:
     """Have the air brought to a temperature."""
     if settings.chamber is None:
-        yield set_air_by_hand(temperature_c, settings.chamber_takes_s)
+        yield steps.set_air_by_hand(temperature_c, settings.chamber_takes_s)
         return
-    yield SetTemperature(temperature_c, settings.ramp_k_min, settings.window_k, 0.0)
+    yield steps.SetTemperature(temperature_c, settings.ramp_k_min, settings.window_k, 0.0)
     way_k = max(0.0, abs(temperature_c - previous_c) - settings.window_k)
     yield from _reached(settings, temperature_c, way_k / settings.ramp_k_min * 60.0)
 
@@ -145,20 +119,20 @@ def _reached(settings: TemperatureSettings, temperature_c: float, ramp_s: float 
     """See that the air is there, and read it."""
     if settings.chamber is not None:
         deadline_s = 2.0 * ramp_s + settings.chamber_takes_s
-        answer((yield AwaitTemperature(temperature_c, ramp_s, 0.0, deadline_s)), TemperatureReading)
+        answer((yield steps.AwaitTemperature(temperature_c, ramp_s, 0.0, deadline_s)), steps.TemperatureReading)
 
 
 def _soak(settings: TemperatureSettings) -> Routine[None]:
     """Wait, then take means at the level until three in a row move no more."""
-    yield Settle(settings.soak_s, "gyroscope takes the temperature")
+    yield steps.Settle(settings.soak_s, "gyroscope takes the temperature")
     yield from _level(settings, 1.0)
     samples = max(4, round(settings.soak_window_s / settings.sample_interval_s))
-    window = Acquire(
+    window = steps.Acquire(
         2,
         settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0,
         settings.level_v if settings.by is ScaleFactorBy.V_VC else 0.0,
         _table_deg_s(settings, 1.0),
-        **{**window_of(settings), "samples": samples},
+        **{**routines.window_of(settings), "samples": samples},
     )
     points: list[Point] = []
     while not stands_still(points[-STEADY_MEANS:], settings):
@@ -168,7 +142,7 @@ def _soak(settings: TemperatureSettings) -> Routine[None]:
                 instrument="multimeter",
                 hint="longest_soak_s is longer, or steady_ppm_min larger, for what takes its temperature slowly",
             )
-        points.append(answer((yield window), Window).point)
+        points.append(answer((yield window), steps.Window).point)
     yield from _level(settings, 0.0, previous=1.0)
 
 
@@ -189,15 +163,15 @@ def _level(settings: TemperatureSettings, sign: float, previous: float = 0.0) ->
     """Apply the level with this sign; at 0 V_Vc is off. Return V_Vc as it reads back, V."""
     if settings.by is ScaleFactorBy.TABLE:
         rate, before = sign * settings.level_deg_s, previous * settings.level_deg_s
-        yield from go_to_rate(settings, rate, previous_deg_s=before)
+        yield from routines.go_to_rate(settings, rate, previous_deg_s=before)
         return 0.0
     if sign == 0.0:
-        yield DisableVvc()
-        yield Settle(settings.settle_s, "gyro settles, generator off")
+        yield steps.DisableVvc()
+        yield steps.Settle(settings.settle_s, "gyro settles, generator off")
         return 0.0
     if previous == 0.0:
-        yield from v_vc_on()
-    return (yield from set_v_vc(settings, sign * settings.level_v))
+        yield from routines.v_vc_on()
+    return (yield from routines.set_v_vc(settings, sign * settings.level_v))
 
 
 def _table_deg_s(settings: TemperatureSettings, sign: float) -> float | None:
@@ -216,7 +190,9 @@ def _chopped(settings: TemperatureSettings) -> Routine[None]:
                 v_vc_v = yield from _level(settings, float(sign), previous)
             rate_deg_s = sign * settings.level_deg_s
             table_deg_s = _table_deg_s(settings, float(sign))
-            points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s)))
+            points.append(
+                (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
+            )
             previous = float(sign)
         require_answer(settings, points)
 

@@ -15,16 +15,8 @@ from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import PAPER_USES, Procedure
+from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.levels import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
-from vcfbench.procedures.shared.routines import (
-    go_to_rate,
-    powered,
-    ramp_to,
-    set_v_vc,
-    take,
-    take_reference,
-    v_vc_on,
-)
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.shared.sweep.agreement import (
     require_expected_column,
@@ -51,7 +43,7 @@ if TYPE_CHECKING:
 
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
     """Calibrate on the rate table and by the virtual Coriolis force, and compare."""
-    return (yield from powered(settings, watched(settings, _four_steps(settings))))
+    return (yield from routines.powered(settings, watched(settings, _four_steps(settings))))
 
 
 def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
@@ -105,12 +97,14 @@ def _table_reference(settings: VirtualCoriolisSettings) -> Routine[list[Point]]:
     for turning in _in_turn(settings.match_windows):
         rate_deg_s = settings.match_rate_deg_s if turning else 0.0
         if rate_deg_s != previous_deg_s:
-            yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-        points.append((yield from take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
+            yield from routines.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+        points.append(
+            (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s))
+        )
         if len(points) > 1:
             require_expected_column(points, settings.expected)
         previous_deg_s = rate_deg_s
-    yield from ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
+    yield from routines.ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
     return points
 
 
@@ -119,13 +113,13 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
 
     Returns the points with the generator on, the zero first, then that of the V_Vc that was found, and K_Vc.
     """
-    yield from v_vc_on()
+    yield from routines.v_vc_on()
     yield Settle(settings.settle_s, "gyro settles after the generator came on")
     points = [(yield from _take_virtual(settings, 0.0))]
     require_same_zero(table[0], points[0], table[1])
     v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess_deg_s_per_v
     for number in range(settings.match_iterations):
-        v_vc_v = yield from set_v_vc(settings, v_vc_v)
+        v_vc_v = yield from routines.set_v_vc(settings, v_vc_v)
         if number > 1 and v_vc_v in {point.v_vc_v for point in points}:  # between the ends of two ranges: nothing new
             break
         points.append((yield from _take_virtual(settings, v_vc_v)))
@@ -148,7 +142,7 @@ def _confirm(settings: VirtualCoriolisSettings, points: list[Point], equal_v: fl
     for pushed in _in_turn(settings.match_windows - 1):  # one of each was taken on the way here
         v_vc_v = equal_v if pushed else 0.0
         if v_vc_v != previous_v:
-            yield from set_v_vc(settings, v_vc_v)
+            yield from routines.set_v_vc(settings, v_vc_v)
         points.append((yield from _take_virtual(settings, v_vc_v)))
         previous_v = v_vc_v
 
@@ -189,12 +183,12 @@ def _virtual_sweep(
     zeros: list[Point] = []
     reference = (driven[0], next(point for point in reversed(driven) if point.v_vc_v != driven[0].v_vc_v))
     limit_v = None if has_v_vc_meter(settings) else generator_sheet(settings).limit_v
-    yield from v_vc_on()
+    yield from routines.v_vc_on()
     yield Settle(settings.settle_s, "gyro settles after the generator came on")
     if settings.visits_deg_s[0]:
-        yield from take_reference(settings, 4)
+        yield from routines.take_reference(settings, 4)
     for visit in settings.visits_deg_s:
-        v_vc_v = yield from set_v_vc(settings, 0.0 if visit is None else rates.level_for(visit))
+        v_vc_v = yield from routines.set_v_vc(settings, 0.0 if visit is None else rates.level_for(visit))
         own, number = (points, 4) if visit is not None else (zeros, ZERO_DRIVEN)
         rate_deg_s = rates.rate_of(v_vc_v)
         own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
@@ -210,8 +204,8 @@ def _virtual_sweep(
     if settings.visits_deg_s[-1] and levels_v[0] not in again:
         again.append(0.0)
     for level_v in again:
-        set_v = yield from set_v_vc(settings, level_v)
-        yield from take_reference(settings, 4, set_v)
+        set_v = yield from routines.set_v_vc(settings, level_v)
+        yield from routines.take_reference(settings, 4, set_v)
 
 
 def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:

@@ -12,32 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from msgspec import Meta
 
+from vcfbench import steps
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
-from vcfbench.procedures.shared.routines import (
-    held_at_rest,
-    look_at_drive,
-    off_afterwards,
-    rails_of,
-    require_alive,
-    require_answer,
-    source_off,
-)
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_report, warmup_results
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.steps import (
-    Acquire,
-    CheckRails,
-    ConfigureMeter,
-    EnableSupply,
-    Note,
-    Outcome,
-    Plan,
-    Window,
-)
 from vcfbench.steps.measured import Foreseen
 from vcfbench.steps.step import Reading, StepResult, answer
 
@@ -108,7 +91,7 @@ class SwitchedOn(StepResult):
         return f"{len(self.log)} readings from power-on"
 
 
-class SwitchOnAndLog(EnableSupply, frozen=True):
+class SwitchOnAndLog(steps.EnableSupply, frozen=True):
     """Switch the supply on and read the output from the first instant, one reading every `interval_s`."""
 
     subject: ClassVar[str] = "supply outputs"
@@ -142,42 +125,54 @@ class SwitchOnAndLog(EnableSupply, frozen=True):
         return SwitchedOn(0.0, tuple(Reading(n * self.interval_s, gyro.output_v(0.0)) for n in range(count)))
 
 
-def warmup(settings: WarmupSettings) -> Plan:
+def warmup(settings: WarmupSettings) -> steps.Plan:
     """Follow the output from power-on: V_Vc off, the table (where there is one) held still under servo."""
     yield from read_scale_factor(settings)
-    return (yield from off_afterwards(settings, held_at_rest(settings, _from_power_on(settings))))
+    return (yield from routines.off_afterwards(settings, routines.held_at_rest(settings, _from_power_on(settings))))
 
 
-def _from_power_on(settings: WarmupSettings) -> Routine[Outcome]:
-    yield Note("Power-on")
-    yield ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)
-    yield from source_off(settings)
-    rails = rails_of(settings)
+def _from_power_on(settings: WarmupSettings) -> Routine[steps.Outcome]:
+    yield steps.Note("Power-on")
+    yield steps.ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)
+    yield from routines.source_off(settings)
+    rails = routines.rails_of(settings)
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
         yield rail
     yield SwitchOnAndLog(settings.drive.start_up_s, _QUICK_INTERVAL_S)
-    yield CheckRails(rails, settings.rail_tolerance_v)
-    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    yield from look_at_drive(settings)
-    yield Note(f"The output at rest, {settings.shortest_s:g} to {settings.longest_s:g} s")
+    yield steps.CheckRails(rails, settings.rail_tolerance_v)
+    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from routines.look_at_drive(settings)
+    yield steps.Note(f"The output at rest, {settings.shortest_s:g} to {settings.longest_s:g} s")
     outcome = yield from _until_steady(settings)
-    yield from require_answer(settings)
+    yield from routines.require_answer(settings)
     return outcome
 
 
-def _until_steady(settings: WarmupSettings) -> Routine[Outcome]:
+def _until_steady(settings: WarmupSettings) -> Routine[steps.Outcome]:
     """Take means until they are steady or the time is over."""
-    window = _window(settings)
+    window = steps.Acquire(
+        step=1,
+        rate_deg_s=0.0,
+        v_vc_v=0.0,
+        table_deg_s=None if settings.station.limits.max_rate_deg_s is None else 0.0,
+        tolerance_deg_s=settings.rate_tolerance_deg_s,
+        rails=routines.rails_of(settings),
+        rail_tolerance_v=settings.rail_tolerance_v,
+        samples=settings.readings_a_window,
+        interval_s=settings.sample_interval_s,
+        resolution_v=settings.meter_resolution_v,
+        noise_v=settings.expected.reading_noise_v,
+    )
     points: list[Point] = []
     while True:
-        points.append(answer((yield window), Window).point)
+        points.append(answer((yield window), steps.Window).point)
         elapsed_s = settings.drive.start_up_s + len(points) * window.physical_s
         steady = is_steady(points[-3:], window.physical_s, _instability_v(settings))
-        require_alive(settings, points[-1])
+        routines.require_alive(settings, points[-1])
         if elapsed_s >= settings.shortest_s and steady:
-            return Outcome(f"steady after {len(points)} means")
+            return steps.Outcome(f"steady after {len(points)} means")
         if elapsed_s + window.physical_s > settings.longest_s:
-            return Outcome(f"not seen to be steady in {len(points)} means")
+            return steps.Outcome(f"not seen to be steady in {len(points)} means")
 
 
 def _instability_v(settings: WarmupSettings) -> float:
@@ -191,22 +186,6 @@ def _instability_deg_h(settings: WarmupSettings) -> float:
     known = settings.station.sources
     stated = None if "bias_instability_deg_h" in known.assumed else known.bias_instability_deg_h
     return max(settings.bias_instability_deg_h, stated or 0.0)
-
-
-def _window(settings: WarmupSettings) -> Acquire:
-    return Acquire(
-        step=1,
-        rate_deg_s=0.0,
-        v_vc_v=0.0,
-        table_deg_s=None if settings.station.limits.max_rate_deg_s is None else 0.0,
-        tolerance_deg_s=settings.rate_tolerance_deg_s,
-        rails=rails_of(settings),
-        rail_tolerance_v=settings.rail_tolerance_v,
-        samples=settings.readings_a_window,
-        interval_s=settings.sample_interval_s,
-        resolution_v=settings.meter_resolution_v,
-        noise_v=settings.expected.reading_noise_v,
-    )
 
 
 def _results(settings: WarmupSettings, measured: Measured) -> WarmupResult:

@@ -15,33 +15,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from msgspec import Meta
 
+from vcfbench import steps
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept_characteristics import require_room
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
-from vcfbench.procedures.shared.routines import (
-    held_at_rest,
-    look_at_drive,
-    off_afterwards,
-    rails_of,
-    rails_on,
-    require_alive,
-    require_answer,
-    source_off,
-)
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.steps import (
-    Acquire,
-    AcquireGapless,
-    ConfigureMeter,
-    Note,
-    Outcome,
-    Plan,
-    Settle,
-    Window,
-)
 from vcfbench.steps.measured import Foreseen
 from vcfbench.steps.step import answer
 
@@ -172,25 +154,25 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
             yield InvalidValue("burst_readings", expected, self.burst_readings)
 
 
-def zero(settings: ZeroSettings) -> Plan:
+def zero(settings: ZeroSettings) -> steps.Plan:
     """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
     yield from read_scale_factor(settings)
-    return (yield from off_afterwards(settings, _warm(settings)))
+    return (yield from routines.off_afterwards(settings, _warm(settings)))
 
 
-def _warm(settings: ZeroSettings) -> Routine[Outcome]:
+def _warm(settings: ZeroSettings) -> Routine[steps.Outcome]:
     """Take the record with the PCB powered and warm, the drive looked at and the table held at rest."""
-    yield Note("Start-up")
-    yield ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    yield from source_off(settings)
-    yield from rails_on(settings)
-    yield from look_at_drive(settings)
-    return (yield from held_at_rest(settings, _record(settings)))
+    yield steps.Note("Start-up")
+    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from routines.source_off(settings)
+    yield from routines.rails_on(settings)
+    yield from routines.look_at_drive(settings)
+    return (yield from routines.held_at_rest(settings, _record(settings)))
 
 
-def _record(settings: ZeroSettings) -> Routine[Outcome]:
-    yield Note(f"The output at rest for {settings.duration_s:g} s")
-    yield Settle(settings.settle_s, "gyro settles, at rest")
+def _record(settings: ZeroSettings) -> Routine[steps.Outcome]:
+    yield steps.Note(f"The output at rest for {settings.duration_s:g} s")
+    yield steps.Settle(settings.settle_s, "gyro settles, at rest")
     table_deg_s = None if settings.station.limits.max_rate_deg_s is None else 0.0
     common: dict[str, Any] = {
         "step": 1,
@@ -198,7 +180,7 @@ def _record(settings: ZeroSettings) -> Routine[Outcome]:
         "v_vc_v": 0.0,
         "table_deg_s": table_deg_s,
         "tolerance_deg_s": settings.rate_tolerance_deg_s,
-        "rails": rails_of(settings),
+        "rails": routines.rails_of(settings),
         "rail_tolerance_v": settings.rail_tolerance_v,
         "samples": settings.readings,
         "resolution_v": settings.meter_resolution_v,
@@ -206,12 +188,12 @@ def _record(settings: ZeroSettings) -> Routine[Outcome]:
     }
     if settings.mode is Mode.GAPLESS:
         burst = settings.burst_readings // settings.readings_a_mean * settings.readings_a_mean
-        taken = yield AcquireGapless(**common, interval_s=settings.aperture_s, burst=burst)
+        taken = yield steps.AcquireGapless(**common, interval_s=settings.aperture_s, burst=burst)
     else:
-        taken = yield Acquire(**common, interval_s=settings.sample_interval_s)
-    require_alive(settings, answer(taken, Window).point)
-    yield from require_answer(settings)
-    return Outcome(f"static record of {settings.duration_s:g} s")
+        taken = yield steps.Acquire(**common, interval_s=settings.sample_interval_s)
+    routines.require_alive(settings, answer(taken, steps.Window).point)
+    yield from routines.require_answer(settings)
+    return steps.Outcome(f"static record of {settings.duration_s:g} s")
 
 
 def _results(settings: ZeroSettings, measured: Measured) -> Any:

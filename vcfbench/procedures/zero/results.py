@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vcfbench.analysis.allan import (
-    BIAS_INSTABILITY_FACTOR,
-    Noise,
-    allan_deviation,
-    averaging_factors,
-    confidence_interval,
-    equivalent_dof,
-)
+from vcfbench.analysis import allan
 from vcfbench.analysis.bias_stability import BiasStability, bias_stability
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term, fit_noise, fit_shown_noise
 from vcfbench.analysis.sampling import Sampling, deviation_factor
@@ -32,7 +25,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from vcfbench.analysis.allan import AllanPoint
     from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
     from vcfbench.procedures.shared.sweep.window_noise import Flicker
     from vcfbench.station.settings import ProcedureSettings
@@ -212,8 +204,8 @@ def zero_results(
     """
     rates = volts / scale.value
     fitted = Sampling.without_gaps(sampling.interval_s) if mode == "dead-time" else sampling
-    curve = allan_deviation(
-        rates, sampling.interval_s, averaging_factors(rates.size, _PER_OCTAVE), confidence=_CONFIDENCE
+    curve = allan.allan_deviation(
+        rates, sampling.interval_s, allan.averaging_factors(rates.size, _PER_OCTAVE), confidence=_CONFIDENCE
     )
     follows = _follows(curve, rates.size, fitted, gapless=sampling.gapless)
     fit = _fit(follows, rates.size, fitted, gapless=sampling.gapless)
@@ -227,7 +219,7 @@ def zero_results(
         interval_s=sampling.interval_s,
         aperture_s=sampling.aperture_s,
         dead_share=_dead_share(times_s, rates.size, sampling),
-        white_noise_seen=deviation_factor(sampling, Noise.WHITE),
+        white_noise_seen=deviation_factor(sampling, allan.Noise.WHITE),
         scale_factor_v_per_deg_s=scale,
         allan_deg_h=tuple(_row(point, fitted, fit, corrected=mode != "dead-time") for point in curve),
         noise=() if fit is None else _coefficients(fit, passed=_is_passed(sampling, mode)),
@@ -258,9 +250,9 @@ def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: 
     walk = fit.terms[Term.ANGLE_RANDOM_WALK]
     if sampling.gapless or not walk.value:
         return fit
-    white = (deviation_factor(sampling, Noise.WHITE) * walk.value) ** 2 / sampling.interval_s
-    folded = deviation_factor(sampling, Noise.FLICKER) ** 2 - 1.0
-    folded *= (BIAS_INSTABILITY_FACTOR * fit.terms[Term.BIAS_INSTABILITY].value) ** 2
+    white = (deviation_factor(sampling, allan.Noise.WHITE) * walk.value) ** 2 / sampling.interval_s
+    folded = deviation_factor(sampling, allan.Noise.FLICKER) ** 2 - 1.0
+    folded *= (allan.BIAS_INSTABILITY_FACTOR * fit.terms[Term.BIAS_INSTABILITY].value) ** 2
     let_through = u_bandwidth_hz / sampling.noise_bandwidth_hz if sampling.noise_bandwidth_hz else 0.0
     value = walk.value * (1.0 + 0.25 * folded / white)
     besides = 0.5 * walk.value * math.hypot(let_through, 0.5 * folded / white / math.sqrt(3.0))
@@ -282,7 +274,7 @@ def _noise_bandwidth(readings: NDArray[np.float64], a_mean: int, fit: NoiseFit) 
     return measurand(value, "Hz", [UncertaintyPart("noise of the record", u)])
 
 
-def _fit(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> NoiseFit | None:
+def _fit(curve: Sequence[allan.AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> NoiseFit | None:
     """Fit N and B, without gaps Q as well, as noise passed at the split falls as 1/tau; K and R where they are shown.
 
     None without noise.
@@ -293,7 +285,9 @@ def _fit(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gaple
     return fit_shown_noise(curve, samples, sampling, always, _PERHAPS)
 
 
-def _follows(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> Sequence[AllanPoint]:
+def _follows(
+    curve: Sequence[allan.AllanPoint], samples: int, sampling: Sampling, *, gapless: bool
+) -> Sequence[allan.AllanPoint]:
     """Return the curve from the shortest averaging time on that the terms can describe.
 
     Short averages of many readings are known so well that one that no term describes would bend all others.
@@ -306,26 +300,26 @@ def _follows(curve: Sequence[AllanPoint], samples: int, sampling: Sampling, *, g
     return curve
 
 
-def _misses(point: AllanPoint, sampling: Sampling, fit: NoiseFit) -> bool:
+def _misses(point: allan.AllanPoint, sampling: Sampling, fit: NoiseFit) -> bool:
     """Tell whether a point lies beyond `_BEYOND` of its standard deviations from the fit."""
     fitted = fit.variance(sampling, round(point.tau_s / sampling.interval_s))[0]
     return abs(point.deviation**2 - fitted) > _BEYOND * fitted * math.sqrt(2.0 / point.edf)
 
 
 def _with_honest_bounds(
-    curve: Sequence[AllanPoint], samples: int, sampling: Sampling, fit: NoiseFit
-) -> list[AllanPoint]:
+    curve: Sequence[allan.AllanPoint], samples: int, sampling: Sampling, fit: NoiseFit
+) -> list[allan.AllanPoint]:
     """Return the curve with the degrees of freedom that its own noise leaves it, not those of white noise."""
     law = fit.coefficients.phase_noise(sampling)
     points = []
     for point in curve:
-        edf = equivalent_dof(samples, round(point.tau_s / sampling.interval_s), law)
-        low, high = confidence_interval(edf, _CONFIDENCE)
+        edf = allan.equivalent_dof(samples, round(point.tau_s / sampling.interval_s), law)
+        low, high = allan.confidence_interval(edf, _CONFIDENCE)
         points.append(type(point)(point.tau_s, point.deviation, edf, low * point.deviation, high * point.deviation))
     return points
 
 
-def _walk_as_it_stands(curve: Sequence[AllanPoint], samples: int, interval_s: float) -> float:
+def _walk_as_it_stands(curve: Sequence[allan.AllanPoint], samples: int, interval_s: float) -> float:
     """Return N of the record taken for gapless, deg/sqrt(s): fitted where it can be, else read off at the shortest."""
     if any(point.deviation <= 0.0 for point in curve):
         return curve[0].deviation * math.sqrt(curve[0].tau_s)
@@ -341,7 +335,7 @@ def _dead_share(times_s: NDArray[np.float64], means: int, sampling: Sampling) ->
     return max(0.0, 1.0 - seen_s / (float(times_s[-1] - times_s[0]) + reading_s))
 
 
-def _row(point: AllanPoint, sampling: Sampling, fit: NoiseFit | None, *, corrected: bool) -> AllanRow:
+def _row(point: allan.AllanPoint, sampling: Sampling, fit: NoiseFit | None, *, corrected: bool) -> AllanRow:
     observed, low, high = _DEG_H * point.deviation, _DEG_H * point.low, _DEG_H * point.high
     if fit is None:
         return AllanRow(point.tau_s, observed, low, high, point.edf, None, None)

@@ -13,17 +13,7 @@ from vcfbench.files import shown
 from vcfbench.procedures.shared.known.drift_limits import drift_limits
 from vcfbench.procedures.shared.known.k_vc_change import require_characterised
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-from vcfbench.records.devices import (
-    Certificate,
-    Characteristics,
-    KvcCurve,
-    Measured,
-    SelfCalibration,
-    failed_drifts,
-    last_certificate,
-    read_entry,
-    since_certificate,
-)
+from vcfbench.records import devices
 from vcfbench.station.settings import Station
 from vcfbench.station.strict import refusal, words
 
@@ -32,7 +22,6 @@ if TYPE_CHECKING:
     from datetime import datetime
     from typing import Self
 
-    from vcfbench.records.devices import DeviceRecord, Entry
     from vcfbench.station.settings import Gap, Limit
 
 UNSEEN = (
@@ -58,13 +47,13 @@ class Reference(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     kind: str
     done: str
     """Date, as ISO 8601 has it."""
-    scale_factor_v_per_deg_s: Measured
+    scale_factor_v_per_deg_s: devices.Measured
 
 
 class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Prior knowledge of the device."""
 
-    k_vc: KvcCurve
+    k_vc: devices.KvcCurve
     source: str
     """Source of the curve: ``certificate 0001``, a file, a number."""
     certificate: str | None
@@ -73,7 +62,7 @@ class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Date of the certificate's measurement, as ISO 8601 has it; None where there is none."""
     days_since: float | None = None
     """Age of the certificate as the run began, whole days."""
-    characteristics: Characteristics | None = None
+    characteristics: devices.Characteristics | None = None
     """Characteristics of the device then, as far as the certificate has them."""
     unseen: tuple[str, ...] = UNSEEN
     holds_not: tuple[str, ...] = ()
@@ -191,12 +180,14 @@ def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
         )
     found = settings.store.certificate(settings.dut)
     record = found.record
-    assert isinstance(record, Certificate)  # noqa: S101  # the store says so
+    assert isinstance(record, devices.Certificate)  # noqa: S101  # the store says so
     _require_valid(record, shown(found.path), settings, now)
     return _of_certificate(record, found.name, entries, now)
 
 
-def _of_certificate(record: Certificate, name: str, entries: tuple[Entry, ...], now: datetime) -> KnownDevice:
+def _of_certificate(
+    record: devices.Certificate, name: str, entries: tuple[devices.Entry, ...], now: datetime
+) -> KnownDevice:
     """Return the known device by a certificate of its own."""
     known = KnownDevice(
         k_vc=record.k_vc, source=f"certificate {name}", certificate=name, **_beside_the_curve(record, now)
@@ -204,11 +195,11 @@ def _of_certificate(record: Certificate, name: str, entries: tuple[Entry, ...], 
     return _with_history(known, entries)
 
 
-def _beside_the_curve(record: Certificate, now: datetime) -> dict[str, Any]:
+def _beside_the_curve(record: devices.Certificate, now: datetime) -> dict[str, Any]:
     """Return the facts of a certificate beside the curve."""
-    at_c, seen = record.conditions.temperature_c, record.characteristics or Characteristics()
+    at_c, seen = record.conditions.temperature_c, record.characteristics or devices.Characteristics()
     if seen.temperature_c is None and at_c is not None:
-        seen = structs.replace(seen, temperature_c=Measured(value=at_c, u=0.0))
+        seen = structs.replace(seen, temperature_c=devices.Measured(value=at_c, u=0.0))
     return {
         "unseen": record.unseen,
         "issued": record.issued.isoformat(),
@@ -217,16 +208,16 @@ def _beside_the_curve(record: Certificate, now: datetime) -> dict[str, Any]:
     }
 
 
-def _given(settings: KnownDeviceSettings, given: str, entries: tuple[Entry, ...], now: datetime) -> KnownDevice:
+def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Entry, ...], now: datetime) -> KnownDevice:
     """Return the K_Vc that was given: a number, or the file of a certificate."""
     try:
         number = float(given)
     except ValueError:
-        record = read_entry(Path(given))
-        if not isinstance(record, Certificate):
+        record = devices.read_entry(Path(given))
+        if not isinstance(record, devices.Certificate):
             raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
         _require_valid(record, shown(given), settings, now)
-        if (own := last_certificate(entries)) is not None and own.record == record:
+        if (own := devices.last_certificate(entries)) is not None and own.record == record:
             return _of_certificate(record, own.name, entries, now)
         name = f"of {record.serial}, {shown(given)}"
         known = KnownDevice(
@@ -239,27 +230,27 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[Entry, ...]
         raise ConfigError(f"--k-vc {given}: expected a certificate's file, or (deg/s)/V other than 0, at most 1e6")
     most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
     variance = settings.k_vc_u_deg_s_per_v**2
-    curve = KvcCurve(
+    curve = devices.KvcCurve(
         coefficients=(0.0, number), covariance=((0.0, 0.0), (0.0, variance)), v_vc_min_v=-most_v, v_vc_max_v=most_v
     )
     source = f"K_Vc = {given} (deg/s)/V, as told"
     return _with_history(KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_STATED), entries)
 
 
-def _with_history(known: KnownDevice, entries: tuple[Entry, ...]) -> KnownDevice:
+def _with_history(known: KnownDevice, entries: tuple[devices.Entry, ...]) -> KnownDevice:
     """Return `known` with the references of the scale factor: the last certificate, and the later entries."""
-    certificate = last_certificate(entries)
-    compared = [*([] if certificate is None else [certificate]), *since_certificate(entries)]
+    certificate = devices.last_certificate(entries)
+    compared = [*([] if certificate is None else [certificate]), *devices.since_certificate(entries)]
     references = [found for each in compared if (found := _reference(each.name, each.record)) is not None]
     return structs.replace(
         known,
         reference=references[0] if references else None,
         history=tuple(references[1:]),
-        failed_before=tuple(each.name for each in failed_drifts(entries)),
+        failed_before=tuple(each.name for each in devices.failed_drifts(entries)),
     )
 
 
-def _require_valid(record: Certificate, where: str, settings: KnownDeviceSettings, now: datetime) -> None:
+def _require_valid(record: devices.Certificate, where: str, settings: KnownDeviceSettings, now: datetime) -> None:
     if record.valid_at(now) or settings.outdated:
         return
     until = "" if record.valid_until is None else f" to {record.valid_until:%Y-%m-%d %H:%M}"
@@ -269,21 +260,21 @@ def _require_valid(record: Certificate, where: str, settings: KnownDeviceSetting
     )
 
 
-def _reference(name: str, record: DeviceRecord) -> Reference | None:
+def _reference(name: str, record: devices.DeviceRecord) -> Reference | None:
     """Return the scale factor of an entry."""
     match record:
-        case SelfCalibration(scale_factor_v_per_deg_s=found):
+        case devices.SelfCalibration(scale_factor_v_per_deg_s=found):
             return Reference(
                 name=name, kind="self-calibration", done=record.done.isoformat(), scale_factor_v_per_deg_s=found
             )
-        case Certificate(scale_factor_v_per_deg_s=Measured() as found):
+        case devices.Certificate(scale_factor_v_per_deg_s=devices.Measured() as found):
             return Reference(
                 name=name, kind="certificate", done=record.issued.isoformat(), scale_factor_v_per_deg_s=found
             )
     return None
 
 
-def level_for(curve: KvcCurve, rate_deg_s: float, key: str) -> float:
+def level_for(curve: devices.KvcCurve, rate_deg_s: float, key: str) -> float:
     """Return the V_Vc that stands for a rate, by bisection; 0 V for none. `key` is where the rate was asked for.
 
     Raises:

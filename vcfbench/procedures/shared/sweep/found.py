@@ -10,14 +10,7 @@ import numpy as np
 
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.shared.sweep.schedule import (
-    Order,
-    SweepSettings,
-    Zeros,
-    loop_directions,
-    no_whole_turn,
-    window_grid,
-)
+from vcfbench.procedures.shared.sweep import schedule
 from vcfbench.procedures.shared.sweep.window_noise import WindowNoise
 from vcfbench.procedures.shared.sweep.windows import Sweep, zero_places
 
@@ -67,8 +60,8 @@ class Hysteresis:
 class SweepFound:
     """Results of the order in which the rates were visited; None where it does not tell them."""
 
-    order: Order
-    zeros: Zeros
+    order: schedule.Order
+    zeros: schedule.Zeros
     repeat: int
     windows: int
     """Number of windows at rates, zeros apart."""
@@ -82,7 +75,7 @@ class SweepFound:
     hysteresis: Hysteresis | None
 
 
-def sweep_found(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) -> SweepFound:
+def sweep_found(settings: schedule.SweepSettings, points: Sequence[Point], sweep: Sweep) -> SweepFound:
     """Return the results of the order, the zeros and the repeats of a sweep."""
     zeros = zero_places(points, sweep.step)
     on_table = sweep.step != 4
@@ -94,9 +87,11 @@ def sweep_found(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) 
         windows=len(sweep.places),
         zero_drift_v=points[zeros[-1]].output_v - points[zeros[0]].output_v if zeros else None,
         earth_rate_deg_s=settings.earth_rate_deg_s,
-        no_whole_turns=tuple(no_whole_turn(settings, rate) for rate in short if not window_grid(settings, rate).turns),
+        no_whole_turns=tuple(
+            schedule.no_whole_turn(settings, rate) for rate in short if not schedule.window_grid(settings, rate).turns
+        ),
         repeatability=tuple(_repeatability(settings, points, sweep)) if settings.repeat > 1 else (),
-        hysteresis=_hysteresis(settings, points, sweep) if settings.order is Order.LOOP else None,
+        hysteresis=_hysteresis(settings, points, sweep) if settings.order is schedule.Order.LOOP else None,
     )
 
 
@@ -107,7 +102,7 @@ def _line_weights(rate: Floats) -> tuple[Floats, Floats]:
     return slope, 1.0 / rate.size - rate.mean() * slope
 
 
-def _repeatability(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) -> Iterator[Repeatability]:
+def _repeatability(settings: schedule.SweepSettings, points: Sequence[Point], sweep: Sweep) -> Iterator[Repeatability]:
     """Yield how slope and intercept scatter from series to series."""
     size = len(sweep.points) // settings.repeat
     rates = np.array([point.rate_deg_s for point in sweep.points]).reshape(settings.repeat, size)
@@ -126,9 +121,9 @@ def _repeatability(settings: SweepSettings, points: Sequence[Point], sweep: Swee
         yield Repeatability(name, unit, sd, sd / math.sqrt(2.0 * dof), dof, noise, tuple(values.tolist()))
 
 
-def _hysteresis(settings: SweepSettings, points: Sequence[Point], sweep: Sweep) -> Hysteresis:
+def _hysteresis(settings: schedule.SweepSettings, points: Sequence[Point], sweep: Sweep) -> Hysteresis:
     """Return the largest difference between up and down, with the noise of that difference."""
-    ways = np.tile(loop_directions(settings.rates_deg_s), settings.repeat)
+    ways = np.tile(schedule.loop_directions(settings.rates_deg_s), settings.repeat)
     nominal = np.tile(settings.series_deg_s, settings.repeat)
     rates = sorted(set(settings.rates_deg_s), reverse=True)
     weights = np.array([_up_less_down(nominal == rate, ways) for rate in rates]) @ sweep.mixing
@@ -163,10 +158,10 @@ def _up_less_down(here: NDArray[np.bool_], ways: NDArray[np.int_]) -> Floats:
     return np.asarray(up / up.sum() - down / down.sum())
 
 
-def _not_in_hysteresis(settings: SweepSettings, noise: WindowNoise) -> Iterator[str]:
-    if settings.zeros is Zeros.NONE:
+def _not_in_hysteresis(settings: schedule.SweepSettings, noise: WindowNoise) -> Iterator[str]:
+    if settings.zeros is schedule.Zeros.NONE:
         yield "drift between the ways up and down reads as hysteresis: no zeros were taken (zeros)"
-    elif settings.zeros is Zeros.ENDS:
+    elif settings.zeros is schedule.Zeros.ENDS:
         yield "drift that is not linear in time between the zeros reads as hysteresis"
     if noise.flicker is None:
         yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
