@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from statistics import fmean, stdev, variance
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 from msgspec import Struct, structs
 
@@ -24,13 +24,9 @@ from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineReco
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
     from vcfbench.steps.measured import Measured
-
-    Floats: TypeAlias = "NDArray[np.float64]"
 
 _SKEW_S = 1e-10
 """DSO7104B: delay of a channel, either way (unverified), rectangular."""

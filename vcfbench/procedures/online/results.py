@@ -11,7 +11,7 @@ import cmath
 import math
 from dataclasses import dataclass, replace
 from statistics import median
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -36,12 +36,9 @@ from vcfbench.steps import ModulatedRecord, SampleModulated
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from vcfbench.procedures.online.settings import OnlineSettings
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.steps.measured import Measured
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _U_SHARE = 0.05
 """Standard uncertainty of the share of the in-phase mode in the response at rest."""

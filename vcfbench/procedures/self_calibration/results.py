@@ -79,15 +79,12 @@ from vcfbench.steps.measured import Foreseen
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.records.schema import Point
     from vcfbench.steps.measured import Measured
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 AT_REST, DRIVEN = 1, 2
 """The steps, as in its points: generator off, and the blocks of V_Vc."""

@@ -8,18 +8,15 @@ within `OUTPUT_LIMIT` of itself, and what has changed of the whole is the modula
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vcfbench.analysis.chopped import polynomial_through_zero
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.records.devices import Characteristics
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 OUTPUT_CURVE = "the output's curve since the certificate"
 OUTPUT_LIMIT = 0.03

@@ -26,16 +26,13 @@ from vcfbench.steps.step import Step
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from vcfbench.analysis.chopped import BlockNoise
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
     from vcfbench.procedures.temperature.settings import TemperatureSettings
     from vcfbench.records.schema import Point
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Context
-
-    Floats = NDArray[np.float64]
 
 _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,13 +22,10 @@ from vcfbench.procedures.shared.sweep.schedule import KvcBy
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from vcfbench.analysis.k_vc_curve import KVcCurve
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
     from vcfbench.records.schema import Point
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 TABLE, DRIVEN = 1, 2
 """The steps of the four whose windows are blocks; the search has a number of its own."""

@@ -13,14 +13,10 @@ from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Tabl
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
-
-    Floats = NDArray[np.float64]
 
 _SIGMAS = 3.0
 _FLOOR = 0.6643

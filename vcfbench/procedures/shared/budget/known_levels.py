@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.analysis.budget import Source
-    from vcfbench.procedures.shared.budget.line import Floats
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import Sources
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import Struct
@@ -14,12 +14,9 @@ from vcfbench.procedures.shared.sweep.window_noise import OutputSum
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.sweep.windows import Sweep
     from vcfbench.station.settings import ProcedureSettings, Sources
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 TILT = "Earth's rate by the axis' tilt"
 

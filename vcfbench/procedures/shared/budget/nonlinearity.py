@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from vcfbench.analysis.budget import Model
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.budget.known_levels import KnownLevels
-    from vcfbench.procedures.shared.budget.line import Floats, Line
+    from vcfbench.procedures.shared.budget.line import Line
     from vcfbench.procedures.shared.budget.statement import StatedValue, Statement
     from vcfbench.procedures.shared.budget.worst_residual import LargestResidual
     from vcfbench.station.settings import ProcedureSettings

@@ -16,9 +16,9 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.budget.line import Line
 
-Floats: TypeAlias = "NDArray[np.float64]"
 Places: TypeAlias = "NDArray[np.intp]"
 
 _TRIALS = 2000

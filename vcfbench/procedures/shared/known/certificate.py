@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -22,13 +22,10 @@ from vcfbench.station.acceptance import Acceptance, Verdict
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.known.device import KnownDevice, Reference
     from vcfbench.records.devices import KvcCurve, Measured, Share
     from vcfbench.station.settings import Limit
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 
 @dataclass(frozen=True, slots=True)

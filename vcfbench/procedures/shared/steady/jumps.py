@@ -11,7 +11,7 @@ in linear systems*); the largest decides.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -25,11 +25,8 @@ from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.steady.walk import Seen, Walk
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _ORDERS = 3
 """The curve's orders that are as large as they like."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import combinations, pairwise
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -18,12 +18,9 @@ from vcfbench.procedures.shared.sweep.windows import window_times
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 ENOUGH_DOF = 10.0
 """Degrees of freedom of B by a run's own zeros from which it replaces the stated one: Student's factor is within 14 %

@@ -7,7 +7,7 @@ weights go with it, and noise and flicker go through them with all their correla
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -19,12 +19,9 @@ from vcfbench.procedures.shared.sweep.schedule import ZERO_DRIVEN, ZERO_TABLE, S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 
 class Sweep(Struct, frozen=True):
