@@ -8,28 +8,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from statistics import fmean, pstdev, stdev
-from types import MappingProxyType
+from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
 from vcfbench import steps
-from vcfbench.interfaces import (
-    FunctionGenerator,
-    MeasuresWaveforms,
-    PowersRails,
-    Rotates,
-    SamplesVoltage,
-)
+from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.procedures.shared.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
-from vcfbench.procedures.shared.routines import energised, look_at_drive, rails_of, under_servo, v_vc_on
-from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, SCOPE_TIME_BASE, sampled_every_s, stands_off_mains
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.procedures.shared.routines import at_rest, energised, rails_of, v_vc_on
+from vcfbench.procedures.shared.tones import (
+    HIGHEST_HZ,
+    NPLC,
+    SCOPE_TIME_BASE,
+    fitted_tones,
+    sampled_every_s,
+    stands_off_mains,
+)
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text
 from vcfbench.steps.measured import Foreseen
 from vcfbench.steps.step import answer
 
@@ -135,13 +135,6 @@ def _gains_and_phases(settings: BandwidthSettings) -> Routine[steps.Outcome]:
     return steps.Outcome(f"response at {len(found)} frequencies")
 
 
-def at_rest(settings: BandwidthSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
-    """Look at the drive, and do `work` with the table held still under servo where there is one."""
-    yield from look_at_drive(settings)
-    has_table = settings.station.limits.max_rate_deg_s is not None
-    return (yield from under_servo(settings, work) if has_table else work)
-
-
 def sweep(settings: BandwidthSettings) -> Routine[steps.Outcome]:
     """Measure the drive frequency, then the response at all frequencies; V_Vc is left a sine."""
     found = yield from _swept(settings)
@@ -160,14 +153,13 @@ def _swept(settings: BandwidthSettings) -> Routine[list[tuple[float, steps.SineR
     yield steps.ConfigureMeter(float(settings.meter_range_v), NPLC)
     yield from v_vc_on()
     yield steps.Note("The sine at frequencies far apart")
-    rough = []
+    found = []
     for frequency_hz in _measurable(settings, settings.frequencies_hz):
         response = yield from _respond(settings, frequency_hz)
-        rough.append((frequency_hz, response))
-    split_hz = _split_hz(settings, rough)
+        found.append((frequency_hz, response))
+    split_hz = _split_hz(settings, found)
     yield steps.Note(f"The sine about the split, near {split_hz:.4g} Hz")
     close = _measurable(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
-    found = list(rough)
     for frequency_hz in close:
         response = yield from _respond(settings, frequency_hz)
         found.append((frequency_hz, response))
@@ -199,19 +191,8 @@ def _split_hz(settings: BandwidthSettings, found: Sequence[tuple[float, steps.Si
 
 
 def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> list[Tone]:
-    """Fit the sine in every record; records of one interval share the spacing that the strongest of them shows."""
-    from vcfbench.analysis.rate_band import fit_tone, true_spacing_s  # noqa: PLC0415  # as above
-
-    spacing_s = {}
-    for interval_s in {response.interval_s for _, response in found}:
-        of = [(hz, response) for hz, response in found if response.interval_s == interval_s]
-        hz, strongest = max(of, key=lambda each: each[0] * pstdev(each[1].voltages_v))
-        spacing_s[interval_s] = true_spacing_s(strongest.voltages_v, interval_s, hz)
-    mains_hz = float(settings.station.mains_hz)
-    return [
-        fit_tone(each.voltages_v, spacing_s[each.interval_s], each.aperture_s, hz, mains_hz=mains_hz)
-        for hz, each in found
-    ]
+    """Fit the sine in every record."""
+    return fitted_tones([(hz, each, each.voltages_v) for hz, each in found], float(settings.station.mains_hz))
 
 
 def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
@@ -246,16 +227,8 @@ def _foreseen_tones(
     static_v = abs(gyro.scale_factor * gyro.k_vc) * settings.sine_amplitude_v
     shape = (settings.split_guess_hz, _PAPER_Q, 1.0, settings.in_phase_split_hz, _PAPER_LAG_RAD)
     reading_s = NPLC / settings.station.mains_hz
-    return [
-        foreseen_tone(
-            each.frequency_hz,
-            (each.samples, each.interval_s, reading_s),
-            (static_v, white_v_sqrt_s),
-            known,
-            shape,
-        )
-        for each in asked
-    ]
+    windows = [(each.frequency_hz, (each.samples, each.interval_s, reading_s)) for each in asked]
+    return [foreseen_tone(*window, (static_v, white_v_sqrt_s), known, shape) for window in windows]
 
 
 def _drive_hz(settings: BandwidthSettings, measured: Measured) -> tuple[float, float]:
@@ -276,9 +249,7 @@ def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
     return Bandwidth(
         split_hz=frequency(band.split_hz, band.u_split_hz),
         q=_quantity(
-            band.q,
-            "",
-            band.noise_dof,
+            *(band.q, "", band.noise_dof),
             noise=band.u_q,
             time_base=_TIME_BASE / math.sqrt(3.0) * band.q,
             drive_frequency=band.q * u_drive_hz / drive_hz,
@@ -319,20 +290,10 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
         "gain there, over static": found.peak_gain,
         "-3 dB": found.minus_3_db_hz,
     }
-    columns = (
-        Column("quantity", align="left"),
-        *(Column("value", format=".7g"), Column("u", format=".2g"), Column("U95", format=".2g")),
-        *(Column("unit", align="left"), Column("u is made of", align="left")),
-    )
-    rows = [(name, *each.printed(), each.unit, _made_of(each)) for name, each in named.items()]
     static = found.static_gain_v_per_v
-    measured = Series(
-        "measured",
-        found.frequency_hz,
-        [gain / static for gain in found.gain_v_per_v],
-        [u / static for u in found.u_gain_v_per_v],
-    )
-    fitted = [gain / static / (1.0 + left) for gain, left in zip(found.gain_v_per_v, found.residual, strict=True)]
+    gains, u_gains = ([each / static for each in of] for of in (found.gain_v_per_v, found.u_gain_v_per_v))
+    measured = Series("measured", found.frequency_hz, gains, u_gains)
+    fitted = [gain / (1.0 + left) for gain, left in zip(gains, found.residual, strict=True)]
     ppm = [1e6 * each for each in found.residual]
     u_ppm = [1e6 * u / gain for u, gain in zip(found.u_gain_v_per_v, found.gain_v_per_v, strict=True)]
     rest = Series("measured less fitted", found.frequency_hz, ppm, u_ppm)
@@ -341,7 +302,7 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
     fit = f"closed form: chi-square {found.chi_square:.1f} for {found.dof} degrees of freedom; {share}"
     return Report(
         [
-            Table(columns, rows),
+            Table(QUANTITY_COLUMNS, [quantity_row(*each) for each in named.items()]),
             Text(f"drive {found.drive_hz:.3f}({found.u_drive_hz:.3f}) Hz; {fit}\n{NOT_HELD}"),
             *phase_parts(found.phase),
             Text(PHASE_HOLDS if found.phase else NO_PHASE),
@@ -354,10 +315,6 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
             Figure("What the closed form leaves", frequency, Axis("gain", "ppm"), [rest]),
         ]
     )
-
-
-def _made_of(quantity: Measurand) -> str:
-    return ", ".join(f"{each.source} {each.u:.2g}" for each in quantity.parts)
 
 
 def characteristics(found: Bandwidth) -> Characteristics:
@@ -384,7 +341,7 @@ BANDWIDTH = Procedure(
     results=results,
     report=report,
     entry=Keeps("bandwidth", lambda _, found: characteristics(found)),
-    needs=MappingProxyType({"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage}),
-    uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "rate_table": Rotates}),
+    needs={"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage},
+    uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates},
 )
 """The rate response."""

@@ -21,12 +21,13 @@ from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Ro
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.known.levels import both_signs, ready_v_vc_meter
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words
 from vcfbench.steps.drive_check import check_drive
-from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
+from vcfbench.steps.step import LOOK_AT_SIGNALS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -196,23 +197,9 @@ def _turned(settings: PolaritySettings) -> Routine[list[Point]]:
 
 def _driven(settings: PolaritySettings) -> Routine[list[Point]]:
     yield steps.Note(f"V_Vc, {settings.polarity_v_vc_v:g} V both ways")
-    measured = "v_vc_meter" in settings.station.instruments
-    if measured:
-        yield steps.ConfigureVvcMeter(V_VC_RANGE_V, float(settings.nplc))
+    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
     yield from routines.v_vc_on()
-    asked_v = level_v = 0.0
-    points: list[Point] = []
-    for sign in ABBA_SIGNS:
-        if asked_v != sign * settings.polarity_v_vc_v:
-            asked_v = sign * settings.polarity_v_vc_v
-            level_v = yield from routines.set_v_vc(settings, asked_v)
-        if measured:
-            window = steps.AcquireWithVvc(
-                DRIVEN, 0.0, level_v, None, v_vc_tolerance_v=_ANY_V, **routines.window_of(settings)
-            )
-            points.append(answer((yield window), steps.Window).point)
-        else:
-            points.append((yield from routines.take(settings, DRIVEN, rate_deg_s=0.0, v_vc_v=level_v)))
+    points = yield from both_signs(settings, DRIVEN, settings.polarity_v_vc_v, tolerance_v=_ANY_V)
     yield steps.DisableVvc()
     return points
 
@@ -385,7 +372,7 @@ POLARITY = Procedure(
     plan=polarity,
     results=results,
     report=report,
-    needs=MappingProxyType({"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage}),
-    uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "v_vc_meter": ReadsVoltage, "rate_table": Rotates}),
+    needs={"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage},
+    uses={"oscilloscope": MeasuresWaveforms, "v_vc_meter": ReadsVoltage, "rate_table": Rotates},
 )
 """The check of the signs."""

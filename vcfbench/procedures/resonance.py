@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from statistics import fmean, stdev
+from statistics import fmean
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from msgspec import Meta
 
 from vcfbench import interfaces, steps
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, at_rest, characteristics, sweep
+from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared.kept_characteristics import Keeps
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.shared.routines import energised, rails_of, v_vc_level_again
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
+from vcfbench.procedures.shared.routines import at_rest, energised, rails_of, v_vc_level_again
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.steps.scope import scale_v_per_div
@@ -272,13 +272,13 @@ def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[
     anti_phase = [found.modes[0] for found in decays]
     in_phase = [found.modes[1] for found in decays if len(found.modes) > 1]
     split = _frequency([found.drive_hz - found.modes[0].frequency_hz for found in decays])
-    quality = _mean([mode.q for mode in anti_phase], "")
+    quality = mean_of_records([mode.q for mode in anti_phase], "")
     whole, both = len(seen) == len(released), len(in_phase) == len(decays)
     drive_ring_down_hz = _frequency([found.frequency_hz for found in seen]) if whole else None
     return Resonances(
         drive_hz=drive_hz,
         drive_ring_down_hz=drive_ring_down_hz,
-        drive_q=_mean([found.q for found in seen], "") if whole else None,
+        drive_q=mean_of_records([found.q for found in seen], "") if whole else None,
         why_no_drive=next((found.trouble for found in released if found.trouble), ""),
         sense_hz=_frequency([mode.frequency_hz for mode in anti_phase]),
         sense_q_ring_down=quality,
@@ -286,7 +286,7 @@ def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[
         split_ring_down_hz=split,
         split_sweep_hz=swept.split_hz,
         in_phase_hz=_frequency([mode.frequency_hz for mode in in_phase]) if both else None,
-        in_phase_q=_mean([mode.q for mode in in_phase], "") if both else None,
+        in_phase_q=mean_of_records([mode.q for mode in in_phase], "") if both else None,
         e_n_drive_hz=None if drive_ring_down_hz is None else _e_n(drive_hz, drive_ring_down_hz),
         e_n_sense_q=_e_n(quality, swept.q),
         e_n_split=_e_n(split, swept.split_hz),
@@ -294,17 +294,11 @@ def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[
     )
 
 
-def _mean(values: Sequence[float], unit: str, *others: UncertaintyPart) -> Measurand:
-    """Return the mean of records with their scatter."""
-    scatter = UncertaintyPart("records", stdev(values) / math.sqrt(len(values)), len(values) - 1)
-    return measurand(fmean(values), unit, [scatter, *others])
-
-
 def _frequency(values_hz: Sequence[float]) -> Measurand:
     time_base = UncertaintyPart(
         "time base", SCOPE_TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz)), of="oscilloscope"
     )
-    return _mean(values_hz, "Hz", time_base)
+    return mean_of_records(values_hz, "Hz", time_base)
 
 
 def _e_n(first: Measurand, second: Measurand) -> float:

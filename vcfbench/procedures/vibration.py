@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from statistics import fmean, pstdev
-from types import MappingProxyType
+from statistics import fmean
 from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
@@ -21,15 +20,20 @@ from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRail
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.known.levels import generator_sheet
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.known.levels import both_signs, generator_sheet
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
-from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
-from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, SLOW_BELOW_HZ, sampled_every_s, stands_off_mains
+from vcfbench.procedures.shared.tones import (
+    HIGHEST_HZ,
+    NPLC,
+    SLOW_BELOW_HZ,
+    fitted_tones,
+    sampled_every_s,
+    stands_off_mains,
+)
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
-from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -133,14 +137,7 @@ NOT_HELD = (
 def vibration(settings: VibrationSettings) -> steps.Plan:
     """Take the response at rest, then the vibrations."""
     yield steps.DisableVibration()
-    return (yield from routines.energised(settings, _held(settings)))
-
-
-def _held(settings: VibrationSettings) -> Routine[steps.Outcome]:
-    """Look at the drive, and hold the table still under servo where there is one."""
-    yield from routines.look_at_drive(settings)
-    work = _both(settings)
-    return (yield from work if settings.station.limits.max_rate_deg_s is None else routines.under_servo(settings, work))
+    return (yield from routines.energised(settings, routines.at_rest(settings, _both(settings))))
 
 
 def _both(settings: VibrationSettings) -> Routine[steps.Outcome]:
@@ -169,21 +166,7 @@ def _static(settings: VibrationSettings) -> Routine[None]:
     yield steps.Note(f"V_Vc direct, {settings.static_v_vc_v:g} V both ways")
     yield from _meters(settings, float(settings.nplc))
     yield from routines.v_vc_on()
-    asked_v = level_v = 0.0
-    tolerance_v = 1.25 * generator_sheet(settings).limit_v(settings.static_v_vc_v)
-    points = []
-    for sign in ABBA_SIGNS:
-        if asked_v != sign * settings.static_v_vc_v:
-            asked_v = sign * settings.static_v_vc_v
-            level_v = yield from routines.set_v_vc(settings, asked_v)
-        if settings.v_vc_is_measured:
-            window = steps.AcquireWithVvc(
-                _STATIC, 0.0, level_v, None, v_vc_tolerance_v=tolerance_v, **routines.window_of(settings)
-            )
-            points.append(answer((yield window), steps.Window).point)
-        else:
-            points.append((yield from routines.take(settings, _STATIC, rate_deg_s=0.0, v_vc_v=level_v)))
-    require_answer(settings, points)
+    require_answer(settings, (yield from both_signs(settings, _STATIC, settings.static_v_vc_v)))
     yield steps.SetVvc(0.0)
 
 
@@ -208,8 +191,8 @@ def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
     found = measured.found(steps.ModulatedRecord)
     records = [(step.frequency_hz, each) for step, each in found if isinstance(step, steps.SampleModulated)]
     mains_hz = float(settings.station.mains_hz)
-    outputs = _tones([(hz, each, each.output_v) for hz, each in records], mains_hz)
-    inputs = _tones([(hz, each, each.v_vc_v) for hz, each in records if each.v_vc_v], mains_hz)
+    outputs = fitted_tones([(hz, each, each.output_v) for hz, each in records], mains_hz)
+    inputs = fitted_tones([(hz, each, each.v_vc_v) for hz, each in records if each.v_vc_v], mains_hz)
     noise_v = _noise_v(settings, outputs)
     responses = tuple(
         _response(settings, static, output, noise_v[place], inputs[place] if inputs else None)
@@ -265,21 +248,6 @@ def _believed(settings: VibrationSettings, what: str, size: float) -> list[Uncer
     if settings.v_vc_is_measured:
         return []
     return [UncertaintyPart(f"generator's accuracy, {what}", size * generator_sheet(settings).setting / math.sqrt(3.0))]
-
-
-def _tones(records: Sequence[tuple[float, steps.ModulatedRecord, Sequence[float]]], mains_hz: float) -> list[Tone]:
-    """Fit the sine in every record; records of one interval share the spacing that the strongest of them shows."""
-    from vcfbench.analysis.rate_band import fit_tone, true_spacing_s  # noqa: PLC0415  # NumPy, needed here alone
-
-    spacing_s = {}
-    for interval_s in {record.interval_s for _, record, _ in records}:
-        of = [(hz, volts) for hz, record, volts in records if record.interval_s == interval_s]
-        hz, strongest = max(of, key=lambda each: each[0] * pstdev(each[1]))
-        spacing_s[interval_s] = true_spacing_s(strongest, interval_s, hz)
-    return [
-        fit_tone(volts, spacing_s[record.interval_s], record.aperture_s, hz, mains_hz=mains_hz)
-        for hz, record, volts in records
-    ]
 
 
 def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float]:
@@ -393,7 +361,7 @@ def report(_settings: VibrationSettings, _measured: Measured, found: VibrationRe
         (
             *(each.frequency_hz, each.virtual_rate_deg_s, each.output_amplitude_v),
             *(each.response.value, each.response.expanded_u, each.expected.value, each.expected.expanded_u),
-            *(100.0 * (each.response.value / each.expected.value - 1.0), each.e_n, _made_of(each.response)),
+            *(100.0 * (each.response.value / each.expected.value - 1.0), each.e_n, made_of(each.response, ".1g")),
         )
         for each in found.responses
     ]
@@ -419,10 +387,6 @@ def report(_settings: VibrationSettings, _measured: Measured, found: VibrationRe
     )
 
 
-def _made_of(quantity: Measurand) -> str:
-    return ", ".join(f"{each.source} {each.u:.1g}" for each in quantity.parts)
-
-
 VIBRATION = Procedure(
     name="vibration",
     title=BUILT_IN["vibration"][1],
@@ -434,14 +398,12 @@ VIBRATION = Procedure(
     plan=vibration,
     results=results,
     report=report,
-    needs=MappingProxyType(
-        {
-            "power": PowersRails,
-            "rate_source": SetsVoltage,
-            "vibration_source": FunctionGenerator,
-            "multimeter": SamplesVoltage,
-        }
-    ),
-    uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "v_vc_meter": SamplesVoltage, "rate_table": Rotates}),
+    needs={
+        "power": PowersRails,
+        "rate_source": SetsVoltage,
+        "vibration_source": FunctionGenerator,
+        "multimeter": SamplesVoltage,
+    },
+    uses={"oscilloscope": MeasuresWaveforms, "v_vc_meter": SamplesVoltage, "rate_table": Rotates},
 )
 """The virtual vibration."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from statistics import fmean, stdev, variance
+from statistics import fmean, variance
 from typing import TYPE_CHECKING
 
 from msgspec import Struct, structs
@@ -15,7 +15,7 @@ from vcfbench.procedures.health.modes import Modes, middle_of, modes_of
 from vcfbench.procedures.health.plan import CaptureFar, level_v
 from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
 from vcfbench.procedures.resonance import SenseDecay
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
@@ -110,7 +110,7 @@ def _by_oscilloscope(
     taken = [found for step, found in measured.found(SineRecords) if isinstance(step, CaptureMeanSines)]
     means = [each for found in taken for each in found.records]
     skew = UncertaintyPart("skew of two channels", math.sqrt(2.0 / 3.0) * 360.0 * middle.drive_hz * _SKEW_S, of=scope)
-    carrier = _mean([math.remainder(each.phases_deg[1] - 90.0, 180.0) for each in means], "deg", skew)
+    carrier = mean_of_records([math.remainder(each.phases_deg[1] - 90.0, 180.0) for each in means], "deg", skew)
     share, beyond_deg = _share(pairs, at_rest, level_v(settings), carrier.value)
     drive_v = fmean(each.amplitudes_v[0] for each in means)
     carrier_v = [drive_v * each.amplitudes_v[1] / each.amplitudes_v[0] for each in means]
@@ -118,7 +118,7 @@ def _by_oscilloscope(
 
     def frequency(values_hz: Sequence[float]) -> Measurand:
         u_hz = SCOPE_TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz))
-        return _mean(values_hz, "Hz", UncertaintyPart("time base", u_hz, of=scope))
+        return mean_of_records(values_hz, "Hz", UncertaintyPart("time base", u_hz, of=scope))
 
     def gain(node: str, amplitude_v: float) -> UncertaintyPart:
         # so large an error cancels only where it is beyond doubt that the specimen is the same
@@ -128,22 +128,17 @@ def _by_oscilloscope(
     return Health(
         drive_hz=frequency([each.drive_hz for each in pairs]),
         split_hz=frequency([each.drive_hz - each.anti_phase.frequency_hz for each in pairs]),
-        q_anti_phase=_mean([each.anti_phase.q for each in pairs], ""),
+        q_anti_phase=mean_of_records([each.anti_phase.q for each in pairs], ""),
         in_phase_split_hz=frequency([each.drive_hz - each.in_phase.frequency_hz for each in pairs]),
-        q_in_phase=_mean([each.in_phase.q for each in pairs], ""),
+        q_in_phase=mean_of_records([each.in_phase.q for each in pairs], ""),
         in_phase_share=share,
         carrier_phase_deg=carrier,
         demodulator_phase_deg=_demodulator(measured, skew),
         v_vc_feedthrough=_feedthrough(settings, measured, middle, _share_of(then, middle) or share.kept(), at_rest),
         drive_amplitude_v=measurand(drive_v, "V", [gain("drive", drive_v)]),
-        carrier_amplitude_v=_mean(carrier_v, "V", gain("carrier", fmean(carrier_v))),
+        carrier_amplitude_v=mean_of_records(carrier_v, "V", gain("carrier", fmean(carrier_v))),
         sense_phase_deg=measurand(beyond_deg, "deg", [unexplained, skew]),
     )
-
-
-def _mean(values: Sequence[float], unit: str, *others: UncertaintyPart) -> Measurand:
-    scatter = UncertaintyPart("records", stdev(values) / math.sqrt(len(values)), len(values) - 1)
-    return measurand(fmean(values), unit, [scatter, *others])
 
 
 def _at_rest(measured: Measured) -> _AtRest:
@@ -179,7 +174,7 @@ def _share(pairs: Sequence[Modes], at_rest: _AtRest, level: float, carrier_deg: 
         left_deg = math.remainder(at_rest.phase_deg - phase_deg, 180.0)
         expected.append((abs(left_deg), left_deg, shares))
     _, left_deg, shares = min(expected)
-    return _mean(shares, ""), left_deg
+    return mean_of_records(shares, ""), left_deg
 
 
 def _share_of(then: Characteristics | None, now: Modes) -> Kept | None:
@@ -246,7 +241,7 @@ def _feedthrough(
         for sign in (1.0, -1.0)
     )
     at_rest_v, pairs = level_v(settings) * at_rest.per_v, list(zip(above, below, strict=True))
-    value = _mean([_through(pair, modes, share.value, at_rest_v) for pair in pairs], "")
+    value = mean_of_records([_through(pair, modes, share.value, at_rest_v) for pair in pairs], "")
     moved = fmean(_through(pair, modes, share.value + share.u, at_rest_v) for pair in pairs) - value.value
     flat = UncertaintyPart("the same at all frequencies", _FLAT / math.sqrt(3.0) * abs(value.value))
     return measurand(

@@ -7,7 +7,6 @@ before and after. Neither a table nor an oscilloscope is needed; where there is 
 
 from __future__ import annotations
 
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 from vcfbench import steps
@@ -106,7 +105,7 @@ ONLINE = Procedure(
     results=online_results,
     report=online_report,
     unforeseen={"disturbance": "it is the scatter of a few records"},
-    needs=MappingProxyType({"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage}),
-    uses=MappingProxyType({"oscilloscope": MeasuresWaveforms, "v_vc_meter": SamplesVoltage, "rate_table": Rotates}),
+    needs={"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage},
+    uses={"oscilloscope": MeasuresWaveforms, "v_vc_meter": SamplesVoltage, "rate_table": Rotates},
 )
 """The calibration while the gyroscope measures."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, quantity_row
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text
 from vcfbench.steps import SineRecords
 
 if TYPE_CHECKING:
@@ -88,14 +89,4 @@ def _figures(measured: Measured) -> list[Figure]:
 
 
 def _table(title: str, quantities: dict[str, Measurand]) -> Table:
-    columns = (
-        Column("quantity", align="left"),
-        *(Column("value", format=".7g"), Column("u", format=".2g"), Column("U95", format=".2g")),
-        *(Column("unit", align="left"), Column("u is made of", align="left")),
-    )
-    rows = [(name, *each.printed(), each.unit, _made_of(each)) for name, each in quantities.items()]
-    return Table(columns, rows, title)
-
-
-def _made_of(quantity: Measurand) -> str:
-    return ", ".join(f"{each.source} {each.u:.2g}" for each in quantity.parts)
+    return Table(QUANTITY_COLUMNS, [quantity_row(*each) for each in quantities.items()], title)

@@ -11,7 +11,7 @@ from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
 from vcfbench.errors import ConfigError
 from vcfbench.models import data_sheet_of
 from vcfbench.procedures.shared.known.scale_factor import scale_factor_used
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
 from vcfbench.steps import Acquire, Window
@@ -419,12 +419,7 @@ def _rails_words(rails: str) -> str:
 
 def power_report(settings: PowerSettings, _measured: Measured, results: PowerResult) -> Report:
     """Report power-on, currents and sensitivities."""
-    columns = (
-        Column("quantity", align="left"),
-        *(Column("value", format=".6g"), Column("u", format=".2g"), Column("U95", format=".2g")),
-        *(Column("unit", align="left"), Column("u is made of", align="left")),
-    )
-    rows = [(name, *each.printed(), each.unit, _made_of(each)) for name, each in results.quantities()]
+    rows = [quantity_row(*each) for each in results.quantities()]
     halves = Table(
         (
             *(Column("rails", align="left"), Column("step", "V", ".4f"), Column("imbalance", "V", "+.4f")),
@@ -443,21 +438,14 @@ def power_report(settings: PowerSettings, _measured: Measured, results: PowerRes
         "of either half: they differ where the weaker rail alone decides",
     )
     late = [each.order for each in results.power_on if each.valid_output is None]
-    said = f"scale factor taken with {'V_Vc' if results.by == 'v-vc' else 'the table'}; for deg/s {_scale(results)}"
+    scale = results.scale_factor_v_per_deg_s
+    said = f"scale factor taken with {'V_Vc' if results.by == 'v-vc' else 'the table'}; "
+    said += f"for deg/s {scale.value:.6g} V/(deg/s), {scale.source}"
     if late:
         said += f"\nno valid output within {settings.log_s:g} s: {', '.join(map(_words_of, late))}"
-    return Report([Table(columns, rows), halves, Text(f"{said}\n{NOT_HELD}"), *map(_figure, results.power_on)])
-
-
-def _scale(results: PowerResult) -> str:
-    scale = results.scale_factor_v_per_deg_s
-    return f"{scale.value:.6g} V/(deg/s), {scale.source}"
+    return Report([Table(QUANTITY_COLUMNS, rows), halves, Text(f"{said}\n{NOT_HELD}"), *map(_figure, results.power_on)])
 
 
 def _figure(on: PowerOn) -> Figure:
     series = [Series(f"{rail} rail", on.t_s, currents) for rail, currents in on.current_a.items()]
     return Figure(f"Power-on, {_words_of(on.order)}", Axis("time", "s"), Axis("current", "A"), series)
-
-
-def _made_of(quantity: Measurand) -> str:
-    return ", ".join(f"{each.source} {each.u:.2g}" for each in quantity.parts)

@@ -6,19 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, structs
 
-from vcfbench.procedures.shared.kept_characteristics import require_room
-from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactorBy, contradictions_of_level
+from vcfbench.procedures.shared.known.scale_factor import LevelSettings
 from vcfbench.station.invalid_value import InvalidValue
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from typing import Self
 
 Order = Literal["together", "positive", "negative"]
 Varied = Literal["positive", "negative", "both"]
 
 
-class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
+class PowerSettings(LevelSettings, frozen=True, kw_only=True):
     """Settings of the test of the supply, beside those of all procedures."""
 
     warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
@@ -42,24 +40,7 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
     rail_step_v: Annotated[
         float, Meta(ge=0.05, le=5.0, description="how far a rail is moved either way, within the limits")
     ] = 0.2
-    by: Annotated[
-        ScaleFactorBy,
-        Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True}),
-    ] = ScaleFactorBy.V_VC
-    level_deg_s: Annotated[
-        float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
-    ] = 200.0
     cycles: Annotated[int, Meta(ge=1, le=100, description="times that each rail is moved up and down")] = 2
-
-    def recalled(self) -> Self:
-        """Refuse settings whose results cannot be kept under the device's name, where one is given."""
-        require_room(self)
-        return self
-
-    @property
-    def level_v(self) -> float:
-        """The V_Vc that stands for the rate, V."""
-        return self.level_deg_s / self.k_vc_guess_deg_s_per_v
 
     def moved(self, which: Varied, step_v: float) -> PowerSettings:
         """Return these settings with the rails `which` so much larger, V."""
@@ -81,4 +62,3 @@ class PowerSettings(AtRestSettings, frozen=True, kw_only=True):
                     yield InvalidValue(
                         "rail_step_v", f"at most {most_v:g} V, for the limits of the rails", self.rail_step_v
                     )
-        yield from contradictions_of_level(self.by, self.level_deg_s, limits.max_rate_deg_s)

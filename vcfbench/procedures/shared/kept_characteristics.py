@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.procedures.procedure import Provenance
-    from vcfbench.records.devices import Characteristics, NewEntry
+    from vcfbench.records.devices import Characteristics, Conditions, NewEntry
 
 
 class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
@@ -22,23 +22,26 @@ class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
 
     def recalled(self) -> Self:
         """See that it can be kept under the device's name, where one is given."""
-        require_room(self)
+        if self.dut is not None:
+            from vcfbench.records.devices import DeviceStore  # noqa: PLC0415  # few name a device
+
+            DeviceStore(Path(self.devices)).require_room(self.dut)
         return self
 
 
-class _Named(Protocol):
-    @property
-    def dut(self) -> str | None: ...
-    @property
-    def devices(self) -> str: ...
+def conditions_of(settings: DeviceSettings, made: Provenance, temperature_c: float | None = None) -> Conditions:
+    """Return the conditions of a measurement, for the device store."""
+    from vcfbench.records.devices import Conditions  # noqa: PLC0415  # as above
 
-
-def require_room(settings: _Named) -> None:
-    """See that an entry can be kept under the device's name, where one is given; ConfigError where none can."""
-    if settings.dut is not None:
-        from vcfbench.records.devices import DeviceStore  # noqa: PLC0415  # few name a device
-
-        DeviceStore(Path(settings.devices)).require_room(settings.dut)
+    return Conditions(
+        bench=made.bench,
+        run=made.run,
+        simulated=made.simulated,
+        positive_rail_v=settings.positive_rail_v,
+        negative_rail_v=settings.negative_rail_v,
+        temperature_c=temperature_c,
+        instruments=dict(made.instruments),
+    )
 
 
 class Keeps(Struct, frozen=True):
@@ -52,23 +55,14 @@ class Keeps(Struct, frozen=True):
         seen = None if settings.dut is None else self.found(settings, results)
         if seen is None:
             return None
-        from vcfbench.records.devices import Characterisation, Conditions, NewEntry  # noqa: PLC0415  # as above
+        from vcfbench.records.devices import Characterisation, NewEntry  # noqa: PLC0415  # as above
 
         at_c = seen.temperature_c
-        conditions = Conditions(
-            bench=made.bench,
-            run=made.run,
-            simulated=made.simulated,
-            positive_rail_v=settings.positive_rail_v,
-            negative_rail_v=settings.negative_rail_v,
-            temperature_c=None if at_c is None else at_c.value,
-            instruments=dict(made.instruments),
-        )
         record = Characterisation(
             serial=settings.dut,
             done=made.finished,
             procedure=self.procedure,
             characteristics=seen,
-            conditions=conditions,
+            conditions=conditions_of(settings, made, None if at_c is None else at_c.value),
         )
         return NewEntry(record, Path(settings.devices))

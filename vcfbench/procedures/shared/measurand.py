@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 from vcfbench.analysis.budget import Distribution, Source, evaluate
@@ -91,6 +92,12 @@ def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart], missing
     return Measurand(value, result.u, unit, dof, factor, factor * result.u, by_size, not without, without)
 
 
+def mean_of_records(values: Sequence[float], unit: str, *others: UncertaintyPart) -> Measurand:
+    """Return the mean of records with their scatter."""
+    scatter = UncertaintyPart("records", stdev(values) / math.sqrt(len(values)), len(values) - 1)
+    return measurand(fmean(values), unit, [scatter, *others])
+
+
 def said_of(name: str, found: Measurand) -> str:
     """Return a line: value, unit, standard and expanded uncertainty; `u` is told in ppm where a ratio means something.
 
@@ -102,6 +109,22 @@ def said_of(name: str, found: Measurand) -> str:
     value = format(found.value, digits_of_value(found.value, found.u))
     u, u95 = (format(each, digits_of_u(each)) for each in (found.u, found.expanded_u))
     return f"{name}: {value} {found.unit}, u {u}{relative}, U95 {u95} ({factor}){incomplete(found.missing)}"
+
+
+QUANTITY_COLUMNS = (
+    *(Column("quantity", align="left"), Column("value", format=".6g"), Column("u", format=".2g")),
+    *(Column("U95", format=".2g"), Column("unit", align="left"), Column("u is made of", align="left")),
+)
+
+
+def quantity_row(name: str, found: Measurand) -> tuple[Cell | str, ...]:
+    """Return the row of a value in a table with `QUANTITY_COLUMNS`."""
+    return (name, *found.printed(), found.unit, made_of(found))
+
+
+def made_of(found: Measurand, digits: str = ".2g") -> str:
+    """Name the contributions to the uncertainty of `found`."""
+    return ", ".join(f"{each.source} {each.u:{digits}}" for each in found.parts)
 
 
 def budget_table(name: str, found: Measurand) -> Table:

@@ -224,10 +224,11 @@ def table_to_rest(settings: ProcedureSettings) -> Routine[None]:
     yield steps.AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
 
 
-def power_down() -> Routine[None]:
-    """Switch off the stimulus, then the power."""
+def power_down(*, generator: bool = True) -> Routine[None]:
+    """Switch off the stimulus, where there is one, then the power."""
     try:
-        yield steps.DisableVvc()
+        if generator:
+            yield steps.DisableVvc()
     finally:
         yield steps.DisableSupply()
 
@@ -249,13 +250,15 @@ def held_at_rest(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> R
     return (yield from (under_servo(settings, work) if held else work))
 
 
+def at_rest(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
+    """Look at the drive, then do `work` with the table held at rest under servo, where the bench has one."""
+    yield from look_at_drive(settings)
+    return (yield from held_at_rest(settings, work))
+
+
 def off_afterwards(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
     """Do `work`; whatever happens, generator (where there is one) and supply are off afterwards."""
     try:
         return (yield from work)
     finally:
-        try:
-            if _has_source(settings):
-                yield steps.DisableVvc()
-        finally:
-            yield steps.DisableSupply()
+        yield from power_down(generator=_has_source(settings))

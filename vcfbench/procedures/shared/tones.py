@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+from statistics import pstdev
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from vcfbench.analysis.rate_band import Tone
+    from vcfbench.steps import ModulatedRecord, SineResponse
+
 NPLC = 0.2
 """Integration time of a reading, power-line cycles: ten, as elsewhere, would average the mode split away."""
 HIGHEST_HZ = 75.0
@@ -24,3 +33,23 @@ def sampled_every_s(frequency_hz: float) -> float:
 def stands_off_mains(frequency_hz: float, mains_hz: float, record_samples: int) -> bool:
     """Tell whether a record of so many samples takes a tone and the mains, which the leads pick up, apart."""
     return abs(frequency_hz - mains_hz) > _APART / (record_samples * _FAST_S)
+
+
+def fitted_tones(
+    records: Sequence[tuple[float, SineResponse | ModulatedRecord, Sequence[float]]], mains_hz: float
+) -> list[Tone]:
+    """Fit the sine of a frequency, Hz, in the volts of each record.
+
+    Records of one interval share the spacing that the strongest of them shows.
+    """
+    from vcfbench.analysis.rate_band import fit_tone, true_spacing_s  # noqa: PLC0415  # NumPy, needed here alone
+
+    spacing_s = {}
+    for interval_s in {record.interval_s for _, record, _ in records}:
+        of = [(hz, volts) for hz, record, volts in records if record.interval_s == interval_s]
+        hz, strongest = max(of, key=lambda each: each[0] * pstdev(each[1]))
+        spacing_s[interval_s] = true_spacing_s(strongest, interval_s, hz)
+    return [
+        fit_tone(volts, spacing_s[record.interval_s], record.aperture_s, hz, mains_hz=mains_hz)
+        for hz, record, volts in records
+    ]

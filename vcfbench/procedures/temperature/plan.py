@@ -58,9 +58,7 @@ def _with_drive(settings: TemperatureSettings) -> Routine[steps.Outcome]:
     yield from routines.look_at_drive(settings)
     if not settings.split:
         yield steps.NotChecked("the mode split", "not measured here; --set split=true does, at each temperature")
-    work = _in_chamber(settings)
-    held = settings.station.limits.max_rate_deg_s is not None
-    return (yield from (routines.under_servo(settings, work) if held else work))
+    return (yield from routines.held_at_rest(settings, _in_chamber(settings)))
 
 
 def _in_chamber(settings: TemperatureSettings) -> Routine[steps.Outcome]:

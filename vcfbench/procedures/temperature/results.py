@@ -17,9 +17,9 @@ from vcfbench.procedures import bandwidth
 from vcfbench.procedures.shared.known.levels import generator_sheet
 from vcfbench.procedures.shared.known.scale_factor import scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import meter_error
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
-from vcfbench.reports.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import Done, SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.step import Step
 
@@ -208,13 +208,8 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     u_slope = math.sqrt((of_plus + of_minus - 2.0 * both) / settings.cycles) / (2.0 * fmean(e.level for e in seen))
     of_slope = _Cause("readings and flicker", u_slope**2 * np.eye(len(seen)), noise.dof)
     mean = fmean(slopes)
-    factor = _found(
-        settings,
-        seen,
-        slopes,
-        [of_slope, *_of_instruments(settings, mean)],
-        ("V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean),
-    )
+    units = "V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean
+    factor = _found(settings, seen, slopes, [of_slope, *_of_instruments(settings, mean)], units)
     volts = mean if table else scale.value
     biases = [each.zero_v / volts for each in seen]
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
@@ -370,18 +365,16 @@ def _found(
         raise ConfigError("the temperatures, as they were read, are fewer than three different ones")
     making, y = np.linalg.pinv(powers), np.array(values)
     found = making @ y
-    each_k = np.diag(
-        (np.vander(at, 2, increasing=True) @ (found[1:] * (1.0, 2.0)) * settings.u_each_temperature_k) ** 2
-    )
+    moves = np.vander(at, 2, increasing=True) @ (found[1:] * (1.0, 2.0))
+    each_k = np.diag((moves * settings.u_each_temperature_k) ** 2)
     known = [*causes, *([_Cause("temperatures, each by itself", each_k)] if settings.u_each_temperature_k else [])]
     moved = (found[1], 2.0 * found[2], 0.0)
 
     def made(number: int, unit: str, factor: float) -> Measurand:
         parts = [_part(cause, making[number], factor, mean=number == 0) for cause in known]
-        common = UncertaintyPart(
-            "temperature, the same at all", float(abs(factor * moved[number])) * settings.u_temperature_k
-        )
-        held = [part for part in (*parts, common) if part.u > 0.0]
+        u_common = float(abs(factor * moved[number])) * settings.u_temperature_k
+        parts.append(UncertaintyPart("temperature, the same at all", u_common))
+        held = [part for part in parts if part.u > 0.0]
         return measurand(float(factor * found[number]), unit, held)
 
     rest, free = y - powers @ found, len(values) - 3
@@ -398,9 +391,8 @@ def _part(cause: _Cause, weights: Floats, factor: float, *, mean: bool) -> Uncer
     """Return the contribution of a cause to a combination of the values."""
     variance = max(0.0, float(weights @ cause.covariance @ weights))
     u = cause.floor if mean and cause.floor is not None else math.sqrt(variance)
-    return UncertaintyPart(
-        cause.source, abs(factor) * u, None if cause.dof is None or math.isinf(cause.dof) else cause.dof
-    )
+    dof = None if cause.dof is None or math.isinf(cause.dof) else cause.dof
+    return UncertaintyPart(cause.source, abs(factor) * u, dof)
 
 
 def _hysteresis(
@@ -422,21 +414,14 @@ def _hysteresis(
             parts = [_part(cause, weights, factor, mean=False) for cause in causes]
             difference = float(factor * (weights @ values))
             found[weights.tobytes()] = measurand(difference, unit, [each for each in parts if each.u > 0.0])
-    together = [_among(len(found), each) for each in found.values()]
-    seen_beyond = [each for each in together if _is_seen(each)]
+    together = []
+    for each in found.values():
+        factor = t_of_largest(len(found), math.inf if each.dof is None else each.dof)
+        together.append(replace(each, coverage_factor=factor, expanded_u=factor * each.u))
+    seen_beyond = [each for each in together if abs(each.value) > each.expanded_u]
     if seen_beyond:
         return max(seen_beyond, key=lambda each: abs(each.value))
     return max(together, key=_bound, default=None)
-
-
-def _among(number: int, difference: Measurand) -> Measurand:
-    """Return one of so many differences with the expanded uncertainty that all of them keep together with 95 %."""
-    factor = t_of_largest(number, math.inf if difference.dof is None else difference.dof)
-    return replace(difference, coverage_factor=factor, expanded_u=factor * difference.u)
-
-
-def _is_seen(difference: Measurand) -> bool:
-    return abs(difference.value) > difference.expanded_u
 
 
 def _bound(difference: Measurand) -> float:
@@ -445,19 +430,19 @@ def _bound(difference: Measurand) -> float:
 
 def _seen_or_bound(difference: Measurand | None) -> Measurand | _NotSeen | None:
     """Return a hysteresis that is seen, else its upper limit."""
-    if difference is None or _is_seen(difference):
+    if difference is None or abs(difference.value) > difference.expanded_u:
         return difference
     return _NotSeen(difference.value, difference.unit, _bound(difference))
 
 
 def temperature_report(settings: TemperatureSettings, _measured: Measured, results: TemperatureResult) -> Report:
     """Report the coefficients, every temperature, and the figures over it."""
-    columns = (
-        Column("quantity", align="left"),
-        *(Column("value", format=".6g"), Column("u", format=".2g"), Column("U95", format=".2g")),
-        *(Column("unit", align="left"), Column("u is made of", align="left")),
-    )
-    rows = [_row(name, each) for name, each in results.quantities()]
+    rows = [
+        (f"{name}, not seen, below (95 %)", each.upper_95, None, None, each.unit, "")
+        if isinstance(each, _NotSeen)
+        else quantity_row(name, each)
+        for name, each in results.quantities()
+    ]
     unit = results.scale_factor.unit
     of_points = (
         *(Column("temperature", "degC", ".1f"), Column("direction", align="left"), Column("scale factor", unit, ".7g")),
@@ -471,31 +456,25 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
         )
         for each in results.points
     ]
-    said = [_lack_of_fit(results), BY_V_VC if results.by == "v-vc" else "", NOT_HELD]
+    factor, bias = results.scale_factor_lack_of_fit_ppm, results.bias_lack_of_fit_deg_s
+    left = (
+        "as many points as coefficients: nothing tells how well a parabola fits"
+        if factor is None or bias is None
+        else f"what the parabolas leave: scale factor {factor:.3g} ppm, bias {bias:.2g} deg/s"
+    )
+    said = [left, BY_V_VC if results.by == "v-vc" else "", NOT_HELD]
     if results.split is None:
         said.insert(0, "mode split: not measured (--set split=true)")
     if settings.chamber is None:
         said.insert(0, "temperatures are those that a person set, not measured")
+    ppm = [1e6 * (p.slope / results.scale_factor.value - 1.0) for p in results.points]
     figures = [
-        _figure(
-            results, "scale factor", "ppm", [1e6 * (p.slope / results.scale_factor.value - 1.0) for p in results.points]
-        ),
+        _figure(results, "scale factor", "ppm", ppm),
         _figure(results, "bias", "deg/s", [p.bias_deg_s for p in results.points]),
     ]
-    return Report([Table(columns, rows), Table(of_points, points), Text("\n".join(filter(None, said))), *figures])
-
-
-def _row(name: str, found: Measurand | _NotSeen) -> tuple[Cell | float | str | None, ...]:
-    if isinstance(found, _NotSeen):
-        return (f"{name}, not seen, below (95 %)", found.upper_95, None, None, found.unit, "")
-    return (name, *found.printed(), found.unit, ", ".join(f"{each.source} {each.u:.2g}" for each in found.parts))
-
-
-def _lack_of_fit(results: TemperatureResult) -> str:
-    if results.scale_factor_lack_of_fit_ppm is None or results.bias_lack_of_fit_deg_s is None:
-        return "as many points as coefficients: nothing tells how well a parabola fits"
-    factor, bias = results.scale_factor_lack_of_fit_ppm, results.bias_lack_of_fit_deg_s
-    return f"what the parabolas leave: scale factor {factor:.3g} ppm, bias {bias:.2g} deg/s"
+    return Report(
+        [Table(QUANTITY_COLUMNS, rows), Table(of_points, points), Text("\n".join(filter(None, said))), *figures]
+    )
 
 
 def _figure(results: TemperatureResult, name: str, unit: str, values: Sequence[float]) -> Figure:

@@ -7,20 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta, structs
 
 from vcfbench.procedures.bandwidth import BandwidthSettings
-from vcfbench.procedures.shared.kept_characteristics import require_room
-from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactorBy, contradictions_of_level
+from vcfbench.procedures.shared.known.scale_factor import LevelSettings
 from vcfbench.station.invalid_value import InvalidValue
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from typing import Self
 
 STEADY_MEANS = 3
 """So many means in a row must stand still."""
 Celsius = Annotated[float, Meta(ge=-100.0, le=200.0)]
 
 
-class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
+class TemperatureSettings(LevelSettings, frozen=True, kw_only=True):
     """Settings of the run over temperature, beside those of all procedures."""
 
     temperatures_c: Annotated[
@@ -43,13 +41,6 @@ class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
     soak_window_s: Annotated[float, Meta(ge=10.0, le=600.0, description="length of the three means that tell it")] = (
         60.0
     )
-    by: Annotated[
-        ScaleFactorBy,
-        Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True}),
-    ] = ScaleFactorBy.V_VC
-    level_deg_s: Annotated[
-        float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
-    ] = 200.0
     cycles: Annotated[int, Meta(ge=1, le=100, description="chopped blocks at each temperature")] = 2
     split: Annotated[bool, Meta(description="whether the mode split is measured too, as bandwidth does")] = False
     u_temperature_k: Annotated[
@@ -61,16 +52,6 @@ class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
     bias_instability_deg_h: Annotated[
         float, Meta(ge=0.0, le=1e6, description="B of this gyroscope, of its zero record: how its bias wanders")
     ] = 5.6
-
-    def recalled(self) -> Self:
-        """See that they can be kept under the device's name, where one is given."""
-        require_room(self)
-        return self
-
-    @property
-    def level_v(self) -> float:
-        """The V_Vc that stands for the rate, V."""
-        return self.level_deg_s / self.k_vc_guess_deg_s_per_v
 
     @property
     def chamber(self) -> str | None:
@@ -105,4 +86,3 @@ class TemperatureSettings(AtRestSettings, frozen=True, kw_only=True):
         if self.longest_soak_s < self.soak_s + STEADY_MEANS * self.soak_window_s:
             least_s = self.soak_s + STEADY_MEANS * self.soak_window_s
             yield InvalidValue("longest_soak_s", f"at least {least_s:g} s: soak_s and three means", self.longest_soak_s)
-        yield from contradictions_of_level(self.by, self.level_deg_s, limits.max_rate_deg_s)

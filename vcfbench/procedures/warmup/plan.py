@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from typing import Self
 
     from vcfbench.records.schema import Point
-    from vcfbench.reports.document import Report
     from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.station.settings import Sources
     from vcfbench.steps.measured import Measured
@@ -208,10 +207,6 @@ def _results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
     )
 
 
-def _report(_settings: WarmupSettings, _measured: Measured, results: WarmupResult) -> Report:
-    return warmup_report(results)
-
-
 WARMUP = Procedure(
     name="warmup",
     title=BUILT_IN["warmup"][1],
@@ -223,7 +218,7 @@ WARMUP = Procedure(
     settings=WarmupSettings,
     plan=warmup,
     results=_results,
-    report=_report,
+    report=warmup_report,
     unforeseen=dict.fromkeys(("amplitude", "time_constant", "warm_up"), "it goes with how the output warms up"),
     in_one_piece="a warm-up begins with power-on; after a break the gyroscope is warm, or cold again",
     needs={"power": PowersRails, "multimeter": ReadsVoltage},

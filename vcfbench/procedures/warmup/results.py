@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
+    from vcfbench.steps.measured import Measured
 
 _SIGMAS = 3.0
 _FLOOR = 0.6643
@@ -300,7 +301,7 @@ def _stated(values_s: Floats, likely: Floats, found: tuple[float, float]) -> Mea
     return Measurand(value, u, "s", None, half / u if u else 0.0, half, (UncertaintyPart("fit", u),))
 
 
-def warmup_report(results: WarmupResult) -> Report:
+def warmup_report(_settings: object, _measured: Measured, results: WarmupResult) -> Report:
     """Report a warm-up: the figures, their omissions, and the curve."""
     scale = results.scale_factor_v_per_deg_s
     columns = [Column("", align="left"), Column("value", format=".5g"), Column("u", format=".2g")]

@@ -11,7 +11,7 @@ import math
 from datetime import timedelta
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta
 
@@ -20,7 +20,7 @@ from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Ro
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.kept_characteristics import require_room
+from vcfbench.procedures.shared.kept_characteristics import KeptSettings, conditions_of
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
 from vcfbench.station.invalid_value import InvalidValue
@@ -50,7 +50,7 @@ class Mode(Enum):
     GAPLESS = "gapless"
 
 
-class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
+class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
     """Settings of the static record, beside those of all procedures."""
 
     powered_s: Annotated[
@@ -88,11 +88,6 @@ class ZeroSettings(AtRestSettings, frozen=True, kw_only=True):
     ] = 500
 
     validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the flicker that is kept, days")] = 365.0
-
-    def recalled(self) -> Self:
-        """See that the flicker can be kept under the device's name, where one is given."""
-        require_room(self)
-        return self
 
     @property
     def start_up_s(self) -> float:
@@ -234,7 +229,7 @@ def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> New
     flicker = results.flicker
     if settings.dut is None or flicker is None:
         return None
-    from vcfbench.records.devices import Conditions, Measured, NewEntry, StaticNoise  # noqa: PLC0415  # few name a device
+    from vcfbench.records.devices import Measured, NewEntry, StaticNoise  # noqa: PLC0415  # few name a device
 
     value, u = flicker
     scale_factor = results.scale_factor_v_per_deg_s
@@ -245,18 +240,8 @@ def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> New
         procedure="zero",
         bias_instability_deg_h=Measured(value=value, u=u, dof=0.5 * (value / u) ** 2),
         duration_s=settings.duration_s,
-        conditions=Conditions(
-            bench=made.bench,
-            run=made.run,
-            simulated=made.simulated,
-            positive_rail_v=settings.positive_rail_v,
-            negative_rail_v=settings.negative_rail_v,
-            instruments=dict(made.instruments),
-        ),
-        remarks=(
-            f"mode {results.mode}",
-            f"scale factor {scale_factor.value:.6g} V/(deg/s): {scale_factor.source}",
-        ),
+        conditions=conditions_of(settings, made),
+        remarks=(f"mode {results.mode}", f"scale factor {scale_factor.value:.6g} V/(deg/s): {scale_factor.source}"),
     )
     return NewEntry(record, Path(settings.devices))
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from vcfbench.models import data_sheet_of
-from vcfbench.procedures.shared.routines import take, window_of
+from vcfbench.procedures.shared.routines import set_v_vc, take, window_of
+from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.specifications import AGILENT_33220A, LevelSpecification
 from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter, Window
 from vcfbench.steps.step import answer
@@ -39,15 +40,39 @@ def ready_v_vc_meter(settings: ProcedureSettings, range_v: float) -> Routine[Non
 
 
 def take_driven(
-    settings: ProcedureSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None
+    settings: ProcedureSettings,
+    step: int,
+    *,
+    rate_deg_s: float,
+    v_vc_v: float,
+    table_deg_s: float | None,
+    tolerance_v: float | None = None,
 ) -> Routine[Point]:
-    """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that."""
+    """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that.
+
+    It must be within `tolerance_v` of its setting; by default that of :func:`v_vc_tolerance_v`.
+    """
     if not has_v_vc_meter(settings):
         return (yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
-    tolerance_v = v_vc_tolerance_v(settings, v_vc_v)
+    within_v = v_vc_tolerance_v(settings, v_vc_v) if tolerance_v is None else tolerance_v
     common = window_of(settings)
-    acquire = AcquireWithVvc(step, rate_deg_s, v_vc_v, table_deg_s, v_vc_tolerance_v=tolerance_v, **common)
+    acquire = AcquireWithVvc(step, rate_deg_s, v_vc_v, table_deg_s, v_vc_tolerance_v=within_v, **common)
     return answer((yield acquire), Window).point
+
+
+def both_signs(
+    settings: ProcedureSettings, step: int, level_v: float, *, tolerance_v: float | None = None
+) -> Routine[list[Point]]:
+    """Average a window at V_Vc of both signs, +, -, -, +, with the table at rest; `tolerance_v` as `take_driven`."""
+    points: list[Point] = []
+    asked_v = set_v = 0.0
+    for sign in ABBA_SIGNS:
+        if asked_v != sign * level_v:
+            asked_v = sign * level_v
+            set_v = yield from set_v_vc(settings, asked_v)
+        taken = take_driven(settings, step, rate_deg_s=0.0, v_vc_v=set_v, table_deg_s=None, tolerance_v=tolerance_v)
+        points.append((yield from taken))
+    return points
 
 
 def generator_sheet(settings: ProcedureSettings) -> LevelSpecification:

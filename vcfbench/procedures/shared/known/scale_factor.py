@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.procedures.shared.kept_characteristics import KeptSettings
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import DeviceSettings
 from vcfbench.steps.step import Step, StepResult
@@ -28,18 +29,6 @@ class ScaleFactorBy(Enum):
 
     V_VC = "v-vc"
     TABLE = "table"
-
-
-def contradictions_of_level(
-    by: ScaleFactorBy, level_deg_s: float, max_rate_deg_s: float | None
-) -> Iterator[InvalidValue]:
-    """Yield why the scale factor cannot be taken on the table at `level_deg_s`: no table, or too fast a rate."""
-    if by is not ScaleFactorBy.TABLE:
-        return
-    if max_rate_deg_s is None:
-        yield InvalidValue("by", "v-vc: the bench has no rate table", by.value)
-    elif level_deg_s > max_rate_deg_s:
-        yield InvalidValue("level_deg_s", f"at most {max_rate_deg_s:g} deg/s (limits)", level_deg_s)
 
 
 class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
@@ -64,6 +53,32 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
         if self.scale_factor_v_per_deg_s == 0.0:
             expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not told"
             yield InvalidValue("scale_factor_v_per_deg_s", expected, self.scale_factor_v_per_deg_s)
+
+
+class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
+    """Settings of procedures that take the scale factor at a level of both signs, and keep what they find."""
+
+    by: Annotated[
+        ScaleFactorBy,
+        Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True}),
+    ] = ScaleFactorBy.V_VC
+    level_deg_s: Annotated[
+        float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
+    ] = 200.0
+
+    @property
+    def level_v(self) -> float:
+        """The V_Vc that stands for the rate, V."""
+        return self.level_deg_s / self.k_vc_guess_deg_s_per_v
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield the contradictions beyond the ranges: the table is needed, and not faster than it may turn."""
+        yield from super().contradictions()
+        most_deg_s = self.station.limits.max_rate_deg_s
+        if self.by is ScaleFactorBy.TABLE and most_deg_s is None:
+            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
+        elif self.by is ScaleFactorBy.TABLE and most_deg_s is not None and self.level_deg_s > most_deg_s:
+            yield InvalidValue("level_deg_s", f"at most {most_deg_s:g} deg/s (limits)", self.level_deg_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from msgspec import Meta, structs
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.flicker import flicker_sources, with_flicker
+from vcfbench.procedures.shared.kept_characteristics import conditions_of
 from vcfbench.procedures.shared.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.procedures.shared.routines import take
 from vcfbench.records.devices import Conditions, DeviceStore
@@ -36,11 +37,8 @@ if TYPE_CHECKING:
 
 READINGS = "readings"
 METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
-V_VC_GAIN, V_VC_OFFSET, V_VC_NOISE = (
-    "gain of what V_Vc is known by",
-    "offset of what V_Vc is known by",
-    "V_Vc's scatter",
-)
+V_VC_GAIN, V_VC_OFFSET = "gain of what V_Vc is known by", "offset of what V_Vc is known by"
+V_VC_NOISE = "V_Vc's scatter"
 RESOLUTION = "steps of the generator"
 """Sources of uncertainty that several procedures name, so that common errors cancel in differences."""
 
@@ -127,15 +125,7 @@ class InstrumentAccuracy:
 
 def conditions(settings: KnownVvcSettings, made: Provenance) -> Conditions:
     """Return the conditions of the measurement, for the device store."""
-    return Conditions(
-        bench=made.bench,
-        run=made.run,
-        simulated=made.simulated,
-        positive_rail_v=settings.positive_rail_v,
-        negative_rail_v=settings.negative_rail_v,
-        temperature_c=settings.temperature_c,
-        instruments=dict(made.instruments),
-    )
+    return conditions_of(settings, made, settings.temperature_c)
 
 
 def meter_error(settings: ProcedureSettings, role: str) -> InstrumentAccuracy:
