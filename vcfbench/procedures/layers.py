@@ -311,11 +311,7 @@ _USUAL_AGE_DAYS = 365.0
 
 
 def _age_days(description: BenchDescription, role: str, key: str) -> tuple[float, str]:
-    """Return the days since a meter was calibrated, and where they are from: told, its table, or else a year.
-
-    Raises:
-        ConfigError: it is to be calibrated in future.
-    """
+    """Return the days since a meter was calibrated, and where they are from: told, its table, or else a year."""
     stated: float | None = getattr(description.uncertainty, key)
     if stated is not None:
         return stated, f"uncertainty.{key}"

@@ -174,13 +174,10 @@ def _vibrate(settings: VibrationSettings, frequency_hz: float) -> Routine[None]:
     yield steps.SetVibration(frequency_hz, settings.vibration_amplitude_v)
     yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
     yield steps.SampleModulated(
-        frequency_hz,
-        settings.vibration_amplitude_v,
-        settings.record_samples,
-        sampled_every_s(frequency_hz),
-        "both" if settings.v_vc_is_measured else "output",
-        None,
-        settings.rate_tolerance_deg_s,
+        *(frequency_hz, settings.vibration_amplitude_v, settings.record_samples, sampled_every_s(frequency_hz)),
+        of="both" if settings.v_vc_is_measured else "output",
+        table_deg_s=None,
+        tolerance_deg_s=settings.rate_tolerance_deg_s,
     )
     yield steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)
 
@@ -262,23 +259,21 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float
     u_fitted = [tone.u_amplitude for tone in outputs]
     if len(close) < _LEAST_TONES:
         return u_fitted
-    at_tone = np.array([_passed(settings, tone.frequency_hz) for tone in close])
-    beside = np.array([np.mean([_passed(settings, hz) for hz in _beside_hz(settings, tone)]) for tone in close])
+
+    def passed(frequency_hz: float) -> float:
+        return _closed_form(settings, frequency_hz, settings.split_hz, settings.q, settings.in_phase_share) ** 2
+
+    def beside_hz(tone: Tone) -> list[float]:  # lines of the spectrum from which the noise about it was read
+        width_hz = 1.0 / (settings.record_samples * tone.spacing_s)
+        return [abs(tone.frequency_hz + sign * step * width_hz) for step in range(2, 9) for sign in (-1.0, 1.0)]
+
+    at_tone = np.array([passed(tone.frequency_hz) for tone in close])
+    beside = np.array([np.mean([passed(hz) for hz in beside_hz(tone)]) for tone in close])
     variance = np.array([tone.u_amplitude**2 for tone in close])
     found, *_ = np.linalg.lstsq(np.column_stack([1.0 / variance, beside / variance]), np.ones(len(close)), rcond=None)
-    flat, passed = (0.0, 1.0) if found[0] < 0.0 else (1.0, 0.0) if found[1] < 0.0 else found
-    own = iter(np.sqrt(variance * (flat + passed * at_tone) / (flat + passed * beside)).tolist())
+    flat, by_modes = (0.0, 1.0) if found[0] < 0.0 else (1.0, 0.0) if found[1] < 0.0 else found
+    own = iter(np.sqrt(variance * (flat + by_modes * at_tone) / (flat + by_modes * beside)).tolist())
     return [next(own) if tone.frequency_hz >= SLOW_BELOW_HZ else u for tone, u in zip(outputs, u_fitted, strict=True)]
-
-
-def _passed(settings: VibrationSettings, frequency_hz: float) -> float:
-    return _closed_form(settings, frequency_hz, settings.split_hz, settings.q, settings.in_phase_share) ** 2
-
-
-def _beside_hz(settings: VibrationSettings, tone: Tone) -> list[float]:
-    """Return the frequencies of the spectrum's lines from which the noise about a tone was read."""
-    width_hz = 1.0 / (settings.record_samples * tone.spacing_s)
-    return [abs(tone.frequency_hz + sign * step * width_hz) for step in range(2, 9) for sign in (-1.0, 1.0)]
 
 
 def _response(
@@ -289,26 +284,17 @@ def _response(
     amplitude_v = settings.vibration_amplitude_v if v_vc is None else v_vc.amplitude
     size = abs(static.value)
     value = output.amplitude / amplitude_v / size
-    of_v_vc = (
-        []
-        if v_vc is None
-        else [UncertaintyPart("noise of V_Vc", value * v_vc.u_amplitude / amplitude_v, v_vc.noise_dof)]
-    )
-    parts = [
-        UncertaintyPart("noise of the output", value * noise_v / output.amplitude, output.noise_dof),
-        *of_v_vc,
+    parts = [UncertaintyPart("noise of the output", value * noise_v / output.amplitude, output.noise_dof)]
+    if v_vc is not None:
+        parts.append(UncertaintyPart("noise of V_Vc", value * v_vc.u_amplitude / amplitude_v, v_vc.noise_dof))
+    parts += [
         *_believed(settings, "the vibration", value),
         *(UncertaintyPart(part.source, value * part.u / size, part.dof) for part in static.parts),
     ]
     response, expected = measurand(value, "", parts), _expected(settings, output.frequency_hz)
     return VibrationResponse(
-        output.frequency_hz,
-        amplitude_v,
-        abs(settings.expected_gyro().k_vc) * amplitude_v,
-        output.amplitude,
-        response,
-        expected,
-        e_n(response.value, response.expanded_u, expected.value, expected.expanded_u),
+        *(output.frequency_hz, amplitude_v, abs(settings.expected_gyro().k_vc) * amplitude_v, output.amplitude),
+        *(response, expected, e_n(response.value, response.expanded_u, expected.value, expected.expanded_u)),
     )
 
 
@@ -323,12 +309,8 @@ def _expected(settings: VibrationSettings, frequency_hz: float) -> Measurand:
     parts = []
     for place, (name, value, u) in enumerate(inputs):
         step = _STEP * max(value, 0.01)
-        up, down = (
-            _closed_form(
-                settings, frequency_hz, *(v + (sign * step if n == place else 0.0) for n, v in enumerate(values))
-            )
-            for sign in (1.0, -1.0)
-        )
+        ends = [[v + (sign * step if n == place else 0.0) for n, v in enumerate(values)] for sign in (1.0, -1.0)]
+        up, down = (_closed_form(settings, frequency_hz, *end) for end in ends)
         parts.append(UncertaintyPart(name, abs(up - down) / (2.0 * step) * u))
     return measurand(_closed_form(settings, frequency_hz, *values), "", parts)
 
@@ -370,12 +352,8 @@ def report(_settings: VibrationSettings, _measured: Measured, found: VibrationRe
     words = f"response at rest {static.value:.6g} V/V, u {static.u:.1g}; V_Vc {by}; "
     words += f"largest E_n, of all together, {found.largest_e_n:.2f}"
     at_hz = [each.frequency_hz for each in found.responses]
-    measured = Series(
-        "measured",
-        at_hz,
-        [each.response.value for each in found.responses],
-        [each.response.u for each in found.responses],
-    )
+    responses = [each.response for each in found.responses]
+    measured = Series("measured", at_hz, [each.value for each in responses], [each.u for each in responses])
     expected = Series("closed form", at_hz, [each.expected.value for each in found.responses], kind="line")
     axes = Axis("frequency", "Hz", "log"), Axis("response over that at rest", scale="log")
     return Report(

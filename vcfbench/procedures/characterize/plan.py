@@ -8,11 +8,12 @@ the power come. What the bench cannot do is left out, and it is said why.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
-from msgspec import Meta, Struct, field, structs, to_builtins
+from msgspec import Meta, Struct, structs, to_builtins
+from msgspec import field as key
 
 from vcfbench import interfaces
 from vcfbench.errors import BenchError
@@ -56,13 +57,9 @@ class CertificatePart:
     """
 
     name: str
-    defaults: Mapping[str, Any]
     conditions: Callable[[Any], str]
+    defaults: Mapping[str, Any] = field(default_factory=dict)
     roles: tuple[str, ...] = ()
-
-
-def _said(words: str) -> Callable[[Any], str]:
-    return lambda _: words
 
 
 _WARM = ("warm_up_s", "powered_s")
@@ -73,38 +70,32 @@ def _known_by(own: ProcedureSettings) -> str:
     return "measured" if "v_vc_meter" in own.station.instruments else "as set"
 
 
+def _line_through(own: Any) -> str:
+    return f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"
+
+
 PARTS = (
-    CertificatePart("warmup", {}, lambda own: f"from power-on, {own.shortest_s:g} s and more, at rest"),
+    CertificatePart("warmup", lambda own: f"from power-on, {own.shortest_s:g} s and more, at rest"),
+    CertificatePart("polarity", lambda own: f"{own.polarity_rate_deg_s:g} deg/s, {own.polarity_v_vc_v:g} V of V_Vc"),
     CertificatePart(
-        "polarity", {}, lambda own: f"{own.polarity_rate_deg_s:g} deg/s, {own.polarity_v_vc_v:g} V of V_Vc"
+        "power", lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"
     ),
+    CertificatePart("turntable", _line_through),
+    CertificatePart("virtual-coriolis", lambda own: f"{_line_through(own)}, V_Vc {_known_by(own)}"),
     CertificatePart(
-        "power", {}, lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"
+        "kvc", lambda own: f"at small rates, matched to {own.fastest_deg_s:g} deg/s, V_Vc {own.v_vc.value}"
     ),
-    CertificatePart(
-        "turntable", {}, lambda own: f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"
-    ),
-    CertificatePart(
-        "virtual-coriolis",
-        {},
-        lambda own: f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s, V_Vc {_known_by(own)}",
-    ),
-    CertificatePart(
-        "kvc", {}, lambda own: f"at small rates, matched to {own.fastest_deg_s:g} deg/s, V_Vc {own.v_vc.value}"
-    ),
-    CertificatePart("bandwidth", {}, lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
-    CertificatePart("resonance", {}, _said("ring-down and sweep, at rest")),
-    CertificatePart("phase", {}, lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),
+    CertificatePart("bandwidth", lambda own: f"sine of {own.sine_amplitude_v:g} V on V_Vc, at rest"),
+    CertificatePart("resonance", lambda _own: "ring-down and sweep, at rest"),
+    CertificatePart("phase", lambda own: f"{own.rate_deg_s:g} deg/s and {own.v_vc_v:g} V of V_Vc, both signs"),
     CertificatePart(
         "vibration",
-        {},
         lambda own: f"{len(own.vibration_hz)} virtual vibrations of {own.vibration_amplitude_v:g} V, at rest",
         roles=("vibration_source",),
     ),
-    CertificatePart("zero", {"duration_s": 600.0}, lambda own: f"at rest, {own.duration_s:g} s"),
+    CertificatePart("zero", lambda own: f"at rest, {own.duration_s:g} s", {"duration_s": 600.0}),
     CertificatePart(
         "temperature",
-        {},
         lambda own: f"{min(own.temperatures_c):g} to {max(own.temperatures_c):g} degC, by {own.by.value}",
         roles=("chamber",),
     ),
@@ -122,18 +113,18 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
     parts: Annotated[
         tuple[str, ...], Meta(min_length=1, max_length=50, description="procedures, in the order in which they are run")
     ] = tuple(each.name for each in PARTS)
-    warmup: PartSettings = field(default_factory=dict)
-    polarity: PartSettings = field(default_factory=dict)
-    power: PartSettings = field(default_factory=dict)
-    turntable: PartSettings = field(default_factory=dict)
-    virtual_coriolis: PartSettings = field(default_factory=dict, name="virtual-coriolis")
-    kvc: PartSettings = field(default_factory=dict)
-    bandwidth: PartSettings = field(default_factory=dict)
-    resonance: PartSettings = field(default_factory=dict)
-    phase: PartSettings = field(default_factory=dict)
-    vibration: PartSettings = field(default_factory=dict)
-    zero: PartSettings = field(default_factory=dict)
-    temperature: PartSettings = field(default_factory=dict)
+    warmup: PartSettings = key(default_factory=dict)
+    polarity: PartSettings = key(default_factory=dict)
+    power: PartSettings = key(default_factory=dict)
+    turntable: PartSettings = key(default_factory=dict)
+    virtual_coriolis: PartSettings = key(default_factory=dict, name="virtual-coriolis")
+    kvc: PartSettings = key(default_factory=dict)
+    bandwidth: PartSettings = key(default_factory=dict)
+    resonance: PartSettings = key(default_factory=dict)
+    phase: PartSettings = key(default_factory=dict)
+    vibration: PartSettings = key(default_factory=dict)
+    zero: PartSettings = key(default_factory=dict)
+    temperature: PartSettings = key(default_factory=dict)
 
     @classmethod
     def keys_of_device(cls, dut: str) -> dict[str, Any]:
@@ -166,11 +157,12 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         first = name == self.parts[0]
         shared = {key: here[key] for key in usual if here[key] != usual[key] and (first or key not in _WARM)}
         warm = {} if first else {key: 0.0 for key in _WARM if key in setting_keys(kind)}
-        layers = [
-            Layer({**_defaults(name), **warm}, _naming(name)),
-            Layer(shared, _naming(name)),
-            Layer(self.given(name), _naming(name)),
-        ]
+        usually = _BY_NAME[name].defaults if name in _BY_NAME else {}
+
+        def naming(keys: Any) -> str:
+            return dotted(("procedure", "characterize", name, *keys))
+
+        layers = [Layer(each, naming) for each in ({**usually, **warm}, shared, self.given(name))]
         own: ProcedureSettings = chosen_settings(kind, layers)
         return structs.replace(own, station=self._warm(name, self._station_of(own)))
 
@@ -247,9 +239,8 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
             if placed is not None and (absent := _absent(placed.model, capability)):
                 return f"the {role} ({placed.model}) has no {', '.join(absent)}"
         for invalid_value in self.of(name).contradictions():
-            if keys_of(invalid_value.path)[0] not in self.given(
-                name
-            ):  # nobody said it: this place does not bear the part
+            if keys_of(invalid_value.path)[0] not in self.given(name):
+                # nobody said it: this place does not bear the part
                 return f"{invalid_value.path}: expected {invalid_value.expected}, came {invalid_value.came}"
         return ""
 
@@ -266,9 +257,8 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
                 yield InvalidValue(f"parts[{index}]", f"a procedure: {', '.join(_BY_NAME)}", name)
                 return
             if type(PROCEDURES[name].settings().station) is not Station:
-                yield InvalidValue(
-                    f"parts[{index}]", "a procedure that builds on nothing that is kept of the device", name
-                )
+                expected = "a procedure that builds on nothing that is kept of the device"
+                yield InvalidValue(f"parts[{index}]", expected, name)
                 return
         if len(set(self.parts)) < len(self.parts):
             yield InvalidValue("parts", "each procedure once", list(self.parts))
@@ -283,14 +273,6 @@ def _written(settings: ProcedureSettings) -> dict[str, Any]:
     """Return the settable values, as a bench file has them."""
     values = cast("dict[str, Any]", to_builtins(settings))
     return {key: values[key] for key in setting_keys(type(settings))}
-
-
-def _defaults(name: str) -> Mapping[str, Any]:
-    return _BY_NAME[name].defaults if name in _BY_NAME else {}
-
-
-def _naming(name: str) -> Callable[[Any], str]:
-    return lambda keys: dotted(("procedure", "characterize", name, *keys))
 
 
 def _absent(model: str, capability: type) -> Sequence[str]:
@@ -370,13 +352,9 @@ def _kept_on(part: Plan, session: _Session) -> Plan:
             result: StepResult = yield step
         except BenchError as error:
             failed = True
-            advance = partial(_thrown, part, error)
+            advance = partial(cast("Callable[[BenchError], Step]", part.throw), error)
         else:
             advance = partial(part.send, result)
-
-
-def _thrown(part: Plan, error: BenchError) -> Step:
-    return part.throw(error)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.procedures.shared.known.certificate import drift_parts
-from vcfbench.procedures.shared.known.v_vc import (
-    known_words,
-)
-from vcfbench.procedures.shared.measurand import budget_table, said_of
+from vcfbench.procedures.shared.known.certificate import drift_parts, lists_of_omissions
+from vcfbench.procedures.shared.known.v_vc import known_words
+from vcfbench.procedures.shared.measurand import budget_table, made_of, said_of
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -29,7 +27,7 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
         said_of("scale factor, small signals", results.scale_factor),
         f"{len(results.windows)} windows scatter with {scatter}; {sine}",
         f"true rate under modulation less at rest: {disturbance.value:+.2g} deg/s, u {disturbance.u:.1g}: {less}",
-        f"  u is made of {', '.join(f'{each.source} {each.u:.1g}' for each in disturbance.parts)} deg/s",
+        f"  u is made of {made_of(disturbance, '.1g')} deg/s",
         f"noise of a reading: {noise}; {100.0 * results.lost_share:.2g} % of the time is lost between bursts",
         f"taken out: {results.rectified_deg_s:+.3g} deg/s rectified, {curvature}",
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
@@ -42,10 +40,8 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
         budget_table("the scale factor", results.scale_factor),
         *([] if results.drift is None else drift_parts(results.drift)),
         *_figures(results),
-        Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),
+        *lists_of_omissions(results.holds_not, results.unseen),
     ]
-    if results.unseen:
-        parts.append(Text("what this method cannot see:\n" + "\n".join(f"  {each}" for each in results.unseen)))
     return Report(parts)
 
 
@@ -82,9 +78,6 @@ def _figures(results: OnlineResult) -> list[Figure]:
         curve = Series("windows", tau, [each.deviation_ppm for each in rows], low=low, high=high)
         noise = Series("noise of the readings alone", tau, [each.noise_ppm for each in rows], kind="line")
         axes = Axis("averaging time", "s", "log"), Axis("Allan deviation", "ppm", "log")
-        figures.append(
-            Figure(
-                "Allan deviation of the scale factor", *axes, [curve, noise], "The band holds the true value with 95 %."
-            )
-        )
+        words = "The band holds the true value with 95 %."
+        figures.append(Figure("Allan deviation of the scale factor", *axes, [curve, noise], words))
     return figures

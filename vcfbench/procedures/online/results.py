@@ -191,11 +191,7 @@ def _demodulated(name: str, record: ModulatedRecord, frequency_hz: float, window
 
 
 def _require_alike(output: Sequence[Demodulated], resolution_v: float) -> None:
-    """See that no burst scatters, or swings, unlike the others: a lead that came off, a reading that was disturbed.
-
-    Raises:
-        MeasurementError: one does.
-    """
+    """See that no burst scatters, or swings, unlike the others: a lead that came off, a reading that was disturbed."""
     scatter_v, swing_v = median(each.residual_rms for each in output), median(each.phasors[0].real for each in output)
     for number, each in enumerate(output, 1):
         if each.residual_rms > _SCATTER * max(scatter_v, resolution_v):
@@ -208,11 +204,7 @@ def _require_alike(output: Sequence[Demodulated], resolution_v: float) -> None:
 
 
 def _require_rest(rest: Sequence[ModulatedRecord], scatter_v: float, resolution_v: float) -> None:
-    """See that no record at rest scatters unlike those with the sine: the disturbance is told from them.
-
-    Raises:
-        MeasurementError: one does.
-    """
+    """See that no record at rest scatters unlike those with the sine: the disturbance is told from them."""
     for number, each in enumerate(rest, 1):
         rms_v = float(np.std(each.output_v))
         if rms_v > _SCATTER * max(scatter_v, resolution_v):

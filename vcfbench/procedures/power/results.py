@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import product
 from statistics import NormalDist, fmean, stdev
 from typing import TYPE_CHECKING
 
@@ -186,11 +187,7 @@ def _outputs(settings: PowerSettings) -> list[tuple[str, str]]:
 
 
 def _current(
-    settings: PowerSettings,
-    rail: str,
-    output: str,
-    steady: RailsDrawn,
-    logged: Sequence[tuple[Step, RailsLogged]],
+    settings: PowerSettings, rail: str, output: str, steady: RailsDrawn, logged: Sequence[tuple[Step, RailsLogged]]
 ) -> RailCurrent:
     of = [each for each in steady.drawn if each.output == output]
     currents = [each.current_a for each in of]
@@ -199,15 +196,10 @@ def _current(
     peak_a = max(each.current_a for _, log in logged for each in log.drawn if each.output == output)
     voltage_v = fmean(each.voltage_v for each in of if each.voltage_v is not None)
     readings = UncertaintyPart("readings", max(scatter, _STEP_A / math.sqrt(12.0)), len(currents) - 1)
-    return RailCurrent(
-        rail,
-        output,
-        voltage_v,
-        measurand(current_a, "A", [readings, *_ammeter(settings, output, current_a)]),
-        measurand(
-            peak_a, "A", [UncertaintyPart("resolution", _STEP_A / math.sqrt(12.0)), *_ammeter(settings, output, peak_a)]
-        ),
-    )
+    resolution = UncertaintyPart("resolution", _STEP_A / math.sqrt(12.0))
+    current = measurand(current_a, "A", [readings, *_ammeter(settings, output, current_a)])
+    inrush = measurand(peak_a, "A", [resolution, *_ammeter(settings, output, peak_a)])
+    return RailCurrent(rail, output, voltage_v, current, inrush)
 
 
 def _sheet(settings: PowerSettings) -> SupplySpecification | None:
@@ -274,9 +266,8 @@ def valid_output(times_s: Sequence[float], away_deg_s: Sequence[float], toleranc
         return None
     before_s = times_s[good - 1] if good else 0.0
     width_s = times_s[good] - before_s
-    return measurand(
-        before_s + 0.5 * width_s, "s", [UncertaintyPart("time between readings", width_s / math.sqrt(12.0))]
-    )
+    between = UncertaintyPart("time between readings", width_s / math.sqrt(12.0))
+    return measurand(before_s + 0.5 * width_s, "s", [between])
 
 
 def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) -> Iterator[RailEffect]:
@@ -396,11 +387,8 @@ def _three(
     kept = 0.5, math.sqrt(below), math.sqrt(1.0 - below)  # the corner is in the lower half, or else in the upper
     made = []
     for (value, weights), share_of_it in zip(found, kept, strict=True):
-        variance = sum(
-            one * other * covariance[row][column]
-            for row, one in enumerate(weights)
-            for column, other in enumerate(weights)
-        )
+        pairs = product(enumerate(weights), enumerate(weights))
+        variance = sum(one * other * covariance[row][column] for (row, one), (column, other) in pairs)
         readings = UncertaintyPart("readings and flicker", abs(factor) * math.sqrt(variance / len(blocks)), noise.dof)
         of_step = [UncertaintyPart(each.source, abs(factor * value) * each.u, each.dof, each.of) for each in step_parts]
         of_imbalance = UncertaintyPart("imbalance of the rails", abs(factor) * share_of_it * kinked)

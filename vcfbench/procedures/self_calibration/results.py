@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec.structs import replace
@@ -44,7 +44,7 @@ from vcfbench.procedures.self_calibration.shape import (
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
-from vcfbench.procedures.shared.known.certificate import Drift, drift_of, drift_parts, shares_of
+from vcfbench.procedures.shared.known.certificate import Drift, drift_of, drift_parts, lists_of_omissions, shares_of
 from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
 from vcfbench.procedures.shared.known.v_vc import (
     METER_GAIN,
@@ -144,25 +144,18 @@ class SelfCalibrationResult:
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return the values that ``[acceptance]`` limits, by its keys; no drift where nothing earlier is known."""
-        scale_factor = self.scale_factor.value
-        values: dict[str, float | None] = {
-            "scale_factor_v_per_deg_s": scale_factor,
-            "bias_v": self.bias.value,
-            "bias_deg_s": self.bias_deg_s.value,
-            "nonlinearity_ppm": self.nonlinearity.value,
-        }
         drift = {} if self.drift is None else self.drift.acceptance_values()
-        return values | drift
+        return {key: found.value for key, found in self._accepted().items()} | drift
 
     def acceptance_u95(self) -> Mapping[str, float]:
         """Return the expanded uncertainties of these, by the same keys; E_n has none."""
-        known = {
-            "scale_factor_v_per_deg_s": self.scale_factor.expanded_u,
-            "bias_v": self.bias.expanded_u,
-            "bias_deg_s": self.bias_deg_s.expanded_u,
-            "nonlinearity_ppm": self.nonlinearity.expanded_u,
-        }
-        return known if self.drift is None else {**known, "drift_ppm": self.drift.change_ppm.expanded_u}
+        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.expanded_u}
+        return {key: found.expanded_u for key, found in self._accepted().items()} | drift
+
+    def _accepted(self) -> dict[str, Measurand]:
+        found = self.scale_factor, self.bias, self.bias_deg_s, self.nonlinearity
+        keys = "scale_factor_v_per_deg_s", "bias_v", "bias_deg_s", "nonlinearity_ppm"
+        return dict(zip(keys, found, strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,12 +233,9 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     coefficients = np.array(known.k_vc.coefficients) * since.factor
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
-    parts = _parts(
-        settings,
-        seen,
-        coefficients,
-        [*since.parts, *_by_phases(settings, check), *unmeasured(settings, () if check is None else check.measured)],
-    )
+    measured = () if check is None else check.measured
+    moved = [*since.parts, *_by_phases(settings, measured), *unmeasured(settings, measured)]
+    parts = _parts(settings, seen, coefficients, moved)
     amplitudes = () if check is None else (each for each in check.causes if each.cause == AMPLITUDES)
     without = missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": without, "ppm": ()}
@@ -270,7 +260,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         noise=seen.noise,
         k_vc_from=known.source,
         v_vc_by=v_vc_error(settings).name,
-        unseen=STILL_UNSEEN if check is not None and CARRIER_PHASE in check.measured else known.unseen,
+        unseen=STILL_UNSEEN if CARRIER_PHASE in measured else known.unseen,
         since=since.said,
         holds_not=(*known.holds_not, *_HOLDS_NOT, *gaps_of(settings, without)),
         drift=drift_of(scale_factor, known, settings.acceptance),
@@ -283,8 +273,12 @@ def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Charac
     health = health_of(settings, points, then)
     if isinstance(points, Foreseen) and health is not None and then is not None:
         health = health.unchanged(then)
-    now = None if health is None else health.beside(_stated_by_hand(settings))
-    return now, None if now is None or then is None else checked(then, now)
+    if health is None:
+        return None, None
+    near_k = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
+    at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near_k)
+    now = health.beside(Characteristics(temperature_c=at_c))
+    return now, None if then is None else checked(then, now)
 
 
 def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcSince:
@@ -299,19 +293,11 @@ def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcS
     return dataclasses.replace(since, parts=(*since.parts, *warmed))
 
 
-def _by_phases(settings: SelfCalibrationSettings, check: HealthCheck | None) -> list[UncertaintyPart]:
+def _by_phases(settings: SelfCalibrationSettings, measured: Sequence[str]) -> list[UncertaintyPart]:
     """Return the contributions of the bench file's phases; once they are measured K_Vc is that of the phases of now."""
     errors = phases.PhaseErrors.of(settings.station.sources)
-    measured = check is not None and CARRIER_PHASE in check.measured
-    of_phases = errors.u_scale_factor if measured else errors.u_self_calibrated
+    of_phases = errors.u_scale_factor if CARRIER_PHASE in measured else errors.u_self_calibrated
     return [UncertaintyPart(name, u) for name, u in of_phases.items()]
-
-
-def _stated_by_hand(settings: SelfCalibrationSettings) -> Characteristics:
-    """Return the stated characteristics of the device of now."""
-    near_k = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
-    at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near_k)
-    return Characteristics(temperature_c=at_c)
 
 
 def _with_shape(settings: SelfCalibrationSettings, seen: _Measured, coefficients: Floats) -> _Measured:
@@ -321,9 +307,7 @@ def _with_shape(settings: SelfCalibrationSettings, seen: _Measured, coefficients
     if not settings.health or then is None or output is None or settings.v_vc_role is None:
         return seen  # what a generator was set to has steps of its own, which look like a shape
     orders, covariance = orders_of(coefficients, seen.v_vc_v, seen.output_v, seen.covariance_v2)
-    if (
-        settings.known.reference is not None
-    ):  # the amplifier bends by its volts, of which a rate makes more or fewer now
+    if settings.known.reference is not None:  # the amplifier bends by its volts, of which a rate makes another number
         slope = float(seen.estimates(coefficients, seen.v_vc_v, seen.output_v)[0])
         gain = slope / settings.known.reference.scale_factor_v_per_deg_s.value
         output = output * np.array([gain, gain**2])
@@ -377,9 +361,6 @@ def _column(rates: Floats, seen: _Measured, line: Measurand, bias: Measurand) ->
     return replace(column, scale_factor=slope, bias=rest)
 
 
-_Effect: TypeAlias = "tuple[str, Floats, float | None]"
-
-
 def _parts(
     settings: SelfCalibrationSettings, seen: _Measured, k: Floats, since: Sequence[UncertaintyPart]
 ) -> list[list[UncertaintyPart]]:
@@ -391,11 +372,11 @@ def _parts(
     by_k = _jacobian(lambda at: seen.estimates(at, v, y), k, sizes)
     meter, error = meter_error(settings, "multimeter"), v_vc_error(settings)
     values = seen.estimates(k, v, y)
-    gain = np.array([abs(values[0]), abs(values[1]), 0.0]) * meter.u_gain
-    found: list[tuple[_Effect, str | None]] = [
-        ((READINGS, _u_of(by_output, seen.covariance_v2), dof_of(seen.noise)), None),
-        ((V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None), None),
-        ((METER_GAIN, gain, None), meter.owner),
+    alike = np.array([abs(values[0]), abs(values[1]), 0.0])
+    found: list[tuple[str, Floats, float | None, str | None]] = [
+        (READINGS, _u_of(by_output, seen.covariance_v2), dof_of(seen.noise), None),
+        (V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None, None),
+        (METER_GAIN, alike * meter.u_gain, None, meter.owner),
     ]
     if seen.output_orders is not None:
         orders = seen.output_orders
@@ -403,23 +384,26 @@ def _parts(
             lambda at: dataclasses.replace(seen, output_orders=at).estimates(k, v, y), orders, 1e-2 * np.abs(orders)
         )
         u_orders = OUTPUT_LIMIT / math.sqrt(3.0) * orders
-        found.append(((OUTPUT_CURVE, _u_of(by_orders, np.diag(u_orders**2)), None), None))
-    alike = np.array([abs(values[0]), abs(values[1]), 0.0])
-    found += [((name, alike * u, None), None) for name, u in temperature_errors(settings, seen.windows).items()]
-    found += [((part.source, alike * part.u, part.dof), part.of) for part in since]
+        found.append((OUTPUT_CURVE, _u_of(by_orders, np.diag(u_orders**2)), None, None))
+    found += [(name, alike * u, None, None) for name, u in temperature_errors(settings, seen.windows).items()]
+    found += [(part.source, alike * part.u, part.dof, part.of) for part in since]
     same_meter = False
-    for share in shares_of(settings.known.k_vc):
-        name, of, dof, covariance = share
+    for name, of, dof, covariance in shares_of(settings.known.k_vc):
         if of is not None and of == error.owner and settings.v_vc_role is not None:
             same_meter = True  # its volts were those of the certificate: both errors are in the curve already
             continue
         whose = of or f"{settings.known.source}: {name}"
-        found.append(((f"certificate: {name}", _u_of(by_k, covariance), dof), whose))
+        found.append((f"certificate: {name}", _u_of(by_k, covariance), dof, whose))
     if not same_meter and settings.v_vc_role is not None:
-        found.append(((V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None), error.owner))
-        found.append(((V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None), error.owner))
+        found.append((V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None, error.owner))
+        found.append((V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None, error.owner))
     of_ranges = [_of_ranges(settings, v, by_v, place) for place in range(values.size)]
-    return [[_signed(*each, place) for each in found] + of_ranges[place] for place in range(values.size)]
+    limits = {name for name, *_ in found if name == K_VC_DRIFT or name.startswith(NOT_MEASURED)}
+    return [
+        [UncertaintyPart(name, float(u[place]), dof, of, rectangular=name in limits) for name, u, dof, of in found]
+        + of_ranges[place]
+        for place in range(values.size)
+    ]
 
 
 def _of_ranges(settings: SelfCalibrationSettings, v_vc_v: Floats, by_v: Floats, place: int) -> list[UncertaintyPart]:
@@ -447,13 +431,6 @@ def _jacobian(of: Callable[[Floats], Floats], at: Floats, sizes: Floats) -> Floa
 
 def _u_of(by: Floats, covariance: Floats) -> Floats:
     return np.sqrt(np.maximum(0.0, np.diag(by @ covariance @ by.T)))
-
-
-def _signed(effect: _Effect, of: str | None, place: int) -> UncertaintyPart:
-    name, u, dof = effect
-    return UncertaintyPart(
-        name, float(u[place]), dof, of, rectangular=name == K_VC_DRIFT or name.startswith(NOT_MEASURED)
-    )
 
 
 def entry_of(
@@ -485,13 +462,6 @@ def entry_of(
     return NewEntry(record, settings.store.root)
 
 
-def _shape_words(modulator: tuple[float, float] | None) -> list[str]:
-    if modulator is None:
-        return []
-    now = f"V {modulator[0]:+.5g} V^2 {modulator[1]:+.5g} V^3"
-    return [f"the modulator's shape has changed since the certificate; it is {now}, if the output's has not: taken so"]
-
-
 def self_calibration_report(
     settings: SelfCalibrationSettings, _points: Sequence[Point], results: SelfCalibrationResult | NotStated
 ) -> Report:
@@ -507,9 +477,13 @@ def self_calibration_report(
         said_of("non-linearity (max_span)", results.nonlinearity),
         f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
         *results.since,
-        *_shape_words(results.modulator),
-        *known_words(settings),
     ]
+    if results.modulator is not None:
+        now = f"V {results.modulator[0]:+.5g} V^2 {results.modulator[1]:+.5g} V^3"
+        words.append(
+            f"the modulator's shape has changed since the certificate; it is {now}, if the output's has not: taken so"
+        )
+    words += known_words(settings)
     rates = [*(level.rate_deg_s for level in results.levels), 0.0]
     residuals = Series("output - line", rates, [1e3 * left_v for left_v in results.virtual.residuals_v])
     parts = [
@@ -519,8 +493,6 @@ def self_calibration_report(
         budget_table("the scale factor", results.scale_factor),
         *drift_parts(results.drift),
         Figure("Output less line", Axis("rate", "deg/s"), Axis("output - line", "mV"), [residuals]),
-        Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),
+        *lists_of_omissions(results.holds_not, results.unseen),
     ]
-    if results.unseen:
-        parts.append(Text("what this method cannot see:\n" + "\n".join(f"  {each}" for each in results.unseen)))
     return Report(parts)

@@ -157,11 +157,7 @@ def null_matching(settings: VirtualCoriolisSettings, points: Sequence[Point]) ->
 
 
 def _differences(points: Sequence[Point], step: int, magnitudes: int, cycles: int) -> Floats:
-    """Return the weights of all outputs in the mean differences of `step` from its zeros, (pairs, windows).
-
-    Raises:
-        ConfigError: there are not as many blocks as were to be.
-    """
+    """Return the weights of all outputs in the mean differences of `step` from its zeros, (pairs, windows)."""
     places = np.array([place for place, point in enumerate(points) if point.step == step])
     if places.size != cycles * magnitudes * len(CHOPPED):
         raise ConfigError(f"expected {cycles} times {magnitudes} blocks of {len(CHOPPED)} windows, came {places.size}")

@@ -213,6 +213,8 @@ def zero_results(
     curve = curve if fit is None else _with_honest_bounds(curve, rates.size, fitted, fit)
     walk = _walk_as_it_stands(follows, rates.size, sampling.interval_s)
     output, bias, trend = (None, None, None) if fit is None else _stated(volts, fitted, scale, settings, fit)
+    # Whether it is known how much white noise a reading lets through, or nobody wants to correct for it
+    passed = mode == "dead-time" or sampling.gapless or sampling.noise_bandwidth_hz is not None
     return ZeroResult(
         mode=mode,
         samples=rates.size,
@@ -222,7 +224,7 @@ def zero_results(
         white_noise_seen=deviation_factor(sampling, allan.Noise.WHITE),
         scale_factor_v_per_deg_s=scale,
         allan_deg_h=tuple(_row(point, fitted, fit, corrected=mode != "dead-time") for point in curve),
-        noise=() if fit is None else _coefficients(fit, passed=_is_passed(sampling, mode)),
+        noise=() if fit is None else _coefficients(fit, passed=passed),
         angle_random_walk_as_read=_DEG_RTH * walk,
         stability_deg_h=_stability(bias_stability(rates, sampling, curve)),
         output_v=output,
@@ -233,11 +235,6 @@ def zero_results(
         noise_bandwidth_hz=None if fit is None or raw is None else _noise_bandwidth(raw[0] / scale.value, raw[1], fit),
         fitted_from_s=follows[0].tau_s,
     )
-
-
-def _is_passed(sampling: Sampling, mode: str) -> bool:
-    """Tell whether it is known how much white noise a reading lets through, or nobody wants to correct for it."""
-    return mode == "dead-time" or sampling.gapless or sampling.noise_bandwidth_hz is not None
 
 
 def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: float) -> NoiseFit:
@@ -292,18 +289,17 @@ def _follows(
 
     Short averages of many readings are known so well that one that no term describes would bend all others.
     """
+
+    def misses(point: allan.AllanPoint, fit: NoiseFit) -> bool:
+        fitted = fit.variance(sampling, round(point.tau_s / sampling.interval_s))[0]
+        return abs(point.deviation**2 - fitted) > _BEYOND * fitted * math.sqrt(2.0 / point.edf)
+
     for start in range(len(curve) - _LEAST_FITTED):
         rest = curve[start:]
         fit = _fit(rest, samples, sampling, gapless=gapless)
-        if fit is None or not any(_misses(point, sampling, fit) for point in rest[:_FIRST]):
+        if fit is None or not any(misses(point, fit) for point in rest[:_FIRST]):
             return rest
     return curve
-
-
-def _misses(point: allan.AllanPoint, sampling: Sampling, fit: NoiseFit) -> bool:
-    """Tell whether a point lies beyond `_BEYOND` of its standard deviations from the fit."""
-    fitted = fit.variance(sampling, round(point.tau_s / sampling.interval_s))[0]
-    return abs(point.deviation**2 - fitted) > _BEYOND * fitted * math.sqrt(2.0 / point.edf)
 
 
 def _with_honest_bounds(
@@ -357,21 +353,11 @@ def _coefficients(fit: NoiseFit, *, passed: bool) -> tuple[NoiseCoefficient, ...
 
 
 def _stability(found: BiasStability) -> Stability:
-    def deg_h(value: float | None) -> float | None:
-        return None if value is None else _DEG_H * value
-
-    return Stability(
-        deg_h(found.sd_1_s),
-        deg_h(found.sd_10_s),
-        deg_h(found.sd_100_s),
-        deg_h(found.sd_10_s_detrended),
-        deg_h(found.peak_to_peak_10_s),
-        _DEG_H * found.floor,
-        _DEG_H * found.floor_low,
-        _DEG_H * found.floor_high,
-        found.floor_tau_s,
-        _DEG_H * found.bias_instability,
-    )
+    means = found.sd_1_s, found.sd_10_s, found.sd_100_s, found.sd_10_s_detrended, found.peak_to_peak_10_s
+    sd_1, sd_10, sd_100, detrended, peak = (None if value is None else _DEG_H * value for value in means)
+    floor, low, high = (_DEG_H * value for value in (found.floor, found.floor_low, found.floor_high))
+    read_off = _DEG_H * found.bias_instability
+    return Stability(sd_1, sd_10, sd_100, detrended, peak, floor, low, high, found.floor_tau_s, read_off)
 
 
 def _stated(
@@ -442,6 +428,8 @@ def _noise_parts(
 
 def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
     """Report a static record: its sampling, its results, the Allan table and its figure."""
+    found = results.flicker  # as the key of the bench file
+    for_budgets = [f"for [uncertainty] of the bench file: bias_instability_deg_h = {found[0]:.3g}"] if found else []
     return Report(
         [
             Text(_taken(results, bandwidth_stated=bandwidth_stated)),
@@ -450,16 +438,10 @@ def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
             *([] if results.output_v is None else [budget_table("the output's mean", results.output_v)]),
             _stability_table(results.stability_deg_h),
             _allan_table(results),
-            Text("\n".join([*_for_budgets(results), _WHAT_U_HOLDS])),
+            Text("\n".join([*for_budgets, _WHAT_U_HOLDS])),
             _figure(results),
         ]
     )
-
-
-def _for_budgets(results: ZeroResult) -> list[str]:
-    """Return the flicker for budgets, as the key of the bench file; nothing where none was found."""
-    found = results.flicker
-    return [] if found is None else [f"for [uncertainty] of the bench file: bias_instability_deg_h = {found[0]:.3g}"]
 
 
 _WHAT_U_HOLDS = """\
@@ -472,6 +454,12 @@ turn-on to turn-on and remounting, acceleration, vibration, magnetic fields, the
 def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
     scale = results.scale_factor_v_per_deg_s
     lines = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
+    left_out = []
+    if results.fitted_from_s > results.allan_deg_h[0].tau_s:
+        said = (
+            f"fitted from {results.fitted_from_s:g} s on: what passes at the mode split swings from reading to reading"
+        )
+        left_out.append(f"{said}, and shorter averages follow no power of the time")
     if results.mode == "gapless":
         lines.append(
             f"readings without gaps, means over {results.interval_s:g} s; {100.0 * results.dead_share:.2f} % of the "
@@ -481,7 +469,7 @@ def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
             band = f"{found.value:.2f} Hz, u {found.u:.2f}"
             keys = "noise_bandwidth_hz and u_noise_bandwidth_hz"
             lines.append(f"noise bandwidth of one reading {band}: {keys} of records with dead time")
-        return "\n".join([*lines, *_left_out(results)])
+        return "\n".join([*lines, *left_out])
     lines.append(
         f"one reading of {results.aperture_s:g} s every {results.interval_s:g} s: white noise is seen "
         f"{results.white_noise_seen:.3g} times too large, {results.angle_random_walk_as_read:.3g} deg/sqrt(h) as it "
@@ -495,43 +483,31 @@ def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
             "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz, or measure it "
             "with mode=gapless"
         )
-    return "\n".join([*lines, *_left_out(results)])
-
-
-def _left_out(results: ZeroResult) -> list[str]:
-    if results.fitted_from_s <= results.allan_deg_h[0].tau_s:
-        return []
-    from_s = f"fitted from {results.fitted_from_s:g} s on: what passes at the mode split swings from reading to reading"
-    return [f"{from_s}, and shorter averages follow no power of the time"]
+    return "\n".join([*lines, *left_out])
 
 
 def _noise_table(results: ZeroResult) -> Table | Text:
     if not results.noise:
         return Text("no noise: the readings scatter by less than the meter resolves")
     columns = [Column("noise", align="left"), Column("value", format=".4g"), Column("u", format=".2g")]
-    rows = [(each.name, each.value, each.u, each.upper_95, each.unit) for each in results.noise]
-    return Table([*columns, Column("below, 95 %", format=".3g"), Column("unit", align="left")], rows)
+    columns += [Column("below, 95 %", format=".3g"), Column("unit", align="left")]
+    return Table(columns, [(each.name, each.value, each.u, each.upper_95, each.unit) for each in results.noise])
 
 
 def _bias_table(results: ZeroResult) -> Table:
     columns = [Column("", align="left"), Column("value", format=".6g"), Column("u", format=".2g")]
     columns += [Column("dof", format=".3g"), Column("U95", format=".2g"), Column("unit", align="left")]
-    named: list[tuple[str, Measurand | None, float, str]] = [
-        ("output, mean", results.output_v, results.bias_v, "V"),
-        ("bias, mean", results.bias, results.bias_deg_s, "deg/s"),
-    ]
     rows: list[Any] = [
-        (name, value, None, None, None, unit) if found is None else (name, *_cells(found))
-        for name, found, value, unit in named
+        ("output, mean", results.bias_v, None, None, None, "V"),
+        ("bias, mean", results.bias_deg_s, None, None, None, "deg/s"),
     ]
-    if results.trend is not None:
-        rows.append(("trend", *_cells(results.trend)))
+    for place, (name, found) in enumerate(
+        (("output, mean", results.output_v), ("bias, mean", results.bias), ("trend", results.trend))
+    ):
+        if found is not None:
+            value, u, u95 = found.printed()
+            rows[place : place + 1] = [(name, value, u, found.dof, u95, found.unit)]
     return Table(columns, rows, incomplete(() if results.bias is None else results.bias.missing).removeprefix("; "))
-
-
-def _cells(found: Measurand) -> tuple[Any, ...]:
-    value, u, u95 = found.printed()
-    return (value, u, found.dof, u95, found.unit)
 
 
 def _stability_table(found: Stability) -> Table:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.known.device import KnownDevice, Reference
-    from vcfbench.records.devices import KvcCurve, Measured, Share
+    from vcfbench.records.devices import KvcCurve, Measured
     from vcfbench.station.settings import Limit
 
 
@@ -146,17 +146,15 @@ def _relative_kept(reference: Reference) -> list[UncertaintyPart]:
     size = abs(kept.value)
     if not kept.shares:
         return [UncertaintyPart("the earlier entry", 1e6 * kept.u / size, kept.dof)]
+    # those of a certificate's own are in every result by its curve
+    own = f"certificate {reference.name}: " if reference.kind == "certificate" else ""
     return [
-        UncertaintyPart(f"then: {share.source}", 1e6 * share.u / size, share.dof, _owner(reference, share))
+        UncertaintyPart(
+            *(f"then: {share.source}", 1e6 * share.u / size, share.dof),
+            f"{own}{share.source}" if own and share.of is None else share.of,
+        )
         for share in kept.shares
     ]
-
-
-def _owner(reference: Reference, share: Share) -> str | None:
-    """Return whose a part is; those of a certificate's own are in every result by its curve."""
-    if share.of is None and reference.kind == "certificate":
-        return f"certificate {reference.name}: {share.source}"
-    return share.of
 
 
 def _difference(
@@ -203,6 +201,12 @@ def drift_parts(drift: Drift | None) -> list[Any]:
             "find, until a rate table gives it a new certificate (vcfbench run kvc)"
         )
     return [Text("\n".join(words))]
+
+
+def lists_of_omissions(holds_not: Sequence[str], unseen: Sequence[str]) -> list[Text]:
+    """Return as texts the sources in no uncertainty, and the errors that the method cannot see, if any."""
+    named = {"in no uncertainty:": holds_not, "what this method cannot see:": unseen}
+    return [Text("\n".join([name, *(f"  {each}" for each in lines)])) for name, lines in named.items() if lines]
 
 
 def _said(name: str, change: Change) -> list[str]:

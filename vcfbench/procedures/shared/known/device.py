@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from msgspec import Meta, Struct, field, structs
 
@@ -186,26 +186,22 @@ def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
 
 
 def _of_certificate(
-    record: devices.Certificate, name: str, entries: tuple[devices.Entry, ...], now: datetime
+    record: devices.Certificate, name: str, entries: tuple[devices.Entry, ...], now: datetime, *, own: bool = True
 ) -> KnownDevice:
-    """Return the known device by a certificate of its own."""
-    known = KnownDevice(
-        k_vc=record.k_vc, source=f"certificate {name}", certificate=name, **_beside_the_curve(record, now)
-    )
-    return _with_history(known, entries)
-
-
-def _beside_the_curve(record: devices.Certificate, now: datetime) -> dict[str, Any]:
-    """Return the facts of a certificate beside the curve."""
+    """Return the known device by a certificate, its own or another's."""
     at_c, seen = record.conditions.temperature_c, record.characteristics or devices.Characteristics()
     if seen.temperature_c is None and at_c is not None:
         seen = structs.replace(seen, temperature_c=devices.Measured(value=at_c, u=0.0))
-    return {
-        "unseen": record.unseen,
-        "issued": record.issued.isoformat(),
-        "days_since": max(0.0, float((now - record.issued).days)),
-        "characteristics": seen,
-    }
+    known = KnownDevice(
+        k_vc=record.k_vc,
+        source=f"certificate {name}",
+        certificate=name if own else None,
+        unseen=record.unseen,
+        issued=record.issued.isoformat(),
+        days_since=max(0.0, float((now - record.issued).days)),
+        characteristics=seen,
+    )
+    return _with_history(known, entries)
 
 
 def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Entry, ...], now: datetime) -> KnownDevice:
@@ -220,10 +216,7 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
         if (own := devices.last_certificate(entries)) is not None and own.record == record:
             return _of_certificate(record, own.name, entries, now)
         name = f"of {record.serial}, {shown(given)}"
-        known = KnownDevice(
-            k_vc=record.k_vc, source=f"certificate {name}", certificate=None, **_beside_the_curve(record, now)
-        )
-        known = _with_history(known, entries)
+        known = _of_certificate(record, name, entries, now, own=False)
         since = _reference(name, record)
         return known if since is None else structs.replace(known, reference=since, history=())
     if not 0.0 < abs(number) <= 1e6:
@@ -264,14 +257,12 @@ def _reference(name: str, record: devices.DeviceRecord) -> Reference | None:
     """Return the scale factor of an entry."""
     match record:
         case devices.SelfCalibration(scale_factor_v_per_deg_s=found):
-            return Reference(
-                name=name, kind="self-calibration", done=record.done.isoformat(), scale_factor_v_per_deg_s=found
-            )
+            kind, done = "self-calibration", record.done
         case devices.Certificate(scale_factor_v_per_deg_s=devices.Measured() as found):
-            return Reference(
-                name=name, kind="certificate", done=record.issued.isoformat(), scale_factor_v_per_deg_s=found
-            )
-    return None
+            kind, done = "certificate", record.issued
+        case _:
+            return None
+    return Reference(name=name, kind=kind, done=done.isoformat(), scale_factor_v_per_deg_s=found)
 
 
 def level_for(curve: devices.KvcCurve, rate_deg_s: float, key: str) -> float:

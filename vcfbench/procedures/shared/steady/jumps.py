@@ -206,11 +206,7 @@ def _level_covariance(walk: Walk, windows: Sequence[Seen], slope_v: float) -> Fl
 
 
 def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
-    """Raise MeasurementError unless the output moves with the setting, about along a line.
-
-    Raises:
-        MeasurementError: its slope may be zero, or what a line leaves over is as large as the span.
-    """
+    """Raise MeasurementError unless the output moves with the setting, about along a line."""
     x, output = _abscissa(windows), np.array([each.point.output_v for each in windows])
     off = x - x.mean()
     square = float(off @ off)
@@ -240,11 +236,7 @@ def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
 
 
 def _require_straight(windows: Sequence[Seen], bound_ppm: float) -> None:
-    """Raise MeasurementError unless the residuals of the last sweep's line are within the bench file's limits.
-
-    Raises:
-        MeasurementError: a residual is larger, in ppm of the span of the line (max_span).
-    """
+    """Raise MeasurementError unless the residuals of the last sweep's line are within the bench file's limits."""
     last = max(each.point.step for each in windows if not each.reference and each.point.step not in _NO_SWEEP)
     swept = [each for each in windows if each.point.step == last and not each.reference]
     if len({each.setting for each in swept}) < 3:
