@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 from msgspec import Meta
 
 from vcfbench import steps
+from vcfbench.analysis.rate_band import Known, fit_rate_band, foreseen_tone, response_phase_deg, split_guess_hz
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
@@ -36,7 +37,7 @@ from vcfbench.steps.step import answer
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from vcfbench.analysis.rate_band import Known, RateBand, Tone
+    from vcfbench.analysis.rate_band import RateBand, Tone
     from vcfbench.records.devices import Characteristics
     from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.measured import Measured
@@ -184,8 +185,6 @@ def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[steps.
 
 
 def _split_hz(settings: BandwidthSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> float:
-    from vcfbench.analysis.rate_band import split_guess_hz  # noqa: PLC0415  # NumPy, needed here alone
-
     tones = tones_of(settings, found)
     return split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
 
@@ -197,8 +196,6 @@ def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.Sin
 
 def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     """Fit the response to all that was sampled."""
-    from vcfbench.analysis.rate_band import Known, fit_rate_band, response_phase_deg  # noqa: PLC0415  # as above
-
     sampled = [(step, each) for step, each in measured.found(steps.SineResponse) if isinstance(step, steps.SampleSine)]
     drive_hz, u_drive_hz = _drive_hz(settings, measured)
     known = Known(
@@ -221,8 +218,6 @@ def _foreseen_tones(
     settings: BandwidthSettings, asked: Sequence[steps.SampleSine], known: Known, white_v_sqrt_s: float
 ) -> list[Tone]:
     """Return the sines that the paper's gyroscope will show, and their noise: passed by its modes, and folded."""
-    from vcfbench.analysis.rate_band import foreseen_tone  # noqa: PLC0415  # as above
-
     gyro = settings.expected_gyro()
     static_v = abs(gyro.scale_factor * gyro.k_vc) * settings.sine_amplitude_v
     shape = (settings.split_guess_hz, _PAPER_Q, 1.0, settings.in_phase_split_hz, _PAPER_LAG_RAD)

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from vcfbench import interfaces, steps
+from vcfbench.analysis.decays import fit_decays, fit_release
+from vcfbench.analysis.sine_fit import fit_sine
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
@@ -97,9 +99,6 @@ class CaptureDecay(Step):
             MeasurementError: a record is clipped.
             ConfigError: nothing rings down.
         """
-        from vcfbench.analysis.decays import fit_decays  # noqa: PLC0415  # NumPy, needed here alone
-        from vcfbench.analysis.sine_fit import fit_sine  # noqa: PLC0415  # as above
-
         scope = context.bench.oscilloscope
         for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
             scope.configure_channel(channel, scale_v_per_div(amplitude_v))
@@ -152,8 +151,6 @@ class ReleaseDrive(Step):
 
     def perform(self, context: Context) -> DriveDecay:
         """Switch off, capture at once, download and fit; a drive that is not seen to ring down is an answer too."""
-        from vcfbench.analysis.decays import fit_release  # noqa: PLC0415  # NumPy, needed here alone
-
         scope = context.bench.oscilloscope
         scope.configure_channel(self.channel, scale_v_per_div(self.amplitude_v))
         context.bench.power.disable_outputs()
@@ -336,8 +333,6 @@ def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances)
 
 def resonance_characteristics(_settings: ResonanceSettings, found: Resonances) -> Characteristics:
     """Return the characteristics that K_Vc depends on: the in-phase mode as well where it was seen to ring down."""
-    from msgspec import structs  # noqa: PLC0415  # few name a device
-
     apart = None
     if found.in_phase_hz is not None:
         parts = [UncertaintyPart("drive", found.drive_hz.u), UncertaintyPart("in phase", found.in_phase_hz.u)]

@@ -12,9 +12,13 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 from msgspec import Meta
 
 from vcfbench import steps
+from vcfbench.analysis.conformity import e_n
+from vcfbench.analysis.modulation import flicker_share
+from vcfbench.analysis.rate_band import split_response
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -200,7 +204,6 @@ def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
 
 def _largest_e_n(responses: Sequence[VibrationResponse]) -> float:
     """Return the largest of all E_n over U95 that all of them keep together (Sidak), so that 1 is its own limit."""
-    from vcfbench.analysis.conformity import e_n  # noqa: PLC0415  # as below
 
     def together(found: Measurand) -> float:
         return found.u * t_of_largest(len(responses), math.inf if found.dof is None else found.dof)
@@ -231,8 +234,6 @@ def _flicker_at_rest(
     settings: VibrationSettings, measured: Measured, signs: Sequence[float], per_v: float
 ) -> UncertaintyPart:
     """Return the contribution of flicker to the response at rest; `per_v` turns a sum of V_Vc into it."""
-    from vcfbench.analysis.modulation import flicker_share  # noqa: PLC0415  # NumPy, needed here alone
-
     known = settings.station.sources
     begin_s = [float(window.t_s[0]) for window in measured.readings.windows[: len(signs)]]
     share = flicker_share(begin_s, settings.samples * settings.sample_interval_s, signs)
@@ -253,8 +254,6 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float
     It was read from the spectrum on both sides, over some hertz, where near the peak the modes pass more than at the
     tone itself. So the noise of the close records is taken apart into what is flat and what passed the modes.
     """
-    import numpy as np  # noqa: PLC0415  # as above
-
     close = [tone for tone in outputs if tone.frequency_hz >= SLOW_BELOW_HZ]
     u_fitted = [tone.u_amplitude for tone in outputs]
     if len(close) < _LEAST_TONES:
@@ -279,8 +278,6 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float
 def _response(
     settings: VibrationSettings, static: Measurand, output: Tone, noise_v: float, v_vc: Tone | None
 ) -> VibrationResponse:
-    from vcfbench.analysis.conformity import e_n  # noqa: PLC0415  # as above
-
     amplitude_v = settings.vibration_amplitude_v if v_vc is None else v_vc.amplitude
     size = abs(static.value)
     value = output.amplitude / amplitude_v / size
@@ -319,10 +316,6 @@ def _closed_form(
     settings: VibrationSettings, frequency_hz: float, split_hz: float, q: float, in_phase_share: float
 ) -> float:
     """Return the response over that at rest: both side bands through both modes, and the filter."""
-    import numpy as np  # noqa: PLC0415  # as above
-
-    from vcfbench.analysis.rate_band import split_response  # noqa: PLC0415  # as above
-
     drive_hz = fmean(settings.drive.frequency_hz)
     own, far = (1.0 / ((drive_hz - each) ** 2 - drive_hz**2) for each in (split_hz, settings.in_phase_split_hz))
     pick_off = in_phase_share / (1.0 - in_phase_share) * own / far

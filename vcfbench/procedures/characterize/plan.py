@@ -24,6 +24,7 @@ from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_rep
 from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.records.devices import Characteristics, together
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, setting_keys
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station
@@ -419,8 +420,6 @@ def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeR
 
 def _seen(settings: CharacterizeSettings, found: Mapping[str, PartResult]) -> dict[str, Any]:
     """Return the characteristics that K_Vc depends on, as the parts found them, else as known of the device."""
-    from vcfbench.records.devices import Characteristics, together  # noqa: PLC0415  # few certify
-
     made = [typed(settings.station.characteristics, Characteristics)]
     for part in found.values():
         keep = PROCEDURES[part.name].entry

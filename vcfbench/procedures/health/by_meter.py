@@ -10,6 +10,7 @@ from statistics import fmean, stdev
 from typing import TYPE_CHECKING
 
 from vcfbench import steps
+from vcfbench.analysis.rate_band import Known, NearSplit, fit_near_split, split_response
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bandwidth import tones_of
 from vcfbench.procedures.shared.known.k_vc_change import ASSUMED
@@ -75,8 +76,6 @@ def split_by_meter(settings: KnownVvcSettings, then: Characteristics) -> Routine
 
 def _gain_of(then: Characteristics, frequency_hz: float) -> float:
     """Return the response at a frequency over that at rest, with its filter, of a device as its certificate has it."""
-    from vcfbench.analysis.rate_band import Known, split_response  # noqa: PLC0415  # NumPy
-
     assert then.split_hz is not None  # noqa: S101  # as above
     assert then.q_anti_phase is not None  # noqa: S101
     drive, far, share = (getattr(then, name) or ASSUMED[name] for name in _OF_THE_OTHER)
@@ -109,7 +108,6 @@ def found_by_sines(
     ]
     if not sines or then is None or then.split_hz is None or then.q_anti_phase is None:
         return {}
-    from vcfbench.analysis.rate_band import Known, NearSplit, fit_near_split  # noqa: PLC0415  # NumPy
 
     tones = tones_of(settings, sines)
     drive, far, share = (getattr(then, name) or ASSUMED[name] for name in _OF_THE_OTHER)

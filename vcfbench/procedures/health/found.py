@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct, structs
 
+from vcfbench.analysis.rotating import Rotation, reference_phase
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.by_meter import carrier_over_drive, found_by_sines
 from vcfbench.procedures.health.modes import Modes, middle_of, modes_of
@@ -209,8 +210,6 @@ def _one_share(pair: Modes, sign: float, at_rest_v: float) -> float:
 
 
 def _demodulator(measured: Measured, skew: UncertaintyPart) -> Measurand:
-    from vcfbench.analysis.rotating import Rotation, reference_phase  # noqa: PLC0415  # NumPy, needed here alone
-
     found = reference_phase(
         [
             Rotation(r.drive_hz, r.difference_hz, r.reference_deg, r.turning_v, r.output_v)

@@ -14,6 +14,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING
 
 from vcfbench import steps
+from vcfbench.analysis.rotating import fit_rotation
 from vcfbench.interfaces import AveragesWaveforms
 from vcfbench.procedures.health.by_meter import split_by_meter
 from vcfbench.procedures.health.modes import Modes, modes_of
@@ -67,8 +68,6 @@ class CaptureFar(steps.CaptureRotations, frozen=True):
     """
 
     def _record(self, scope: Oscilloscope) -> steps.RotationRecord:
-        from vcfbench.analysis.rotating import fit_rotation  # noqa: PLC0415  # NumPy, needed here alone
-
         first, second, _ = self.channels
         if isinstance(scope, AveragesWaveforms):  # a feed-through that matters is a ten-thousandth of the screen
             scope.acquire_fine(first, second)

@@ -7,6 +7,8 @@ from dataclasses import fields
 from statistics import fmean
 from typing import TYPE_CHECKING, TypeAlias
 
+from msgspec import structs
+
 from vcfbench import steps
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -17,11 +19,11 @@ from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
+from vcfbench.records.devices import Characteristics, Measured
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
-    from vcfbench.records.devices import Characteristics
     from vcfbench.station.parts import Node
     from vcfbench.steps.step import Routine
 
@@ -174,10 +176,6 @@ def _rotations(
 
 def phase_characteristics(_settings: PhaseSettings, found: Phases) -> Characteristics:
     """Return the characteristics that K_Vc depends on: phases against the drive's velocity."""
-    from msgspec import structs  # noqa: PLC0415  # few name a device
-
-    from vcfbench.records.devices import Characteristics, Measured  # noqa: PLC0415  # as above
-
     demodulator = found.demodulator_deg.kept()
     return Characteristics(
         drive_hz=Measured(value=found.drive_hz, u=found.drive_hz * SCOPE_TIME_BASE / math.sqrt(3.0)),

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from statistics import fmean, stdev, variance
 from typing import TYPE_CHECKING
 
+from vcfbench.analysis.rotating import Rotation, reference_phase
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.steps import CaptureSines, Rotations, SineRecord, SineRecords
@@ -93,8 +94,6 @@ def phases_of(
     Raises:
         MeasurementError: a rate or V_Vc does not move the sense signal, or the output does not follow that.
     """
-    from vcfbench.analysis.rotating import Rotation, reference_phase  # noqa: PLC0415  # NumPy, needed here alone
-
     records = [each for _, found in states for each in found.records]
     carrier = _mean_angle([each.phases_deg[1] for each in records])
     coriolis = _response(states, lambda step: step.rate_deg_s, f"a rate of {settings.rate_deg_s:g} deg/s")

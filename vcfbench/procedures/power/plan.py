@@ -25,11 +25,11 @@ from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.records.devices import Characteristics
 from vcfbench.steps.step import Effect, Reading, Step
 
 if TYPE_CHECKING:
     from vcfbench.procedures.power.results import PowerResult
-    from vcfbench.records.devices import Characteristics
     from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context, Routine
 
@@ -228,8 +228,6 @@ def _at_rails(settings: PowerSettings) -> Routine[None]:
 
 def power_characteristics(settings: PowerSettings, found: PowerResult) -> Characteristics | None:
     """Return the effect of both rails on the slope; their effect on K_Vc takes a run by the table and one by V_Vc."""
-    from vcfbench.records.devices import Characteristics  # noqa: PLC0415  # few name a device
-
     for effect in found.effects:
         if effect.rails == "both":
             slope = effect.scale_factor.kept()

@@ -16,6 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
+from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import (
     STILL_UNSEEN,
@@ -350,8 +351,6 @@ def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Me
 
 def _column(rates: Floats, seen: _Measured, line: Measurand, bias: Measurand) -> CalibrationColumn:
     """Return the column, with the combined uncertainties of its slope and of the bias at rest."""
-    from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415
-
     u_v = math.sqrt(float(seen.covariance_v2[0, 0]))
     column = characterise([*rates, 0.0], [*(seen.zero_v + seen.output_v), seen.zero_v], u_v).column()
     slope, rest = (

@@ -5,6 +5,8 @@ from __future__ import annotations
 from statistics import pstdev
 from typing import TYPE_CHECKING
 
+from vcfbench.analysis.rate_band import fit_tone, true_spacing_s
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -42,8 +44,6 @@ def fitted_tones(
 
     Records of one interval share the spacing that the strongest of them shows.
     """
-    from vcfbench.analysis.rate_band import fit_tone, true_spacing_s  # noqa: PLC0415  # NumPy, needed here alone
-
     spacing_s = {}
     for interval_s in {record.interval_s for _, record, _ in records}:
         of = [(hz, volts) for hz, record, volts in records if record.interval_s == interval_s]

@@ -33,13 +33,13 @@ from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
+from vcfbench.records.devices import Characteristics, Measured
 from vcfbench.steps.step import answer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from vcfbench.procedures.temperature.results import TemperatureResult
-    from vcfbench.records.devices import Characteristics
     from vcfbench.records.schema import Point
     from vcfbench.steps.step import Routine
 
@@ -197,8 +197,6 @@ def _chopped(settings: TemperatureSettings) -> Routine[None]:
 
 def temperature_characteristics(settings: TemperatureSettings, found: TemperatureResult) -> Characteristics:
     """Return the characteristics that K_Vc depends on; that of K_Vc itself takes a run by the table and one by V_Vc."""
-    from vcfbench.records.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
-
     by_table, seen_c = settings.by is ScaleFactorBy.TABLE, [each.temperature_c for each in found.points]
     frequency = found.frequency
     return Characteristics(

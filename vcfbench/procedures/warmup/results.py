@@ -5,9 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from vcfbench.analysis.noise_fit import Coefficients
+from vcfbench.analysis.sampling import Sampling
+from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
+from vcfbench.procedures.shared.sweep.window_noise import Flicker
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 
 if TYPE_CHECKING:
@@ -112,8 +119,6 @@ def warmup_results(
         resolution_deg_s: the meter's last digit; no mean is known better than to its rounding.
         creeps: whether there may be an exponential to be found; none is foreseen.
     """
-    import numpy as np  # noqa: PLC0415  # the plan needs none
-
     begin_s, end_s, means, u_scatter = _means(windows, interval_s)
     u_white = np.maximum(u_scatter, resolution_deg_s / math.sqrt(12.0))
     root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
@@ -160,9 +165,6 @@ def _bias_end(
 
     An exponential that was not seen may be there: what the bench file knows of the warm-up is in the mean then.
     """
-    from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest  # noqa: PLC0415
-    from vcfbench.procedures.shared.sweep.window_noise import Flicker  # noqa: PLC0415  # they take numpy along
-
     (value, u, seen), (begin_s, end_s), known = found, window_s, settings.station.sources
     output_v = value * scale.value
     around = parts_at_rest(settings, output_v, scale.value, end_s)
@@ -179,8 +181,6 @@ def _bias_end(
 
 def _turn_on(log: Sequence[tuple[float, float]], tolerance_deg_s: float) -> float | None:
     """Return the time from which all readings lie within the tolerance of the median of the last fifth."""
-    from statistics import median  # noqa: PLC0415
-
     if not log:
         return None
     end_deg_s = median(rate for _, rate in log[-max(1, len(log) // 5) :])
@@ -191,8 +191,6 @@ def _turn_on(log: Sequence[tuple[float, float]], tolerance_deg_s: float) -> floa
 
 def _means(windows: Sequence[tuple[Floats, Floats]], interval_s: float) -> tuple[Floats, Floats, Floats, Floats]:
     """Return begin, end, mean and white standard uncertainty of means of some seconds, whole blocks of each window."""
-    import numpy as np  # noqa: PLC0415
-
     block = max(1, round(_FIT_S / interval_s))
     begin_s, means, squares, degrees = [], [], 0.0, 0
     for t_s, rate in windows:
@@ -213,11 +211,6 @@ def _root_of_covariance(begin_s: Floats, end_s: Floats, u_white: Floats, instabi
 
     Flicker has no mean of its own: what it is over this record counts as part of the bias.
     """
-    import numpy as np  # noqa: PLC0415
-
-    from vcfbench.analysis.noise_fit import Coefficients  # noqa: PLC0415
-    from vcfbench.analysis.sampling import Sampling  # noqa: PLC0415
-
     law = Coefficients(bias_instability=instability_deg_s).phase_noise(Sampling.without_gaps(1.0))
     edges = np.concatenate([end_s, begin_s])
     lags = edges[:, None] - edges
@@ -243,8 +236,6 @@ class _Creep:
 
 def _constant(root: Floats, means: Floats) -> tuple[float, float, float]:
     """Return mean, its standard uncertainty and chi-square of means without an exponential."""
-    import numpy as np  # noqa: PLC0415
-
     ones, white = np.linalg.solve(root, np.column_stack([np.ones(means.size), means])).T
     weight = float(ones @ ones)
     mean = float(ones @ white) / weight
@@ -258,8 +249,6 @@ def _creep(begin_s: Floats, end_s: Floats, means: Floats, root: Floats, instabil
     what was found is no measure of its uncertainty. So every time constant counts by its best fit, any logarithm being
     as likely beforehand, from a block's length to some records'.
     """
-    import numpy as np  # noqa: PLC0415
-
     tau_s = np.geomspace(_FIT_S, _LONGEST * float(end_s[-1]), _TIME_CONSTANTS)
     begun, ended = (np.exp(-np.outer(each, 1.0 / tau_s)) for each in (begin_s, end_s))
     decays = tau_s * (begun - ended) / (end_s - begin_s)[:, None]
@@ -292,8 +281,6 @@ def _creep(begin_s: Floats, end_s: Floats, means: Floats, root: Floats, instabil
 
 def _stated(values_s: Floats, likely: Floats, found: tuple[float, float]) -> Measurand:
     """Return a time, with the half width about it that holds 95 % of the likelihood as its U95."""
-    import numpy as np  # noqa: PLC0415
-
     value, u = found
     away = np.abs(values_s - value)
     order = np.argsort(away)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from msgspec import Meta
 
 from vcfbench import steps
+from vcfbench.analysis.sampling import Sampling, block_means
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
@@ -192,8 +193,6 @@ def _record(settings: ZeroSettings) -> Routine[steps.Outcome]:
 
 
 def _results(settings: ZeroSettings, measured: Measured) -> Any:
-    from vcfbench.analysis.sampling import Sampling, block_means  # noqa: PLC0415  # they take numpy along
-
     (window,) = measured.readings.windows
     scale = scale_factor_used(settings, measured)
     if isinstance(measured, Foreseen):

@@ -7,6 +7,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 from msgspec import Meta, Struct
 
 from vcfbench.errors import ConfigError
@@ -128,8 +129,6 @@ def scale_factor_of(record: Path) -> ScaleFactorRead:
     Raises:
         ConfigError: there is no such record, or no scale factor in it.
     """
-    import msgspec  # noqa: PLC0415  # needed where a record is named
-
     path = record / "result.json" if record.is_dir() else record
     text = read_file(path, "the result of a calibration", MOST_TABLE)
     try:

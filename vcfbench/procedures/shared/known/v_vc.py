@@ -19,7 +19,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.flicker import flicker_sources, with_flicker
 from vcfbench.procedures.shared.kept_characteristics import conditions_of
 from vcfbench.procedures.shared.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
-from vcfbench.procedures.shared.routines import take
+from vcfbench.procedures.shared.routines import set_v_vc, take
 from vcfbench.records.devices import Conditions, DeviceStore
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import DeviceSettings
@@ -225,7 +225,6 @@ def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Ro
     """
     if settings.v_vc_role != "multimeter":
         return
-    from vcfbench.procedures.shared.routines import set_v_vc  # noqa: PLC0415
 
     yield move_leads("multimeter", "v_vc")
     for level_v in levels_v:
