@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from vcfbench.procedures.procedure import AnyProcedure, Procedure
-    from vcfbench.specifications import Assumed, LevelSpecification, VoltmeterSpecification
+    from vcfbench.specifications import LevelSpecification, VoltmeterSpecification
     from vcfbench.station.description import BenchDescription
 
 S = TypeVar("S", bound=ProcedureSettings)
@@ -165,10 +165,11 @@ def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
 def _station(description: BenchDescription) -> Station:
     """Return the station by the bench file; the meter's resolution depends on the chosen settings."""
     # The known corrections of the voltmeters by role, if any beside the data sheet
-    parts = {role: getattr(description, role) for role in ("multimeter", "v_vc_meter")}
+    placed = {role: getattr(description, role) for role in ROLES}
+    parts = {role: placed[role] for role in ("multimeter", "v_vc_meter")}
     known = {role: _meter_known(description, part) for role, part in parts.items() if part is not None}
     return Station(
-        instruments=_placed(description),
+        instruments={role: _placed_part(part, description.name) for role, part in placed.items() if part is not None},
         meters={role: each for role, each in known.items() if each != MeterKnown()},
         rails=description.wiring.rails,
         oscilloscope=None if description.oscilloscope is None else description.wiring.oscilloscope,
@@ -178,12 +179,6 @@ def _station(description: BenchDescription) -> Station:
         expected=description.expected,
         acceptance=description.acceptance,
     )
-
-
-def _placed(description: BenchDescription) -> dict[str, PlacedInstrument]:
-    """Return the instruments of the bench file by role."""
-    parts = {role: getattr(description, role) for role in ROLES}
-    return {role: _placed_part(part, description.name) for role, part in parts.items() if part is not None}
 
 
 def _placed_part(part: Any, station: str) -> PlacedInstrument:
@@ -229,7 +224,10 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
         **_meter_sources(description, "v_vc_meter", "v_vc", float(getattr(chosen, "v_vc_range_v", V_VC_RANGE_V))),
     }
     same = {key: value for key, value in known.items() if key in _OF_SOURCES and key not in instruments}
-    assumed = {key: f"uncertainty.{key}: {_assumed_words(each)}" for key, each in left_open.items()}
+    assumed = {
+        key: f"uncertainty.{key}: {each.value:g}{' ' * bool(each.unit)}{each.unit}, assumed ({each.source})"
+        for key, each in left_open.items()
+    }
     found = Sources(**instruments, **same, table_rate=known["table_rate_error"], assumed=assumed)
     if "bias_instability_deg_h" not in assumed:
         return found
@@ -237,10 +235,6 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
 
 
 _OF_SOURCES = frozenset(Sources.__struct_fields__)
-
-
-def _assumed_words(taken: Assumed) -> str:
-    return f"{taken.value:g}{' ' * bool(taken.unit)}{taken.unit}, assumed ({taken.source})"
 
 
 def _meter_sources(description: BenchDescription, role: str, short: str, range_v: float) -> dict[str, Any]:

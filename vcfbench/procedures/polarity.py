@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import reduce
 from itertools import combinations
+from operator import xor
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -214,12 +216,13 @@ def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
     wrong = {each.what for each in signs if not each.right}
     silent = [each.what for each in signs if not each.found]
     causes, look_alikes = (_silence(silent), ()) if silent else _explained(wrong, {each.what for each in signs})
-    windows = settings.expected.scale_factor_v_per_deg_s, settings.expected.k_vc_deg_s_per_v
-    named = [name for name, window in zip(("scale factor", "K_Vc"), windows, strict=True) if window is not None]
-    source = f"[expected] of the bench file: {', '.join(named)}" if named else ""
-    missing = [name for name, window in zip(("scale factor", "K_Vc"), windows, strict=True) if window is None]
-    default = f"the paper's gyroscope: {', '.join(missing)}" if missing else ""
-    expected_from = "; ".join(each for each in (source, default) if each)
+    expected = settings.expected
+    windows = {"scale factor": expected.scale_factor_v_per_deg_s, "K_Vc": expected.k_vc_deg_s_per_v}
+    sources = {
+        "[expected] of the bench file": [name for name, window in windows.items() if window is not None],
+        "the paper's gyroscope": [name for name, window in windows.items() if window is None],
+    }
+    expected_from = "; ".join(f"{source}: {', '.join(names)}" for source, names in sources.items() if names)
     return PolarityResult(tuple(signs), len(wrong), causes, look_alikes, expected_from)
 
 
@@ -227,24 +230,18 @@ def _responses(settings: PolaritySettings, points: Sequence[Point]) -> list[Sign
     """Return the signs of the responses to table and V_Vc."""
     gyro = settings.expected_gyro()
     driven = [point for point in points if point.step == DRIVEN]
-    signs = [
-        _sign("V_Vc", [(p.v_vc_v, p.output_v, _u(p)) for p in driven], gyro.scale_factor * gyro.k_vc, "V/V"),
-    ]
+    signs = [_sign("V_Vc", [(p.v_vc_v, p.output_v, _u(p)) for p in driven], gyro.scale_factor * gyro.k_vc, "V/V")]
     if settings.has_table:
         turned = [(p.rate_deg_s, p.output_v, _u(p)) for p in points if p.step == TURNED]
         signs.insert(0, _sign("table", turned, gyro.scale_factor, "V/(deg/s)"))
-    seen = [(p.v_vc_v, p.v_vc_measured_v, _u_v_vc(p)) for p in driven if p.v_vc_measured_v is not None]
-    if seen:
+    measured = [(p, p.v_vc_measured_v) for p in driven if p.v_vc_measured_v is not None]
+    if seen := [(p.v_vc_v, level_v, (p.v_vc_std_v or 0.0) / math.sqrt(p.n)) for p, level_v in measured]:
         signs.append(_sign("meter on V_Vc", seen, 1.0, "V/V"))
     return signs
 
 
 def _u(point: Point) -> float:
     return point.std_v / math.sqrt(point.n)
-
-
-def _u_v_vc(point: Point) -> float:
-    return (point.v_vc_std_v or 0.0) / math.sqrt(point.n)
 
 
 def _sign(what: What, seen: Sequence[tuple[float, float, float]], expected: float, unit: str) -> Sign:
@@ -305,9 +302,7 @@ def _explained(wrong: set[What], seen: set[What]) -> tuple[tuple[str, ...], tupl
 def _shows(chosen: Sequence[str], wrong: set[What], seen: set[What]) -> bool:
     """Tell whether these faults together turn just the signs that are wrong, each of them one that was seen."""
     turns = [CAUSES[each] & seen for each in chosen]
-    alone: frozenset[What] = frozenset()
-    for each in turns:
-        alone ^= each
+    alone = reduce(xor, turns)
     bias = frozenset({"bias"}) & seen if sum(each in DEMODULATED for each in chosen) % 2 else frozenset()
     return all(turns) and wrong in (alone, alone ^ bias)
 
@@ -349,11 +344,8 @@ def _verdict(settings: PolaritySettings, found: PolarityResult) -> str:
         lines = [f"{found.wrong_signs} of {len(found.signs)} signs are wrong ({basis}); {head}:"]
         lines += [f"  {each}" for each in found.causes]
     if found.look_alikes:
-        lines.append(
-            "two faults at once that look the same" if found.wrong_signs else "two faults that would undo each other"
-        )
-        lines[-1] += ", not to be told from it here:"
-        lines += [f"  {each}" for each in found.look_alikes]
+        two = "two faults at once that look the same" if found.wrong_signs else "two faults that would undo each other"
+        lines += [f"{two}, not to be told from it here:", *(f"  {each}" for each in found.look_alikes)]
     if len(found.causes) > 1 and not settings.has_table:
         lines.append("a table, or a gyroscope turned by hand, would tell more")
     if len(found.causes) > 1 and settings.expected.bias_v is None:

@@ -72,14 +72,9 @@ def _quantities(results: Any) -> Iterator[tuple[str, Any]]:
     for name in field_names(results) or ():
         found = getattr(results, name)
         for each in found if isinstance(found, tuple) else (found,):
-            if _is_quantity(each):
+            value, unit = getattr(each, "value", None), getattr(each, "unit", None)
+            if isinstance(value, float) and isinstance(unit, str) and hasattr(each, "u"):
                 yield getattr(each, "name", None) or _words_and_unit(name)[0], each
-
-
-def _is_quantity(found: Any) -> bool:
-    """Tell whether it is a value with uncertainty and unit."""
-    value, unit = getattr(found, "value", None), getattr(found, "unit", None)
-    return isinstance(value, float) and isinstance(unit, str) and hasattr(found, "u")
 
 
 def _u95(found: Any) -> float | None:

@@ -22,14 +22,7 @@ from vcfbench.procedures.health.unmeasured import gaps_of, missing_of, unmeasure
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.known.certificate import Drift, drift_of, shares_of
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since
-from vcfbench.procedures.shared.known.v_vc import (
-    METER_GAIN,
-    READINGS,
-    V_VC_GAIN,
-    V_VC_NOISE,
-    meter_error,
-    v_vc_error,
-)
+from vcfbench.procedures.shared.known.v_vc import METER_GAIN, READINGS, V_VC_GAIN, V_VC_NOISE, meter_error, v_vc_error
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.steps import ModulatedRecord, SampleModulated
 
@@ -262,8 +255,8 @@ class _Gain:
 
 
 def _gain(settings: OnlineSettings, run: _Run) -> _Gain:
-    response = static_response(*_modes(settings, 1))
-    third_response = static_response(*_modes(settings, 3))
+    response = _static_response(settings, 1)
+    third_response = _static_response(settings, 3)
     amplitude_v = np.array([each.phasors[0].real for each in run.v_vc] or [settings.amplitude_v] * len(run.output))
     windows_v = np.array([each.in_phase for each in run.output]) / response
     slope = float(np.mean(windows_v.mean(axis=1) / amplitude_v))
@@ -302,7 +295,7 @@ def _second_v(settings: OnlineSettings, run: _Run, gain: float) -> list[float]:
 
     The slope of the same curvature at a mean V_Vc of v is 4 v / amplitude^2 times that.
     """
-    response, signed = static_response(*_modes(settings, 2)), run.sign * gain
+    response, signed = _static_response(settings, 2), run.sign * gain
     sines = run.v_vc or (None,) * len(run.output)
     return [
         out.phasors[1].real / response - (0.0 if into is None else signed * into.phasors[1].real)
@@ -310,8 +303,9 @@ def _second_v(settings: OnlineSettings, run: _Run, gain: float) -> list[float]:
     ]
 
 
-def _modes(settings: OnlineSettings, order: int) -> tuple[float, float, float, float]:
-    return order * settings.modulation_hz, settings.split_hz, settings.in_phase_split_hz, settings.in_phase_share
+def _static_response(settings: OnlineSettings, order: int) -> float:
+    modes = settings.split_hz, settings.in_phase_split_hz, settings.in_phase_share
+    return static_response(order * settings.modulation_hz, *modes)
 
 
 def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult:
@@ -371,17 +365,16 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Unc
     """Return the contributions of the readings to the scale factor's uncertainty, and those common to all windows."""
     size = abs(gain.value / k_vc)
     meter, error = meter_error(settings, "multimeter"), v_vc_error(settings)
+    of_modes = math.hypot(2.0 * settings.u_split_hz / settings.split_hz, _U_SHARE / (1.0 - settings.in_phase_share))
+    phases = PhaseErrors.of(settings.station.sources)
     own = [
         UncertaintyPart(READINGS, gain.u_mean_readings / abs(k_vc), gain.dof),
         UncertaintyPart("readings: the third harmonic", gain.u_third / abs(k_vc), gain.dof),
     ]
     common = [
         UncertaintyPart(METER_GAIN, size * meter.u_gain, None, meter.owner),
-        UncertaintyPart(_RESPONSE, size * _u_response(settings, gain)),
-        *(
-            UncertaintyPart(name, size * u)
-            for name, u in PhaseErrors.of(settings.station.sources).u_self_calibrated.items()
-        ),
+        UncertaintyPart("response at the frequency of the modulation", size * ((gain.response - 1.0) * of_modes)),
+        *(UncertaintyPart(name, size * u) for name, u in phases.u_self_calibrated.items()),
     ]
     if gain.u_v_vc:
         common.append(UncertaintyPart(V_VC_NOISE, gain.u_v_vc / abs(k_vc)))
@@ -396,15 +389,6 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Unc
     if not same_meter:
         common.append(UncertaintyPart(V_VC_GAIN, size * error.u_gain, None, error.owner))
     return own, common
-
-
-_RESPONSE = "response at the frequency of the modulation"
-
-
-def _u_response(settings: OnlineSettings, gain: _Gain) -> float:
-    """Return the relative uncertainty of the response: that of split and share of the modes."""
-    relative = math.hypot(2.0 * settings.u_split_hz / settings.split_hz, _U_SHARE / (1.0 - settings.in_phase_share))
-    return (gain.response - 1.0) * relative
 
 
 def _disturbance(

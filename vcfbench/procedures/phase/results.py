@@ -125,9 +125,7 @@ def phases_of(
             _folded(virtual.deg - coriolis.deg), "deg", [virtual.part("virtual"), coriolis.part("Coriolis")]
         ),
         demodulator_from_coriolis_deg=measurand(
-            _folded(demodulator.deg - coriolis.deg),
-            "deg",
-            [demodulator.part("demodulator"), coriolis.part("Coriolis")],
+            _folded(demodulator.deg - coriolis.deg), "deg", [demodulator.part("demodulator"), coriolis.part("Coriolis")]
         ),
         k_vc_error_ppm=error,
         k_vc_ppm_per_carrier_deg=by_carrier,

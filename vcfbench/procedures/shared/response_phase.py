@@ -97,13 +97,10 @@ def phase_parts(points: Sequence[PhasePoint]) -> list[Table | Figure]:
     """Lay out the phases, and draw them."""
     if not points:
         return []
-    columns = (*(Column("frequency", "Hz", ".4g"), Column("phase", "deg"), Column("u", "deg"), Column("U95", "deg")),)
+    columns = (Column("frequency", "Hz", ".4g"), Column("phase", "deg"), Column("u", "deg"), Column("U95", "deg"))
     rows = [(each.frequency_hz, *each.phase_deg.printed()) for each in points]
-    series = Series(
-        "measured",
-        [each.frequency_hz for each in points],
-        [each.phase_deg.value for each in points],
-        [each.phase_deg.u for each in points],
-    )
+    phases = [each.phase_deg for each in points]
+    at_hz = [each.frequency_hz for each in points]
+    series = Series("measured", at_hz, [each.value for each in phases], [each.u for each in phases])
     title = "Phase of the output against V_Vc, the low-pass filter in it"
     return [Table(columns, rows, title), Figure(title, Axis("frequency", "Hz", "log"), Axis("phase", "deg"), [series])]

@@ -128,7 +128,13 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
             break
         v_vc_v = matching.v_vc_equal_v
     if not matching.usable():
-        raise _no_match(matching, settings)
+        raise MeasurementError(
+            f"the output does not come to that of step 1: {matching.residual_v:+.4g} V left after "
+            f"{settings.match_iterations} settings of V_Vc, the best {matching.best.v_vc_v:.6g} V",
+            instrument="multimeter",
+            step="2",
+            hint="check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
+        )
     require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     yield from _confirm(settings, points, matching.best.v_vc_v)
     matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
@@ -160,16 +166,6 @@ def _in_turn(windows: int) -> Iterator[bool]:
 
 def _take_virtual(settings: VirtualCoriolisSettings, v_vc_v: float) -> Routine[Point]:
     return (yield from take_driven(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0))
-
-
-def _no_match(matching: Matching, settings: VirtualCoriolisSettings) -> MeasurementError:
-    return MeasurementError(
-        f"the output does not come to that of step 1: {matching.residual_v:+.4g} V left after "
-        f"{settings.match_iterations} settings of V_Vc, the best {matching.best.v_vc_v:.6g} V",
-        instrument="multimeter",
-        step="2",
-        hint="check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
-    )
 
 
 def _virtual_sweep(

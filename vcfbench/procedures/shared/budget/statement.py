@@ -204,30 +204,15 @@ def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tu
     factor = convolved_coverage_factor(result, sources.values()) if odd > _NEARLY_NORMAL else result.coverage_factor
     lines = tuple(
         StatedContribution(
-            line.source,
-            sources[line.source].distribution.value,
-            line.u_source,
-            sources[line.source].unit,
-            _finite(line.dof),
-            line.sensitivity,
-            abs(line.u),
-            line.share,
+            *(line.source, sources[line.source].distribution.value, line.u_source, sources[line.source].unit),
+            *(_finite(line.dof), line.sensitivity, abs(line.u), line.share),
         )
         for line in result.contributions
         if line.u
     )
     return StatedValue(
-        result.name,
-        result.value,
-        unit,
-        result.u,
-        _finite(result.dof),
-        factor,
-        factor * result.u,
-        of,
-        lines,
-        not missing,
-        missing,
+        *(result.name, result.value, unit, result.u, _finite(result.dof), factor, factor * result.u),
+        *(of, lines, not missing, missing),
     )
 
 
@@ -252,16 +237,13 @@ def _not_in_u(settings: ProcedureSettings) -> Iterable[str]:
         yield "Earth's rate: it is in the bias"
 
 
-def _after(age_days: float) -> str:
-    return f"{age_days:g} days after calibration"
-
-
 def _known_from(settings: ProcedureSettings, levels_by: str, flicker: Flicker | None) -> Iterable[str]:
     """Name the origin of quantities taken for known."""
     known = settings.station.sources
-    yield f"multimeter: {_after(known.meter_age_days)} ({known.meter_age_from})"
+    yield f"multimeter: {known.meter_age_days:g} days after calibration ({known.meter_age_from})"
     if levels_by == "V_Vc meter":
-        yield f"meter on V_Vc: {_after(known.v_vc_meter_age_days)} ({known.v_vc_meter_age_from})"
+        age_days, whence = known.v_vc_meter_age_days, known.v_vc_meter_age_from
+        yield f"meter on V_Vc: {age_days:g} days after calibration ({whence})"
     if levels_by == "generator" and known.generator_gain is not None and not known.generator_ranges_v:
         yield "ranges of the generator: not known, those that make each value least certain are assumed"
     if flicker is not None:

@@ -235,11 +235,8 @@ def require_characterised(seen: Characteristics | None, now_c: float | None) -> 
         return
     then_c = seen.temperature_c.value
     if seen.least_temperature_c is None or seen.most_temperature_c is None:
-        low_c, high_c, why = (
-            then_c - FURTHEST_K,
-            then_c + FURTHEST_K,
-            f"{FURTHEST_K:g} K either side of the certificate",
-        )
+        low_c, high_c = then_c - FURTHEST_K, then_c + FURTHEST_K
+        why = f"{FURTHEST_K:g} K either side of the certificate"
     else:
         low_c, high_c = min(then_c, seen.least_temperature_c), max(then_c, seen.most_temperature_c)
         why = "where its coefficients were measured"
@@ -269,25 +266,15 @@ def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
     after = {name: each.value for name, each in seen.items()}
     parts = [
         KvcPart(
-            name,
-            UNITS[name],
-            before[name],
-            value,
-            total(before, {name: value}),
+            *(name, UNITS[name], before[name], value, total(before, {name: value})),
             _u_of(total, {name: first[name]}, {name: seen[name]}, before),
         )
         for name, value in after.items()
     ] + steps
-    by_model = total(before, after)
-    by_steps = math.fsum(each.ppm for each in steps)
     u = math.hypot(_u_of(total, first, seen, before), *(each.u_ppm for each in steps))
-    whole = by_model + by_steps
-    return KvcChange(
-        whole,
-        u,
-        tuple(sorted(parts, key=lambda part: -abs(part.ppm))),
-        whole - math.fsum(part.ppm for part in parts),
-    )
+    whole = total(before, after) + math.fsum(each.ppm for each in steps)
+    beyond = whole - math.fsum(part.ppm for part in parts)
+    return KvcChange(whole, u, tuple(sorted(parts, key=lambda part: -abs(part.ppm))), beyond)
 
 
 def _coefficients(then: Characteristics, now: Characteristics, seen: _Inputs) -> Iterator[KvcPart]:

@@ -49,7 +49,8 @@ def k_vc_since(settings: KnownDeviceSettings, seen: KvcChange | None = None) -> 
     known = settings.known
     drift = list(_drifted(settings, known))
     ppm, warmed, said = _warmed(settings, known) if seen is None else _measured(seen)
-    words = [f"K_Vc: {each.u * 1e6:.3g} ppm (u) for its {_drift_words(settings)}" for each in drift]
+    since = f"{known.days_since or 0.0:.0f} days since the certificate ({drift_words(settings.station.sources)})"
+    words = [f"K_Vc: {each.u * 1e6:.3g} ppm (u) for its drift in {since}" for each in drift]
     return KvcSince(1.0 + 1e-6 * ppm, (*drift, *warmed), (*words, *said))
 
 
@@ -58,14 +59,8 @@ def _drifted(settings: KnownDeviceSettings, known: KnownDevice) -> Iterator[Unce
         return
     limit = 1e-6 * settings.station.sources.k_vc_drift_ppm_per_year * known.days_since / YEAR_DAYS
     if limit:
-        yield UncertaintyPart(
-            K_VC_DRIFT, limit / math.sqrt(3.0), None, f"{known.source}: {K_VC_DRIFT}", rectangular=True
-        )
-
-
-def _drift_words(settings: KnownDeviceSettings) -> str:
-    days, known = settings.known.days_since or 0.0, settings.station.sources
-    return f"drift in {days:.0f} days since the certificate ({drift_words(known)})"
+        whose = f"{known.source}: {K_VC_DRIFT}"
+        yield UncertaintyPart(K_VC_DRIFT, limit / math.sqrt(3.0), None, whose, rectangular=True)
 
 
 def drift_words(known: Sources) -> str:
@@ -129,7 +124,8 @@ def charging_warning(then: Characteristics, now: Characteristics) -> str | None:
     """
     if then.split_hz is None or now.split_hz is None:
         return None
-    rise_k = 0.0 if then.temperature_c is None or now.temperature_c is None else _rise(then, now)
+    at_c = then.temperature_c, now.temperature_c
+    rise_k = 0.0 if at_c[0] is None or at_c[1] is None else at_c[1].value - at_c[0].value
     per_k = (then.split_hz_k.value, then.split_hz_k.u) if then.split_hz_k is not None else (0.0, 0.01)
     moved_hz = now.split_hz.value - then.split_hz.value - per_k[0] * rise_k
     u_hz = math.hypot(now.split_hz.u, then.split_hz.u, per_k[1] * rise_k)
@@ -139,8 +135,3 @@ def charging_warning(then: Characteristics, now: Characteristics) -> str | None:
         f"the split has changed by {moved_hz:+.3f} Hz (u {u_hz:.2g}) beyond what temperature does: charges on the "
         "combs may have done that, and would change K_Vc unseen; a table tells (vcfbench run kvc)"
     )
-
-
-def _rise(then: Characteristics, now: Characteristics) -> float:
-    assert then.temperature_c is not None and now.temperature_c is not None  # noqa: PT018, S101  # the caller saw
-    return now.temperature_c.value - then.temperature_c.value

@@ -147,19 +147,15 @@ def _driven_block(
         points.append((yield from terms.take(terms.driven, rate_deg_s=sign * rate_deg_s, v_vc_v=level_v)))
         previous_v = level_v
     yield from set_v_vc(settings, 0.0)
-    _require_null(block(points).differences_v, table.differences_v, rate_deg_s, terms.driven)
-    return points
-
-
-def _require_null(driven_v: tuple[float, float], table_v: tuple[float, float], rate_deg_s: float, step: int) -> None:
-    for virtual, real, sign in zip(driven_v, table_v, (1.0, -1.0), strict=True):
+    for virtual, real, way in zip(block(points).differences_v, table.differences_v, (1.0, -1.0), strict=True):
         if not abs(virtual - real) <= _USABLE * abs(real):
             raise MeasurementError(
-                f"at {sign * rate_deg_s:+g} deg/s the table moves the output by {real:+.6g} V, V_Vc by {virtual:+.6g}",
+                f"at {way * rate_deg_s:+g} deg/s the table moves the output by {real:+.6g} V, V_Vc by {virtual:+.6g}",
                 instrument="multimeter",
-                step=str(step),
+                step=str(terms.driven),
                 hint="check the V_Vc lead and k_vc_guess_deg_s_per_v; the two must come within 10 %",
             )
+    return points
 
 
 def _search(
