@@ -10,14 +10,7 @@ from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared.column import report
-from vcfbench.procedures.shared.column.results import (
-    acceptance_u95,
-    acceptance_values,
-    fitted_column,
-    is_swept,
-    u_output_v,
-    with_statement,
-)
+from vcfbench.procedures.shared.column import results as columns
 from vcfbench.procedures.shared.routines import go_to_rate, powered, ramp_to, take, take_reference
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.shared.sweep import schedule
@@ -95,11 +88,11 @@ class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return the values that ``[acceptance]`` limits, by its keys."""
-        return acceptance_values(self)
+        return columns.acceptance_values(self)
 
     def acceptance_u95(self) -> Mapping[str, float]:
         """Return the expanded uncertainties of these, by the same keys."""
-        return acceptance_u95(self.uncertainty)
+        return columns.acceptance_u95(self.uncertainty)
 
 
 class SweptTurntableResult(TurntableResult, frozen=True, kw_only=True):
@@ -113,15 +106,17 @@ def turntable_results(
 ) -> TurntableResult:
     """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
     if settings is None:
-        return TurntableResult(**asdict(fitted_column(points, u_output_v(points, meter_resolution_v)).column()))
+        return TurntableResult(
+            **asdict(columns.fitted_column(points, columns.u_output_v(points, meter_resolution_v)).column())
+        )
     from vcfbench.procedures.shared.budget.turntable import turntable_statement  # noqa: PLC0415  # numpy comes with it
     from vcfbench.procedures.shared.sweep.windows import sweep_of  # noqa: PLC0415  # as above
 
     sweep = sweep_of(settings, points, 1)
     stated = turntable_statement(settings, points)
-    column = fitted_column(sweep.points, sweep.u_v(u_output_v(points, meter_resolution_v))).column()
-    values = {**asdict(with_statement(column, stated)), "uncertainty": stated}
-    if not is_swept(settings):
+    column = columns.fitted_column(sweep.points, sweep.u_v(columns.u_output_v(points, meter_resolution_v))).column()
+    values = {**asdict(columns.with_statement(column, stated)), "uncertainty": stated}
+    if not columns.is_swept(settings):
         return TurntableResult(**values)
     from vcfbench.procedures.shared.sweep.found import sweep_found  # noqa: PLC0415  # as above
 

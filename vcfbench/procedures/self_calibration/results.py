@@ -18,59 +18,18 @@ from msgspec.structs import replace
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.health.check import (
-    STILL_UNSEEN,
-    TEMPERATURES,
-    HealthCheck,
-    checked,
-    health_parts,
-)
+from vcfbench.procedures.health import check as health_check
+from vcfbench.procedures.health import unmeasured as not_measured
 from vcfbench.procedures.health.found import health_of
-from vcfbench.procedures.health.unmeasured import (
-    AMPLITUDES,
-    CARRIER_PHASE,
-    NOT_MEASURED,
-    gaps_of,
-    missing_of,
-    unmeasured,
-)
-from vcfbench.procedures.self_calibration.shape import (
-    OUTPUT_CURVE,
-    OUTPUT_LIMIT,
-    bent,
-    has_changed,
-    orders_of,
-    output_orders,
-)
+from vcfbench.procedures.self_calibration import shape
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
+from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, drift_of, drift_parts, lists_of_omissions, shares_of
 from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
-from vcfbench.procedures.shared.known.v_vc import (
-    METER_GAIN,
-    READINGS,
-    RESOLUTION,
-    V_VC_GAIN,
-    V_VC_NOISE,
-    V_VC_OFFSET,
-    conditions,
-    known_words,
-    levels_by_hand,
-    measured_level,
-    meter_error,
-    temperature_errors,
-    v_vc_error,
-)
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
-from vcfbench.procedures.shared.null_comparison.blocks import (
-    bias_at_rest,
-    block_covariance,
-    blocks_of,
-    derivative_of,
-    dof_of,
-    noise_of,
-)
+from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
 from vcfbench.records.devices import Measured as Kept
@@ -129,7 +88,7 @@ class SelfCalibrationResult:
     noise: BlockNoise
     k_vc_from: str
     v_vc_by: str
-    health: HealthCheck | None
+    health: health_check.HealthCheck | None
     """Changes of the characteristics that K_Vc depends on; None where they were not measured, now or then."""
     characteristics: Characteristics | None
     """Measured characteristics."""
@@ -165,7 +124,7 @@ class NotStated:
 
     bias: Measurand
     """Output at rest, generator off, V."""
-    health: HealthCheck
+    health: health_check.HealthCheck
     k_vc_from: str
 
     def refusal(self) -> str:
@@ -202,7 +161,7 @@ class _Measured:
         """Return the curve of K_Vc with the modulator as it is now."""
         if self.output_orders is None:
             return coefficients
-        return bent(coefficients, v_vc_v, output_v, self.covariance_v2, self.output_orders)
+        return shape.bent(coefficients, v_vc_v, output_v, self.covariance_v2, self.output_orders)
 
     def estimates(self, coefficients: Floats, v_vc_v: Floats, output_v: Floats) -> Floats:
         """Return scale factor, slope of the line (V/(deg/s)) and non-linearity (ppm).
@@ -214,7 +173,7 @@ class _Measured:
         rate = self.rates(coefficients, v_vc_v)
         slopes, _, _ = polynomial_through_zero(rate, output_v, self.covariance_v2, ORDER)
         zero_deg_s = np.polynomial.polynomial.polyval(v_vc_v[0], coefficients)
-        slope = np.polynomial.polynomial.polyval(-zero_deg_s, derivative_of(slopes))
+        slope = np.polynomial.polynomial.polyval(-zero_deg_s, null_blocks.derivative_of(slopes))
         x, y = np.array([0.0, *rate]), np.array([0.0, *output_v])
         line = np.polynomial.polynomial.polyfit(x, y, 1)
         left = np.abs(y - np.polynomial.polynomial.polyval(x, line)).max()
@@ -228,17 +187,17 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     at_rest = [place for place, point in enumerate(points) if point.step == AT_REST]
     if check is not None and check.refused:
         roughly = float(seen.estimates(np.array(known.k_vc.coefficients), seen.v_vc_v, seen.output_v)[0])
-        bias = bias_at_rest(settings, points, at_rest, seen.noise, roughly)
+        bias = null_blocks.bias_at_rest(settings, points, at_rest, seen.noise, roughly)
         return NotStated(bias=bias, health=check, k_vc_from=known.source)
     since = _since(settings, check)
     coefficients = np.array(known.k_vc.coefficients) * since.factor
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     measured = () if check is None else check.measured
-    moved = [*since.parts, *_by_phases(settings, measured), *unmeasured(settings, measured)]
+    moved = [*since.parts, *_by_phases(settings, measured), *not_measured.unmeasured(settings, measured)]
     parts = _parts(settings, seen, coefficients, moved)
-    amplitudes = () if check is None else (each for each in check.causes if each.cause == AMPLITUDES)
-    without = missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
+    amplitudes = () if check is None else (each for each in check.causes if each.cause == not_measured.AMPLITUDES)
+    without = not_measured.missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": without, "ppm": ()}
     scale_factor, line, nonlinearity = (
         measurand(float(value), unit, of_value, missing[unit])
@@ -246,7 +205,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     )
     curve = seen.curve(coefficients, seen.v_vc_v, seen.output_v)
     rates = seen.rates(curve, seen.v_vc_v)
-    bias = bias_at_rest(settings, points, at_rest, seen.noise, scale_factor.value)
+    bias = null_blocks.bias_at_rest(settings, points, at_rest, seen.noise, scale_factor.value)
     return SelfCalibrationResult(
         scale_factor=scale_factor,
         line=line,
@@ -260,15 +219,17 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),
         noise=seen.noise,
         k_vc_from=known.source,
-        v_vc_by=v_vc_error(settings).name,
-        unseen=STILL_UNSEEN if CARRIER_PHASE in measured else known.unseen,
+        v_vc_by=v_vc.v_vc_error(settings).name,
+        unseen=health_check.STILL_UNSEEN if not_measured.CARRIER_PHASE in measured else known.unseen,
         since=since.said,
-        holds_not=(*known.holds_not, *_HOLDS_NOT, *gaps_of(settings, without)),
+        holds_not=(*known.holds_not, *_HOLDS_NOT, *not_measured.gaps_of(settings, without)),
         drift=drift_of(scale_factor, known, settings.acceptance),
     )
 
 
-def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Characteristics | None, HealthCheck | None]:
+def _health(
+    settings: SelfCalibrationSettings, points: Measured
+) -> tuple[Characteristics | None, health_check.HealthCheck | None]:
     """Return the measured characteristics that K_Vc depends on, and their changes since the certificate."""
     then = settings.known.characteristics
     health = health_of(settings, points, then)
@@ -279,16 +240,16 @@ def _health(settings: SelfCalibrationSettings, points: Measured) -> tuple[Charac
     near_k = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
     at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near_k)
     now = health.beside(Characteristics(temperature_c=at_c))
-    return now, None if then is None else checked(then, now)
+    return now, None if then is None else health_check.checked(then, now)
 
 
-def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcSince:
+def _since(settings: SelfCalibrationSettings, check: health_check.HealthCheck | None) -> KvcSince:
     """Return the change of K_Vc; where nothing tells the temperature, its possible effect as well."""
     without = k_vc_since(settings)
     if check is None:
         return without
     since = k_vc_since(settings, check.change)
-    if any(each.cause in TEMPERATURES for each in check.causes):
+    if any(each.cause in health_check.TEMPERATURES for each in check.causes):
         return since
     warmed = [part for part in without.parts if part.source == K_VC_TEMPERATURE]
     return dataclasses.replace(since, parts=(*since.parts, *warmed))
@@ -297,54 +258,57 @@ def _since(settings: SelfCalibrationSettings, check: HealthCheck | None) -> KvcS
 def _by_phases(settings: SelfCalibrationSettings, measured: Sequence[str]) -> list[UncertaintyPart]:
     """Return the contributions of the bench file's phases; once they are measured K_Vc is that of the phases of now."""
     errors = phases.PhaseErrors.of(settings.station.sources)
-    of_phases = errors.u_scale_factor if CARRIER_PHASE in measured else errors.u_self_calibrated
+    of_phases = errors.u_scale_factor if not_measured.CARRIER_PHASE in measured else errors.u_self_calibrated
     return [UncertaintyPart(name, u) for name, u in of_phases.items()]
 
 
 def _with_shape(settings: SelfCalibrationSettings, seen: _Measured, coefficients: Floats) -> _Measured:
     """Return the levels such that the modulator's orders are found anew, where the certificate's do not hold."""
     then = settings.known.characteristics
-    output = output_orders(then)
+    output = shape.output_orders(then)
     if not settings.health or then is None or output is None or settings.v_vc_role is None:
         return seen  # what a generator was set to has steps of its own, which look like a shape
-    orders, covariance = orders_of(coefficients, seen.v_vc_v, seen.output_v, seen.covariance_v2)
+    orders, covariance = shape.orders_of(coefficients, seen.v_vc_v, seen.output_v, seen.covariance_v2)
     if settings.known.reference is not None:  # the amplifier bends by its volts, of which a rate makes another number
         slope = float(seen.estimates(coefficients, seen.v_vc_v, seen.output_v)[0])
         gain = slope / settings.known.reference.scale_factor_v_per_deg_s.value
         output = output * np.array([gain, gain**2])
-    return dataclasses.replace(seen, output_orders=output) if has_changed(orders, covariance, output, then) else seen
+    return (
+        dataclasses.replace(seen, output_orders=output) if shape.has_changed(orders, covariance, output, then) else seen
+    )
 
 
 def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Measured:
-    driven = blocks_of([point for point in points if point.step == DRIVEN])
+    driven = null_blocks.blocks_of([point for point in points if point.step == DRIVEN])
     magnitudes = settings.magnitudes_deg_s
     if len(driven) != settings.cycles * len(magnitudes):
         raise ConfigError(f"expected {settings.cycles} times {len(magnitudes)} blocks, came {len(driven)}")
-    blocks, by_hand = [block(each) for each in driven], levels_by_hand(settings, points)
+    blocks, by_hand = [block(each) for each in driven], v_vc.levels_by_hand(settings, points)
     zeros = [point for each in driven for point in (each[0], each[-1])]
-    v_vc = [measured_level(zeros, by_hand)]
+    levels_v = [v_vc.measured_level(zeros, by_hand)]
     for place, rate in enumerate(magnitudes):
         of_rate = [point for each in driven[place :: len(magnitudes)] for point in each]
-        v_vc += [measured_level([p for p in of_rate if p.rate_deg_s == sign * rate], by_hand) for sign in (1.0, -1.0)]
+        levels_v += [
+            v_vc.measured_level([p for p in of_rate if p.rate_deg_s == sign * rate], by_hand) for sign in (1.0, -1.0)
+        ]
     # See that no V_Vc is beyond the curve by more than a generator may be off
     curve = settings.known.k_vc
     margin_v = 0.05 * (curve.v_vc_max_v - curve.v_vc_min_v) / 2.0
-    for level_v in v_vc:
+    for level_v in levels_v:
         if not curve.v_vc_min_v - margin_v <= level_v <= curve.v_vc_max_v + margin_v:
             raise ConfigError(
                 f"V_Vc of {level_v:g} V: K_Vc is known from {curve.v_vc_min_v:g} to {curve.v_vc_max_v:g} V alone"
             )
-    noise = noise_of(settings, blocks, points)
+    noise = null_blocks.noise_of(settings, blocks, points)
     scatter = [p.v_vc_std_v for each in driven for p in each if p.v_vc_std_v is not None]
     count = 2 * settings.cycles * settings.samples
-    shape = settings.cycles, 2 * len(magnitudes)
     return _Measured(
-        np.array(v_vc),
-        np.array([each.differences_v for each in blocks]).reshape(shape).mean(axis=0),
+        np.array(levels_v),
+        np.array([each.differences_v for each in blocks]).reshape(settings.cycles, -1).mean(axis=0),
         math.fsum(each.zero_v for each in blocks) / len(blocks),
         math.sqrt(math.fsum(s * s for s in scatter) / len(scatter) / count) if scatter else 0.0,
         noise,
-        block_covariance(noise, len(magnitudes), settings.cycles),
+        null_blocks.block_covariance(noise, len(magnitudes), settings.cycles),
         len(points),
     )
 
@@ -369,22 +333,22 @@ def _parts(
     by_v = _jacobian(lambda at: seen.estimates(k, at, y), v, np.full(v.size, 1e-5 * np.abs(v).max()))
     sizes = 1e-5 * abs(k[1]) * np.abs(v).max() ** (1.0 - np.arange(k.size))
     by_k = _jacobian(lambda at: seen.estimates(at, v, y), k, sizes)
-    meter, error = meter_error(settings, "multimeter"), v_vc_error(settings)
+    meter, error = v_vc.meter_error(settings, "multimeter"), v_vc.v_vc_error(settings)
     values = seen.estimates(k, v, y)
     alike = np.array([abs(values[0]), abs(values[1]), 0.0])
     found: list[tuple[str, Floats, float | None, str | None]] = [
-        (READINGS, _u_of(by_output, seen.covariance_v2), dof_of(seen.noise), None),
-        (V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None, None),
-        (METER_GAIN, alike * meter.u_gain, None, meter.owner),
+        (v_vc.READINGS, _u_of(by_output, seen.covariance_v2), null_blocks.dof_of(seen.noise), None),
+        (v_vc.V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None, None),
+        (v_vc.METER_GAIN, alike * meter.u_gain, None, meter.owner),
     ]
     if seen.output_orders is not None:
         orders = seen.output_orders
         by_orders = _jacobian(
             lambda at: dataclasses.replace(seen, output_orders=at).estimates(k, v, y), orders, 1e-2 * np.abs(orders)
         )
-        u_orders = OUTPUT_LIMIT / math.sqrt(3.0) * orders
-        found.append((OUTPUT_CURVE, _u_of(by_orders, np.diag(u_orders**2)), None, None))
-    found += [(name, alike * u, None, None) for name, u in temperature_errors(settings, seen.windows).items()]
+        u_orders = shape.OUTPUT_LIMIT / math.sqrt(3.0) * orders
+        found.append((shape.OUTPUT_CURVE, _u_of(by_orders, np.diag(u_orders**2)), None, None))
+    found += [(name, alike * u, None, None) for name, u in v_vc.temperature_errors(settings, seen.windows).items()]
     found += [(part.source, alike * part.u, part.dof, part.of) for part in since]
     same_meter = False
     for name, of, dof, covariance in shares_of(settings.known.k_vc):
@@ -394,10 +358,10 @@ def _parts(
         whose = of or f"{settings.known.source}: {name}"
         found.append((f"certificate: {name}", _u_of(by_k, covariance), dof, whose))
     if not same_meter and settings.v_vc_role is not None:
-        found.append((V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None, error.owner))
-        found.append((V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None, error.owner))
+        found.append((v_vc.V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None, error.owner))
+        found.append((v_vc.V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None, error.owner))
     of_ranges = [_of_ranges(settings, v, by_v, place) for place in range(values.size)]
-    limits = {name for name, *_ in found if name == K_VC_DRIFT or name.startswith(NOT_MEASURED)}
+    limits = {name for name, *_ in found if name == K_VC_DRIFT or name.startswith(not_measured.NOT_MEASURED)}
     return [
         [UncertaintyPart(name, float(u[place]), dof, of, rectangular=name in limits) for name, u, dof, of in found]
         + of_ranges[place]
@@ -409,11 +373,11 @@ def _of_ranges(settings: SelfCalibrationSettings, v_vc_v: Floats, by_v: Floats, 
     """Return the contributions to one estimate of a generator whose setting is believed, of each of its ranges."""
     if settings.v_vc_role is not None:
         return []
-    levels, owner = known_levels((), settings.station.sources), v_vc_error(settings).owner
+    levels, owner = known_levels((), settings.station.sources), v_vc.v_vc_error(settings).owner
     own_v = np.array([levels.u_besides_v(volts) for volts in v_vc_v])
-    parts = [UncertaintyPart(RESOLUTION, float(np.linalg.norm(by_v[place] * own_v)))]
+    parts = [UncertaintyPart(v_vc.RESOLUTION, float(np.linalg.norm(by_v[place] * own_v)))]
     for kind, where, covariance in levels.covariances(v_vc_v, by_v, place):
-        name, u = V_VC_GAIN if kind == "gain" else V_VC_OFFSET, math.sqrt(covariance[place, place])
+        name, u = v_vc.V_VC_GAIN if kind == "gain" else v_vc.V_VC_OFFSET, math.sqrt(covariance[place, place])
         parts.append(UncertaintyPart(f"{name}, {where}", u, None, owner, rectangular=True))
     return parts
 
@@ -448,7 +412,7 @@ def entry_of(
         scale_factor_v_per_deg_s=results.scale_factor.kept(),
         bias_v=results.bias.kept(),
         nonlinearity_ppm=results.nonlinearity.kept(),
-        conditions=conditions(settings, made),
+        conditions=v_vc.conditions(settings, made),
         characteristics=results.characteristics,
         drift_ppm=None if drift is None else drift.change_ppm.kept(),
         e_n=None if drift is None else drift.e_n,
@@ -466,7 +430,7 @@ def self_calibration_report(
 ) -> Report:
     """Report the levels, the results with their budget, the drift, and the errors that the method cannot see."""
     if isinstance(results, NotStated):
-        return Report([*health_parts(results.health), Text(said_of("bias, generator off", results.bias))])
+        return Report([*health_check.health_parts(results.health), Text(said_of("bias, generator off", results.bias))])
     columns = (Column("rate", "deg/s", ".4f"), Column("V_Vc", "V", ".6f"), Column("output - zero", "V", ".5f"))
     rows = [(level.rate_deg_s, level.v_vc_v, level.output_v) for level in results.levels]
     words = [
@@ -482,12 +446,12 @@ def self_calibration_report(
         words.append(
             f"the modulator's shape has changed since the certificate; it is {now}, if the output's has not: taken so"
         )
-    words += known_words(settings)
+    words += v_vc.known_words(settings)
     rates = [*(level.rate_deg_s for level in results.levels), 0.0]
     residuals = Series("output - line", rates, [1e3 * left_v for left_v in results.virtual.residuals_v])
     parts = [
         Table(columns, rows, "V_Vc and the rate that it stands for"),
-        *([] if results.health is None else health_parts(results.health)),
+        *([] if results.health is None else health_check.health_parts(results.health)),
         Text("\n".join(words)),
         budget_table("the scale factor", results.scale_factor),
         *drift_parts(results.drift),

@@ -10,15 +10,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from vcfbench.analysis.budget import Source
+from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.known_levels import known_levels
-from vcfbench.procedures.shared.budget.line import (
-    TILT,
-    Line,
-    earth_sources,
-    instrument_sources,
-    line_sums,
-    noises_of,
-)
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, with_nonlinearity
 from vcfbench.procedures.shared.budget.statement import statement
 from vcfbench.procedures.shared.budget.turntable import table_values
@@ -53,22 +46,22 @@ def null_statement(settings: ProcedureSettings, points: Sequence[Point], matchin
     virtual line stand for; to first order that is one more sum of outputs, and of errors of ranges, for each value.
     """
     sweeps = [sweep_of(settings, points, step) for step in (3, 4)]
-    table, virtual = map(Line.of, sweeps)
+    table, virtual = map(lines.Line.of, sweeps)
     known = settings.station.sources
     level_v = np.array([p.v_vc_v for p in sweeps[1].points])
     levels = _NullLevels.of(virtual, level_v, matching, points, known)
-    sums = [*line_sums("table", table), *line_sums("virtual", virtual), *levels.sums]
+    sums = [*lines.line_sums("table", table), *lines.line_sums("virtual", virtual), *levels.sums]
     noise = WindowNoise.of(settings, points, table.scale_factor)
     sources, correlations = noise.sources(sums)
-    sources += [*instrument_sources(known), *levels.sources, *earth_sources(settings, table.scale_factor)]
+    sources += [*lines.instrument_sources(known), *levels.sources, *lines.earth_sources(settings, table.scale_factor)]
 
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
         of_table = table_values(table, q)
         gain, rate = 1.0 + q["meter gain"], 1.0 + q["table rate"]
-        k_vc = (matching.k_vc - noises_of("match", q) - levels.through("k_vc", q)) * rate
-        slope = virtual.scale_factor - noises_of("virtual slope", q) + noises_of("match slope", q)
-        bias = virtual.bias_v - noises_of("virtual bias", q) + noises_of("match bias", q)
-        bias = bias - q["meter offset"] - q.get(TILT, 0.0) - levels.through("bias", q)
+        k_vc = (matching.k_vc - lines.noises_of("match", q) - levels.through("k_vc", q)) * rate
+        slope = virtual.scale_factor - lines.noises_of("virtual slope", q) + lines.noises_of("match slope", q)
+        bias = virtual.bias_v - lines.noises_of("virtual bias", q) + lines.noises_of("match bias", q)
+        bias = bias - q["meter offset"] - q.get(lines.TILT, 0.0) - levels.through("bias", q)
         return four_step_values(k_vc, of_table, (slope - levels.through("slope", q)) / gain / rate, bias / gain)
 
     of = _OF_CURVE if matching.curve is not None else _OF_PAIR
@@ -102,7 +95,7 @@ class _NullLevels:
 
     @classmethod
     def of(
-        cls, line: Line, level_v: Floats, matching: NullMatching, points: Sequence[Point], known: Sources
+        cls, line: lines.Line, level_v: Floats, matching: NullMatching, points: Sequence[Point], known: Sources
     ) -> _NullLevels:
         levels = known_levels(points, known)
         sloping, shifting = line.slope_weights * line.derivative, line.bias_weights * line.derivative

@@ -18,12 +18,7 @@ from vcfbench.procedures.procedure import PAPER_USES, Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.levels import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
 from vcfbench.procedures.shared.steady.watched import watched
-from vcfbench.procedures.shared.sweep.agreement import (
-    require_expected_column,
-    require_expected_k_vc,
-    require_same_zero,
-    require_steady_slope,
-)
+from vcfbench.procedures.shared.sweep import agreement
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy, sweep_words
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.virtual_coriolis.matching import Matching
@@ -83,9 +78,9 @@ def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point],
             driven=2,
         ),
     )
-    require_expected_column(found.table, settings.expected)
+    agreement.require_expected_column(found.table, settings.expected)
     matching = null_matching(settings, [*found.table, *found.driven])
-    require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
+    agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     return list(found.table), list(found.driven), matching
 
 
@@ -102,7 +97,7 @@ def _table_reference(settings: VirtualCoriolisSettings) -> Routine[list[Point]]:
             (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s))
         )
         if len(points) > 1:
-            require_expected_column(points, settings.expected)
+            agreement.require_expected_column(points, settings.expected)
         previous_deg_s = rate_deg_s
     yield from routines.ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
     return points
@@ -116,7 +111,7 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
     yield from routines.v_vc_on()
     yield Settle(settings.settle_s, "gyro settles after the generator came on")
     points = [(yield from _take_virtual(settings, 0.0))]
-    require_same_zero(table[0], points[0], table[1])
+    agreement.require_same_zero(table[0], points[0], table[1])
     v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess_deg_s_per_v
     for number in range(settings.match_iterations):
         v_vc_v = yield from routines.set_v_vc(settings, v_vc_v)
@@ -135,10 +130,10 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
             step="2",
             hint="check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
         )
-    require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
+    agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     yield from _confirm(settings, points, matching.best.v_vc_v)
     matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
-    require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
+    agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     return points, matching
 
 
@@ -188,8 +183,8 @@ def _virtual_sweep(
         own, number = (points, 4) if visit is not None else (zeros, ZERO_DRIVEN)
         rate_deg_s = rates.rate_of(v_vc_v)
         own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
-        require_steady_slope(points[-2:], reference, limit_v)
-    require_steady_slope(points, reference, limit_v)
+        agreement.require_steady_slope(points[-2:], reference, limit_v)
+    agreement.require_steady_slope(points, reference, limit_v)
     # Take the outermost levels again that were visited in one stretch alone, and the zero where no reference began.
     # At the ends one stretch that is off looks like the modulator's next orders, or like another range of the
     # generator

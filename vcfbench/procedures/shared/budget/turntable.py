@@ -5,14 +5,7 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from vcfbench.procedures.shared.budget.line import (
-    TILT,
-    Line,
-    earth_sources,
-    instrument_sources,
-    line_sums,
-    noises_of,
-)
+from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, with_nonlinearity
 from vcfbench.procedures.shared.budget.statement import statement
 from vcfbench.procedures.shared.sweep.window_noise import WindowNoise
@@ -39,12 +32,12 @@ _MEANINGS = MappingProxyType(
 
 def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], step: int = 1) -> Statement:
     """Return the budget of a calibration on the table: scale factor and bias of its line."""
-    line = Line.of(sweep_of(settings, points, step))
+    line = lines.Line.of(sweep_of(settings, points, step))
     known = settings.station.sources
-    sums = line_sums("table", line)
+    sums = lines.line_sums("table", line)
     noise = WindowNoise.of(settings, points, line.scale_factor)
     sources, correlations = noise.sources(sums)
-    sources += [*instrument_sources(known), *earth_sources(settings, line.scale_factor)]
+    sources += [*lines.instrument_sources(known), *lines.earth_sources(settings, line.scale_factor)]
 
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
         return table_values(line, q)
@@ -54,9 +47,9 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point], st
     return with_nonlinearity(settings, stated, budget, [CurvedLine.of("nonlinearity", line)])
 
 
-def table_values(line: Line, q: Mapping[str, Any]) -> dict[str, Any]:
+def table_values(line: lines.Line, q: Mapping[str, Any]) -> dict[str, Any]:
     """Return scale factor and bias of the line on the table as the sources `q` move them."""
     gain = 1.0 + q["meter gain"]
-    slope = (line.scale_factor - noises_of("table slope", q)) / gain / (1.0 + q["table rate"])
-    bias = (line.bias_v - noises_of("table bias", q) - q["meter offset"] - q.get(TILT, 0.0)) / gain
+    slope = (line.scale_factor - lines.noises_of("table slope", q)) / gain / (1.0 + q["table rate"])
+    bias = (line.bias_v - lines.noises_of("table bias", q) - q["meter offset"] - q.get(lines.TILT, 0.0)) / gain
     return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope}
