@@ -158,7 +158,8 @@ def _swept(settings: BandwidthSettings) -> Routine[list[tuple[float, steps.SineR
     for frequency_hz in _measurable(settings, settings.frequencies_hz):
         response = yield from _respond(settings, frequency_hz)
         found.append((frequency_hz, response))
-    split_hz = _split_hz(settings, found)
+    tones = tones_of(settings, found)
+    split_hz = split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
     yield steps.Note(f"The sine about the split, near {split_hz:.4g} Hz")
     close = _measurable(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
     for frequency_hz in close:
@@ -182,11 +183,6 @@ def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[steps.
     response = answer((yield sample), steps.SineResponse)
     yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
     return response
-
-
-def _split_hz(settings: BandwidthSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> float:
-    tones = tones_of(settings, found)
-    return split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
 
 
 def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> list[Tone]:

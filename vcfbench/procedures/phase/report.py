@@ -50,7 +50,13 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
     wrong = (
         f"{abs(error.value):.0f} ppm too {'small' if error.value < 0.0 else 'large'}, U95 {error.expanded_u:.2g} ppm"
     )
-    known = ", ".join(f"{key} = {value:.4g}" for key, value in _knowledge(found).items())
+    sensitivities = {
+        "k_vc_ppm_carrier_deg": found.k_vc_ppm_per_carrier_deg,
+        "k_vc_ppm_demodulator_deg": found.k_vc_ppm_per_demodulator_deg,
+        "scale_factor_ppm_demodulator_deg": found.scale_factor_ppm_per_demodulator_deg,
+        "bias_deg_s_demodulator_deg": found.bias_deg_s_per_demodulator_deg,
+    }
+    known = ", ".join(f"{key} = {value:.4g}" for key, value in sensitivities.items())
     said = (
         f"{drive}; {target}\nK_Vc by equal outputs: {wrong}; it changes by {by_carrier}, {by_demodulator}\n"
         f"for [uncertainty] of the bench file: {known}\n{NOT_HELD}"
@@ -63,16 +69,6 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
             *_figures(measured),
         ]
     )
-
-
-def _knowledge(found: Phases) -> dict[str, float]:
-    """Return the sensitivities that budgets may use, by the keys of ``[uncertainty]``."""
-    return {
-        "k_vc_ppm_carrier_deg": found.k_vc_ppm_per_carrier_deg,
-        "k_vc_ppm_demodulator_deg": found.k_vc_ppm_per_demodulator_deg,
-        "scale_factor_ppm_demodulator_deg": found.scale_factor_ppm_per_demodulator_deg,
-        "bias_deg_s_demodulator_deg": found.bias_deg_s_per_demodulator_deg,
-    }
 
 
 def _figures(measured: Measured) -> list[Figure]:

@@ -135,15 +135,14 @@ def budget_table(name: str, found: Measurand) -> Table:
     )
     rows = [
         (
-            *(part.source, _shown(part, found), 1e6 * abs(part.u / found.value) if found.value else None),
-            *(100.0 * (part.u / found.u) ** 2 if found.u else None, part.dof, part.of or ""),
+            *(part.source, abs(part.u) if abs(part.u) > _ROUNDING * found.u else 0.0),
+            *(
+                1e6 * abs(part.u / found.value) if found.value else None,
+                100.0 * (part.u / found.u) ** 2 if found.u else None,
+            ),
+            *(part.dof, part.of or ""),
         )
         for part in found.parts
     ]
     title = f"uncertainty of {name}: u {found.u:.3g} {found.unit}, U95 {found.expanded_u:.3g}"
     return Table(columns, rows, title + incomplete(found.missing))
-
-
-def _shown(part: UncertaintyPart, found: Measurand) -> float:
-    """Return the u of a part; a remainder of rounding, where a part cancels, is none."""
-    return abs(part.u) if abs(part.u) > _ROUNDING * found.u else 0.0

@@ -46,14 +46,11 @@ class AroundPause(Struct, frozen=True):
     def to_rest(self, done: Sequence[Step]) -> Routine[steps.Window | None]:
         """Bring the bench to rest after the steps `done`, and read the output, where something was measured before."""
         settings = self.settings
-        if _last(done, steps.EnableVvc, steps.DisableVvc, subject=steps.DisableVvc.subject) is steps.EnableVvc:
+        if isinstance(_last(done, steps.DisableVvc.subject), steps.EnableVvc):
             yield steps.DisableVvc()
-        if (
-            _last(done, steps.EnableVibration, steps.DisableVibration, subject=steps.DisableVibration.subject)
-            is steps.EnableVibration
-        ):
+        if isinstance(_last(done, steps.DisableVibration.subject), steps.EnableVibration):
             yield steps.DisableVibration()
-        turns = next((step for step in reversed(done) if steps.SetRate.subject in step.sets), None)
+        turns = _last(done, steps.SetRate.subject)
         if isinstance(turns, steps.SetRate) and turns.rate_deg_s:
             stop = steps.SetRate(0.0, turns.acceleration_deg_s2, turns.rate_deg_s)
             yield stop
@@ -66,9 +63,7 @@ class AroundPause(Struct, frozen=True):
         settings = self.settings
         yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
         yield steps.Settle(settings.settle_s, "gyro settles, table at rest")
-        held = (
-            _last(done, steps.EnableTable, steps.DisableTable, subject=steps.EnableTable.subject) is steps.EnableTable
-        )
+        held = isinstance(_last(done, steps.EnableTable.subject), steps.EnableTable)
         rails = next((step.rails for step in reversed(done) if isinstance(step, steps.Acquire)), ())
         window = {**window_of(settings), "rails": rails, "samples": _WINDOWS * settings.samples, "noise_v": None}
         return answer((yield steps.VerifyZero(0, 0.0, 0.0, 0.0 if held else None, **window)), steps.Window)
@@ -98,10 +93,9 @@ class AroundPause(Struct, frozen=True):
         return Moved(one.output_v, other.output_v, u_v, sigmas(dof) * u_v + drift_v)
 
 
-def _last(done: Sequence[Step], *kinds: type[Step], subject: str) -> type[Step] | None:
-    """Return the last one of `kinds` that set `subject`; another setter of it counts as the other kind."""
-    step = next((step for step in reversed(done) if subject in step.sets), None)
-    return next((kind for kind in kinds if isinstance(step, kind)), None)
+def _last(done: Sequence[Step], subject: str) -> Step | None:
+    """Return the last step that set `subject`."""
+    return next((step for step in reversed(done) if subject in step.sets), None)
 
 
 def _is_comparable(done: Sequence[Step]) -> bool:

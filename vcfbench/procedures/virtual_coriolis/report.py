@@ -36,12 +36,15 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
         *(Column("virtual Coriolis", "V", ".5f"), Column("V_Vc", "V", ".5f")),
     )
     pairs = zip(table, virtual, strict=True)
+    sweeps = {}
+    if isinstance(results, SweptVirtualCoriolisResult):
+        sweeps = {"turntable": results.turntable_sweep, "virtual Coriolis": results.virtual_sweep}
     return Report(
         [
             Table(columns, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs]),
             Text(_comparison(results)),
             *_nulls(results),
-            *_sweeps(results),
+            *(sweep_text(name, sweep) for name, sweep in sweeps.items()),
             *statement_tables(results.uncertainty),
             outputs_figure("Output against rate, real and virtual", lines),
             residuals_figure(lines),
@@ -72,12 +75,6 @@ def _nulls(results: VirtualCoriolisResult) -> list[Table | Text]:
     terms = " ".join(f"{each:+.8g} V^{place}" for place, each in enumerate(results.coefficients, start=1))
     lack = f"lack of fit {results.lack_of_fit_deg_s:.1e} deg/s rms (p = {results.lack_of_fit_p:.2g}); in no uncertainty"
     return [matches, Text(f"rate = {terms}\n  {lack}")]
-
-
-def _sweeps(results: VirtualCoriolisResult) -> list[Text]:
-    if not isinstance(results, SweptVirtualCoriolisResult):
-        return []
-    return [sweep_text("turntable", results.turntable_sweep), sweep_text("virtual Coriolis", results.virtual_sweep)]
 
 
 def _comparison(results: VirtualCoriolisResult) -> str:

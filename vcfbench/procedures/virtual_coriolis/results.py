@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
     from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
     from vcfbench.records.schema import Point
-    from vcfbench.specifications import LevelSpecification
     from vcfbench.station.settings import Match
 
 
@@ -198,9 +197,11 @@ def _four_steps(
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
     stated = None if settings is None else _statement(settings, points, matching)
     set_v = matching.v_vc_equal_v if isinstance(matching, Matching) else math.inf  # an offset cancels in pairs
+    # Of a level that is known by its setting alone: relative, rectangular limits
+    u_generator = 0.0 if measured else (generator.setting + generator.offset_v / abs(set_v)) / math.sqrt(3.0)
     return {
         "k_vc": combined(Quantity(matching.k_vc, None, K_VC_UNIT, u_k_vc), stated, "k_vc"),
-        "k_vc_u_generator": 0.0 if measured else _u_generator(generator, set_v) * abs(matching.k_vc),
+        "k_vc_u_generator": u_generator * abs(matching.k_vc),
         "v_vc10_v": matching.v_vc_equal_v,
         "turntable": with_statement(turntable.column(), stated, "turntable."),
         "virtual": with_statement(virtual.column(), stated, "virtual."),
@@ -223,11 +224,6 @@ def _statement(settings: ProcedureSettings, points: Sequence[Point], matching: M
     from vcfbench.procedures.virtual_coriolis.null_budget import null_statement  # noqa: PLC0415  # as above
 
     return null_statement(settings, points, matching)
-
-
-def _u_generator(generator: LevelSpecification, v_vc_v: float) -> float:
-    """Return the relative standard uncertainty of a level that is known by its setting alone, rectangular limits."""
-    return (generator.setting + generator.offset_v / abs(v_vc_v)) / math.sqrt(3.0)
 
 
 def _relative_u(column: ScaleFactorResult) -> float:

@@ -137,7 +137,7 @@ def warmup_results(
         steady=steady,
         lasted_s=float(end_s[-1]),
         bias_end=_bias_end(settings, scale, (bias, u_bias, creep is not None), instability_deg_s, window_s),
-        amplitude=None if creep is None else _of_fit(*creep.amplitude, "deg/s"),
+        amplitude=None if creep is None else creep.amplitude,
         time_constant=None if creep is None else creep.time_constant,
         warm_up=None if creep is None else creep.warm_up,
         bias_instability_deg_s=instability_deg_s,
@@ -148,10 +148,6 @@ def warmup_results(
         means_deg_s=tuple(mean for _, mean, _, _ in each),
         means_u_deg_s=tuple(std / math.sqrt(n) for _, _, std, n in each),
     )
-
-
-def _of_fit(value: float, u: float, unit: str) -> Measurand:
-    return measurand(value, unit, [UncertaintyPart("fit", u)])
 
 
 def _bias_end(
@@ -228,7 +224,7 @@ class _Creep:
 
     bias: tuple[float, float]
     """b_inf and its standard uncertainty, deg/s."""
-    amplitude: tuple[float, float]
+    amplitude: Measurand
     time_constant: Measurand
     warm_up: Measurand
     chi_square: float
@@ -270,9 +266,10 @@ def _creep(begin_s: Floats, end_s: Floats, means: Floats, root: Floats, instabil
     warm_up_s = tau_s * np.log(np.maximum(np.abs(amplitudes) / instability_deg_s, 1.0))
     by_amplitude, cools = np.zeros(tau_s.size), warm_up_s > 0.0
     by_amplitude[cools] = (tau_s**2 / squares)[cools] / amplitudes[cools] ** 2
+    amplitude, u_amplitude = known(amplitudes, 1.0 / squares)
     return _Creep(
         known(mean - amplitudes * shares, 1.0 / weight + shares**2 / squares),
-        known(amplitudes, 1.0 / squares),
+        measurand(amplitude, "deg/s", [UncertaintyPart("fit", u_amplitude)]),
         _stated(tau_s, likely, known(tau_s, 0.0 * tau_s)),
         _stated(warm_up_s, likely, known(warm_up_s, by_amplitude)),
         float(chi_square.min()),

@@ -454,36 +454,32 @@ turn-on to turn-on and remounting, acceleration, vibration, magnetic fields, the
 def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
     scale = results.scale_factor_v_per_deg_s
     lines = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
-    left_out = []
-    if results.fitted_from_s > results.allan_deg_h[0].tau_s:
-        said = (
-            f"fitted from {results.fitted_from_s:g} s on: what passes at the mode split swings from reading to reading"
-        )
-        left_out.append(f"{said}, and shorter averages follow no power of the time")
     if results.mode == "gapless":
-        lines.append(
-            f"readings without gaps, means over {results.interval_s:g} s; {100.0 * results.dead_share:.2f} % of the "
-            "time was lost between bursts"
-        )
+        lost = f"{100.0 * results.dead_share:.2f} % of the time was lost between bursts"
+        lines.append(f"readings without gaps, means over {results.interval_s:g} s; {lost}")
         if (found := results.noise_bandwidth_hz) is not None:
             band = f"{found.value:.2f} Hz, u {found.u:.2f}"
             keys = "noise_bandwidth_hz and u_noise_bandwidth_hz"
             lines.append(f"noise bandwidth of one reading {band}: {keys} of records with dead time")
-        return "\n".join([*lines, *left_out])
-    lines.append(
-        f"one reading of {results.aperture_s:g} s every {results.interval_s:g} s: white noise is seen "
-        f"{results.white_noise_seen:.3g} times too large, {results.angle_random_walk_as_read:.3g} deg/sqrt(h) as it "
-        "stands"
-    )
+    else:
+        lines.append(
+            f"one reading of {results.aperture_s:g} s every {results.interval_s:g} s: white noise is seen "
+            f"{results.white_noise_seen:.3g} times too large, {results.angle_random_walk_as_read:.3g} deg/sqrt(h) as "
+            "it stands"
+        )
     if results.mode == "dead-time":
         lines.append("NOT corrected: N and the curve hold what the dead time folds in")
-    elif not bandwidth_stated and results.white_noise_seen > 1.0:
+    elif results.mode == "corrected" and not bandwidth_stated and results.white_noise_seen > 1.0:
         lines.append(
             "corrected with a noise bandwidth of 1 / (2 integration time), the least that a reading can have: a sense "
             "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz, or measure it "
             "with mode=gapless"
         )
-    return "\n".join([*lines, *left_out])
+    if results.fitted_from_s > results.allan_deg_h[0].tau_s:
+        swings = "what passes at the mode split swings from reading to reading"
+        shorter = "shorter averages follow no power of the time"
+        lines.append(f"fitted from {results.fitted_from_s:g} s on: {swings}, and {shorter}")
+    return "\n".join(lines)
 
 
 def _noise_table(results: ZeroResult) -> Table | Text:

@@ -138,7 +138,8 @@ def known_levels(points: Sequence[Point], known: Sources) -> KnownLevels:
 
         def resolved(level_v: float) -> float:
             upper_v = next((each for each in ranges if abs(level_v) <= each), reach_v)
-            return _step_v(upper_v, known.generator_bits) / math.sqrt(12.0)
+            bits = known.generator_bits
+            return 2.0 * upper_v / 2**bits / math.sqrt(12.0) if bits and math.isfinite(upper_v) else 0.0
 
         gain, offset_v = known.generator_gain, known.generator_offset_v
         return KnownLevels("generator", ranges, gain, offset_v, None, "resolution", resolved, None)
@@ -154,10 +155,6 @@ def known_levels(points: Sequence[Point], known: Sources) -> KnownLevels:
         lambda _level_v: pooled_v / math.sqrt(samples),
         pooled_v,
     )
-
-
-def _step_v(upper_v: float, bits: int) -> float:
-    return 2.0 * upper_v / 2**bits if bits and math.isfinite(upper_v) else 0.0
 
 
 def _worst_ranges(sizes: Floats, weights: Floats, limit: Callable[[float], float]) -> Iterator[NDArray[np.bool_]]:

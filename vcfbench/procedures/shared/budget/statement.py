@@ -111,7 +111,9 @@ def statement(
     """
     around = Circumstances.of(settings)
     budget = evaluate([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
-    unit_and_meaning = {name: (unit, _meaning(settings, words)) for name, (unit, words) in meanings.items()}
+    # With the Earth's rate added to the table's, none of it is in the bias
+    earth = "Earth's rate in it", "Earth's rate in it" if earth_left_deg_s(settings) is None else "without Earth's rate"
+    unit_and_meaning = {name: (unit, words.replace(*earth)) for name, (unit, words) in meanings.items()}
     known = settings.station.sources
     values = tuple(
         stated_value(result, budget, *unit_and_meaning[result.name], known.missing(result.name.rpartition(".")[2]))
@@ -124,11 +126,6 @@ def statement(
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
     not_in_u, known_from = _not_in_u(settings), _known_from(settings, levels_by, flicker)
     return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from), not missing, missing)
-
-
-def _meaning(settings: ProcedureSettings, words: str) -> str:
-    """Say which value it is: with the Earth's rate added to the table's, none of it is in the bias."""
-    return words if earth_left_deg_s(settings) is None else words.replace("Earth's rate in it", "without Earth's rate")
 
 
 class Circumstances(Struct, frozen=True):

@@ -20,12 +20,9 @@ RATE = Axis("Omega_z", "deg/s")
 
 def sweep_text(name: str, sweep: SweepFound) -> Text:
     """Describe order, zeros and repeats, where the rates were not visited as the paper does."""
-    return Text("\n".join([f"{name}: {_visited(sweep)}", *_lines_of(sweep)]))
-
-
-def _visited(sweep: SweepFound) -> str:
     times = f", {sweep.repeat} times" if sweep.repeat > 1 else ""
-    return f"order {sweep.order.value}, zeros {sweep.zeros.value}{times}; {sweep.windows} windows"
+    visited = f"order {sweep.order.value}, zeros {sweep.zeros.value}{times}; {sweep.windows} windows"
+    return Text("\n".join([f"{name}: {visited}", *_lines_of(sweep)]))
 
 
 def _lines_of(sweep: SweepFound) -> Iterator[str]:
@@ -115,29 +112,20 @@ def _ppm(value: float | None) -> str:
 
 def outputs_figure(title: str, lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) -> Figure:
     """Draw the outputs of each column against the rate, and its line through them."""
-    return Figure(
-        title,
-        RATE,
-        Axis("output", "V"),
-        [
-            each
-            for name, points, column in lines
-            for each in (
-                Series(name, [p.rate_deg_s for p in points], [p.output_v for p in points], _u_outputs(points, column)),
-                _line(name, points, column),
-            )
-        ],
-    )
+    series = []
+    for name, points, column in lines:
+        rates = [p.rate_deg_s for p in points]
+        ends, slope, bias_v = (min(rates), max(rates)), column.scale_factor.value, column.bias.value
+        through = [slope * rate + bias_v for rate in ends]
+        series += [
+            Series(name, rates, [p.output_v for p in points], _u_outputs(points, column)),
+            Series(f"{name}, least-squares line", ends, through, kind="line"),
+        ]
+    return Figure(title, RATE, Axis("output", "V"), series)
 
 
 def _u_outputs(points: Sequence[Point], column: CalibrationColumn) -> tuple[float, ...] | None:
     return None if column.type_a is None else (column.type_a.u_output_v,) * len(points)
-
-
-def _line(name: str, points: Sequence[Point], column: CalibrationColumn) -> Series:
-    ends = min(p.rate_deg_s for p in points), max(p.rate_deg_s for p in points)
-    slope, bias_v = column.scale_factor.value, column.bias.value
-    return Series(f"{name}, least-squares line", ends, [slope * rate + bias_v for rate in ends], kind="line")
 
 
 def residuals_figure(lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) -> Figure:
