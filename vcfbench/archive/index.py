@@ -18,7 +18,7 @@ from msgspec import Struct, structs
 from vcfbench.archive.summary import KeyResult, RunSummary, Selection, ordered, summary_of
 from vcfbench.errors import ConfigError
 from vcfbench.records.directory import RunDirectory
-from vcfbench.records.plain import ReadOnly
+from vcfbench.records.plain import ReadOnly, plain
 from vcfbench.records.schema import Status
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 BESIDE: Final = "index.sqlite"
 """Name of the index that lies with the records."""
-_VERSION: Final = 4
+_VERSION: Final = 5
 """Version of the file; raised when its content changes, also in how it is made of a record."""
 _PATIENCE_S: Final = 10
 """For another program that writes."""
@@ -153,35 +153,21 @@ def _seen(path: str) -> str | None:
     return f"{found.st_size}:{found.st_mtime_ns}:{found.st_ctime_ns}"
 
 
-_ALIKE: Final = ("procedure", "bench", "seed", "points", "dut", "operator", "note", "verdict", "damage", "problem")
-
-
 def _row(runs: Path, run: bytes, seen: str) -> tuple[bytes, str, bytes]:
     """Return the row of a record; its summary is JSON."""
     summary = summary_of(RunDirectory(runs / os.fsdecode(run)))
-    kept: dict[str, Any] = {
-        "started": summary.started.isoformat(),
-        "status": summary.status.value,
-        "revision": summary.revision,
-        "amended": summary.amended,
-        "tags": dict(summary.tags),
-        "results": {name: (each.value, each.u, each.unit, each.missing) for name, each in summary.results.items()},
-        **{key: getattr(summary, key) for key in _ALIKE},
-    }
+    kept = {key: value for key, value in plain(summary).items() if key not in {"run", "directory"}}
     going_on = summary.status is Status.RUNNING  # to be killed changes no file
     return run, "goes on" if going_on else seen, msgspec.json.encode(kept)
 
 
 def _summary(directory: Path, kept: dict[str, Any]) -> RunSummary:
-    results = {name: KeyResult(value, u, unit, tuple(said)) for name, (value, u, unit, said) in kept["results"].items()}
-    return RunSummary(
-        run=directory.name,
-        directory=directory,
-        started=datetime.fromisoformat(kept["started"]),
-        status=Status(kept["status"]),
-        revision=kept["revision"],
-        amended=tuple(kept["amended"]),
-        tags=ReadOnly(kept["tags"]),
-        results=ReadOnly(results),
-        **{key: kept[key] for key in _ALIKE},
-    )
+    results = {name: KeyResult(**{**each, "missing": tuple(each["missing"])}) for name, each in kept["results"].items()}
+    read = {
+        "started": datetime.fromisoformat(kept["started"]),
+        "status": Status(kept["status"]),
+        "amended": tuple(kept["amended"]),
+        "tags": ReadOnly(kept["tags"]),
+        "results": ReadOnly(results),
+    }
+    return RunSummary(run=directory.name, directory=directory, **{**kept, **read})

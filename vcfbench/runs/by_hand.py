@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct, structs
 
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from vcfbench.records.raw import RawRecord
     from vcfbench.safety.signals import StopSignals
     from vcfbench.steps.step import Routine, Step
-
-_T = TypeVar("_T")
 
 ALIASES: Final = {
     "table": "rate_table",
@@ -171,14 +169,14 @@ class ByHand:
             error.instrument = error.instrument or word.role
             raise
 
-    def _carry_out(self, steps: Routine[_T]) -> _T:
-        """Perform steps as a run does, telling each with its result."""
+    def _carry_out(self, steps: Routine[Any]) -> str:
+        """Perform steps as a run does, telling each with its result; return the word's answer, which is none."""
         advance: Callable[[], Step] = partial(next, steps)
         while True:
             try:
                 step = advance()
-            except StopIteration as end:
-                return end.value  # type: ignore[no-any-return]
+            except StopIteration:
+                return ""
             try:
                 step.within(self._checks)
                 self._context.begin()
@@ -215,8 +213,7 @@ class ByHand:
         )
 
     def _power_off(self) -> str:
-        self._carry_out(self._unpowering())
-        return ""
+        return self._carry_out(self._unpowering())
 
     def _unpowering(self) -> Routine[None]:
         try:
@@ -239,8 +236,7 @@ class ByHand:
     def _v_vc_set(self, volts: float) -> str:
         self._checks.v_vc(volts)
         self._require_power()
-        self._carry_out(self._level(volts))
-        return ""
+        return self._carry_out(self._level(volts))
 
     def _level(self, volts: float) -> Routine[None]:
         if "rate_source" not in self._ready:
@@ -253,8 +249,7 @@ class ByHand:
     def _v_vc_sine(self, frequency_hz: float, peak_v: float) -> str:
         self._checks.v_vc(peak_v, "peak voltage")
         self._require_power()
-        self._carry_out(self._sine(frequency_hz, peak_v))
-        return ""
+        return self._carry_out(self._sine(frequency_hz, peak_v))
 
     def _sine(self, frequency_hz: float, peak_v: float) -> Routine[None]:
         self._ready.discard("rate_source")
@@ -262,8 +257,7 @@ class ByHand:
         yield EnableVvc()
 
     def _v_vc_off(self) -> str:
-        self._carry_out(self._v_vc_off_steps())
-        return ""
+        return self._carry_out(self._v_vc_off_steps())
 
     def _vibration_sine(self, frequency_hz: float, peak_v: float) -> str:
         self._checks.v_vc(peak_v, "peak voltage")
@@ -294,8 +288,7 @@ class ByHand:
         return f"{meter.read_voltage_v():+.8g} V"
 
     def _scope_drive(self) -> str:
-        self._carry_out(look_at_drive(self._settings))
-        return ""
+        return self._carry_out(look_at_drive(self._settings))
 
     # Table
 
@@ -325,14 +318,12 @@ class ByHand:
         table.stop(settings.acceleration_deg_s2)
         ramp_s = abs(rate_deg_s) / settings.acceleration_deg_s2
         deadline_s = 2.0 * ramp_s + settings.rate_deadline_s
-        self._carry_out(_alone(AwaitRate(0.0, ramp_s, settings.rate_tolerance_deg_s, deadline_s)))
-        return ""
+        return self._carry_out(_alone(AwaitRate(0.0, ramp_s, settings.rate_tolerance_deg_s, deadline_s)))
 
     def _table_off(self) -> str:
         self._table_stop()
         self._ready.discard("rate_table")
-        self._carry_out(_alone(DisableTable()))
-        return ""
+        return self._carry_out(_alone(DisableTable()))
 
     # Chamber
 

@@ -10,6 +10,7 @@ import msgspec
 
 from vcfbench.records.plain import field_names
 from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.layering import merged
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def overridden(base: T, changes: Mapping[str, Any]) -> T:
     """Return `base` with `changes` (nested as `base` is) in place of its values."""
     if not changes:
         return base
-    return typed(_merged(msgspec.to_builtins(base), changes), type(base))
+    return typed(merged(msgspec.to_builtins(base), changes), type(base))
 
 
 def part_way(ideal: T, other: T, share: float) -> T:
@@ -80,11 +81,3 @@ def _expected(message: str) -> str:
 def _suggestion(name: str, known: list[str]) -> str:
     close = difflib.get_close_matches(name, known, n=1)
     return f"a known name ({close[0]!r}?)" if close else f"one of {', '.join(known)}"
-
-
-def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(base)
-    for name, value in changes.items():
-        below = merged.get(name)
-        merged[name] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
-    return merged
