@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from vcfbench.bench.ground import station
 from vcfbench.bench.opening import open_role
+from vcfbench.drivers.plain import PlainLine, PlainSession, plain
 from vcfbench.errors import BenchError, ConfigError, InstrumentError, LimitError, NotSafe, TransportError
 from vcfbench.safety.roles import ROLES, filled_roles, require_still, safe_action
 from vcfbench.safety.signals import StopSignals
@@ -65,8 +66,6 @@ class Console:
         signals: StopSignals,
         timeout_s: float,
     ) -> None:
-        from vcfbench.drivers.plain import plain  # noqa: PLC0415  # the drivers are loaded when a bench is opened
-
         self.identity = identity
         self.role = instrument.name
         self.resource = instrument.resource
@@ -112,8 +111,6 @@ class Console:
 
     def _answered(self, message: str) -> bool:
         """Tell whether an answer is to be shown: tables with a language of their own may answer anything."""
-        from vcfbench.drivers.plain import PlainLine  # noqa: PLC0415  # the drivers are loaded when a bench is opened
-
         return isinstance(self._plain, PlainLine) or _asks(message)
 
     def _is_question(self, message: str) -> bool:
@@ -121,8 +118,6 @@ class Console:
 
         In the tables' own languages a question mark does not make a question.
         """
-        from vcfbench.drivers.plain import PlainLine  # noqa: PLC0415  # as above
-
         header = "".join(message.split(maxsplit=1)[:1])
         one = header.endswith("?") and ";" not in message and not isinstance(self._plain, PlainLine)
         return one and _ACTING_QUESTION.match(header) is None
@@ -162,8 +157,6 @@ class Console:
 
     def interruptible(self) -> AbstractContextManager[None]:
         """Let Ctrl-C break off (Interrupted) a question; at a table it still means: leave, and stop it."""
-        from vcfbench.drivers.plain import PlainSession  # noqa: PLC0415  # as above
-
         return self._signals.interruptible() if isinstance(self._plain, PlainSession) else nullcontext()
 
     def read_line(self, read: Callable[[], str]) -> str:

@@ -9,14 +9,17 @@ from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
 
+from vcfbench.analysis.nonlinearity import DEFINITIONS
+from vcfbench.archive.analyzed import analyze as analyzed
 from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from rich.table import Table
 
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
 
@@ -39,8 +42,6 @@ def analyze(
     json: Json_ = False,
 ) -> None:
     """Analyse a calibration table: scale factor, bias, every non-linearity, asymmetry, comparison."""
-    from vcfbench.archive.analyzed import analyze as analyzed  # noqa: PLC0415
-
     analysis = analyzed(file, None if compare is None else _two_names(compare))
     if json:
         typer.echo(dumps(analysis.as_json(), allow_nan=False))
@@ -58,8 +59,6 @@ def _two_names(asked: str) -> list[str]:
 def _print_tables(
     results: Mapping[str, ScaleFactorResult], pair: tuple[str, str] | None, comparison: Comparison | None
 ) -> None:
-    from rich.console import Console  # noqa: PLC0415
-
     tables = [_fit_table(results), _nonlinearity_table(results)]
     if pair is not None and comparison is not None:
         tables.append(_comparison_table(pair, comparison))
@@ -75,9 +74,6 @@ def _print_tables(
 
 
 def _columns_table(title: str, columns: list[str], *, note: str = "") -> Table:
-    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-
     table = Table(
         title=title,
         title_justify="left",
@@ -115,8 +111,6 @@ def _fit_table(results: Mapping[str, ScaleFactorResult]) -> Table:
 
 
 def _nonlinearity_table(results: Mapping[str, ScaleFactorResult]) -> Table:
-    from vcfbench.analysis.nonlinearity import DEFINITIONS  # noqa: PLC0415
-
     note = "full scale: |K| times the largest rate; reading: from 10 deg/s on"
     table = _columns_table("\nNon-linearity and asymmetry, ppm", list(results), note=note)
     table.add_column("definition", overflow="fold")

@@ -13,6 +13,7 @@ from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.completion import device_names
 from vcfbench.cli.options import Devices_, Json_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
 from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, SelfCalibration, StaticNoise
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
@@ -186,8 +187,6 @@ def _print_certificate(known: Certificate | None) -> None:
 
 def _print_health(known: Device) -> None:
     """Print the properties that the last self-calibration measured, beside the certificate's."""
-    from vcfbench.procedures.health.check import checked, health_parts  # noqa: PLC0415
-
     last = known.self_calibrations[-1] if known.self_calibrations else None
     named = {each.name: each.record for each in known.entries}
     certificate = None if last is None or last.certificate is None else named.get(last.certificate)

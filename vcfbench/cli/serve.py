@@ -143,15 +143,13 @@ def ctl(
 
     Any argument can be given by its name, as in fault multimeter late delay_s=3 count=1.
     """
-    import json  # noqa: PLC0415
-
     name, asked = command[0], _arguments(command[0], command[1:])
     try:
         with Control(port) as control:
             result = control.request(name, **asked)
     except ControlError as error:
         raise BenchError(str(error), instrument="control port", resource=str(port)) from error
-    typer.echo(json.dumps(result, indent=2))
+    typer.echo(encoder.dumps(result, indent=2))
     if name == "fault":
         typer.echo(f"vcfbench: {_armed({**asked, 'at_s': asked.get('at_s', result)})}", err=True)
 
@@ -187,10 +185,8 @@ def _arguments(command: str, given: list[str]) -> dict[str, Any]:
 
 
 def _value(text: str) -> Any:
-    import json  # noqa: PLC0415
-
     try:
-        return json.loads(text)
+        return encoder.loads(text)
     except (ValueError, RecursionError):
         return text
 

@@ -17,6 +17,7 @@ from msgspec import Struct, field, structs, to_builtins
 
 from vcfbench.archive.quantities import named_values
 from vcfbench.errors import BenchError
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps import ConfigureMeter, ModulatedRecord, Window
 from vcfbench.steps.measured import Foreseen
@@ -195,8 +196,6 @@ def _stated(
     procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]
 ) -> tuple[tuple[ExpectedValue, ...], tuple[tuple[str, str], ...]]:
     """Return the results with their U95, and the names of those with one that nobody can expect, with the reason."""
-    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
-
     lines, points, gyro = [], [], _gyro(settings)
     for line, point in _lines(steps, gyro, settings.station.mains_hz):
         lines.append(line)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import lacking
+from vcfbench.procedures.catalogue import PROCEDURES
 
 if TYPE_CHECKING:
     from vcfbench.procedures.procedure import AnyProcedure
@@ -33,8 +34,6 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
 
 def what_can_run(description: BenchDescription) -> dict[str, str | None]:
     """Return for every known procedure the bench's lack for it, in words; None where it can run."""
-    from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # all of them are loaded for this
-
     return {name: _lacks(procedure, description) for name, procedure in PROCEDURES.items()}
 
 

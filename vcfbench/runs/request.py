@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Generator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +14,10 @@ from msgspec.structs import replace
 from vcfbench.bench.ground import checked_pace
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.files import dotted, shown
+from vcfbench.procedures import bench_file, catalogue
 from vcfbench.procedures.layers import asked_in_python, settings_of, with_settings
 from vcfbench.records.metadata import RunMetadata, metadata_of
+from vcfbench.reports.shielded import NoProgress
 from vcfbench.runs.ambient import require_ambient
 from vcfbench.runs.needs import require_needs
 from vcfbench.station.description import whole_seed
@@ -37,23 +39,11 @@ if TYPE_CHECKING:
     from vcfbench.station.description import BenchDescription
     from vcfbench.station.settings import ProcedureSettings
     from vcfbench.steps.dry_run import PlannedStep
-    from vcfbench.steps.executor import Event, Execution, Executor, Observer
+    from vcfbench.steps.executor import Execution, Executor, Observer
     from vcfbench.steps.step import Operator, Plan
 
     Display = Callable[["Beginning"], AbstractContextManager[Observer]]
     """Makes a display, told what is about to begin."""
-
-
-class _Nothing:
-    """Takes no notice."""
-
-    def handle(self, event: Event) -> None:
-        """Take no notice."""
-
-
-def no_display(_beginning: Beginning) -> AbstractContextManager[Observer]:
-    """Make a display that shows nothing."""
-    return nullcontext(_Nothing())
 
 
 def warned(words: str) -> None:
@@ -78,7 +68,7 @@ class Request(Struct, frozen=True):
     runs: Path | None = Path("runs")
     speed: str | float | None = None
     observers: Sequence[Observer] = ()
-    display: Display = no_display
+    display: Display = lambda _: NoProgress()
     operator: Operator | None = None
     person: Operator | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -151,9 +141,7 @@ class Prepared(Struct, frozen=True):
 
     def header_entries(self) -> dict[str, Any]:
         """Return the additional entries of the header: the file of a procedure of one's own."""
-        from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415
-
-        if self.procedure.name in PROCEDURES:
+        if self.procedure.name in catalogue.PROCEDURES:
             return {}
         from vcfbench.procedures.own_code import file_of  # noqa: PLC0415  # few are one's own
 
@@ -221,13 +209,10 @@ def prepare(request: Request, checked: Checked) -> Prepared:
 
     Findings are put into `checked` as they become known.
     """
-    from vcfbench.procedures.bench_file import described  # noqa: PLC0415
-    from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
-
     checked.name = getattr(request.procedure, "name", str(request.procedure))
     checked.metadata = request.metadata
-    checked.description = description = described(request.bench)
-    chosen = procedure(request.procedure)
+    checked.description = description = bench_file.described(request.bench)
+    chosen = catalogue.procedure(request.procedure)
     checked.name = chosen.name
     checked.seed = _seed(description, request.seed)
     checked_pace(description, request.speed)

@@ -17,6 +17,7 @@ from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
+from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import described
 from vcfbench.procedures.layers import recorded_settings, with_settings
 from vcfbench.records.amendments import amended, amendments_of
@@ -180,8 +181,6 @@ class BrokenOff:
 
     def prepare(self, request: Request, checked: Checked) -> Prepared:
         """Check the request against the record; nothing is opened."""
-        from vcfbench.procedures.catalogue import procedure  # noqa: PLC0415
-
         header = self.record.header
         # Raise ConfigError where a header, which anybody may have written, has what resuming would stumble over
         journal = shown(self.directory.journal)
@@ -195,7 +194,9 @@ class BrokenOff:
             )
         checked.name = str(header.get("procedure"))
         checked.metadata = amended(metadata_from(header), amendments_of(self.record.lines))
-        chosen = procedure(request.procedure) if isinstance(request.procedure, str | Path) else request.procedure
+        chosen = (
+            catalogue.procedure(request.procedure) if isinstance(request.procedure, str | Path) else request.procedure
+        )
         if chosen.name != checked.name:
             raise ConfigError(f"{self.directory.run} is a run of {checked.name!r}, not of {chosen.name!r}")
         if chosen.in_one_piece:

@@ -12,6 +12,7 @@ from msgspec import Meta, Struct, field, structs
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, require_numbers, shown
+from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.catalogue import is_file
 from vcfbench.runs.request import Checked, Request, prepare
@@ -292,9 +293,7 @@ def _beside(procedure: str, folder: Path) -> str:
 @cache  # a file of one's own is read and run once
 def _loaded(name: str) -> AnyProcedure:
     """Return the procedure of a name or a file; errors as :func:`vcfbench.procedures.catalogue.procedure`."""
-    from vcfbench.procedures.catalogue import is_file, procedure  # noqa: PLC0415
-
-    return procedure(Path(name) if is_file(name) else name)
+    return catalogue.procedure(Path(name) if is_file(name) else name)
 
 
 def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[str]:

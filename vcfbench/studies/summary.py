@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from msgspec import Struct
 
 from vcfbench.reports.document import Column, Table
@@ -73,8 +74,6 @@ def _case(number: int, values: dict[str, Any], rows: Sequence[RunRow]) -> CaseSu
 
 
 def _metric(name: str, rows: Sequence[RunRow]) -> MetricSummary | None:
-    import numpy as np  # noqa: PLC0415  # the list of commands is shown without it
-
     def numbers(of: str) -> list[float]:
         return [float(row.metrics[of]) for row in rows if row.metrics.get(of) is not None]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 from msgspec import Struct
 
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult
@@ -91,7 +92,6 @@ def four_step_truth(output: Output, at: Rates) -> dict[str, float]:
 
 def _matched(output: Output, rates_deg_s: Sequence[float]) -> list[float]:
     """Return the rate that V_Vc stands for as coefficients of its powers, the first one first."""
-    import numpy as np  # noqa: PLC0415  # few commands need it
 
     def matched_v(rate_deg_s: float) -> float:
         span = output(rate_deg_s, None) - output(0.0, None)
@@ -113,8 +113,6 @@ def _nonlinearity_ppm(x: Sequence[float], y: Sequence[float]) -> float:
 
 
 def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    import numpy as np  # noqa: PLC0415  # as above
-
     design = np.stack([np.asarray(x), np.ones(len(x))], axis=1)
     slope, intercept = np.linalg.lstsq(design, np.asarray(y), rcond=None)[0]
     return float(slope), float(intercept)

@@ -15,6 +15,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from msgspec import Meta, Struct
+from numpy.random import SeedSequence, default_rng
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, shown
@@ -103,8 +104,6 @@ class Drawn(Varied, frozen=True):
 
     def value(self, seed: int) -> Any:
         """Return the value for `seed`: it depends on nothing but that, path and law."""
-        from numpy.random import SeedSequence, default_rng  # noqa: PLC0415  # few studies draw
-
         random = default_rng(SeedSequence(seed, spawn_key=(_STREAM, *self.path.encode())))
         if self.law == "choice":
             return self.of[int(random.integers(len(self.of)))]
