@@ -194,15 +194,20 @@ class Hp34401A(ScpiInstrument):
             MeasurementError: one of them is an overload.
         """
         deadline = self._session.deadline(self._session.timeout_s + 2.0 * self._sampled * _TRANSFER_S)
+        readings_v = self._fetched("FETC?", deadline)
+        self._session.write("SAMP:COUN 1", "TRIG:DEL:AUTO ON", self.autozero_on)
+        return readings_v
+
+    def _fetched(self, question: str, deadline: Deadline) -> tuple[float, ...]:
+        """Return the readings of the sampling, fetched twice; FramingError where they cannot be believed."""
         with self._session.exclusive():
-            first_v, again_v = (self._session.query_readings("FETC?", deadline, self.reading_form) for _ in range(2))
+            first_v, again_v = (self._session.query_readings(question, deadline, self.reading_form) for _ in range(2))
         if first_v != again_v:
             raise self._unbelievable("the same readings were answered differently when they were fetched again")
         if len(first_v) != self._sampled:
             raise self._unbelievable(f"{len(first_v)} readings came, {self._sampled} were taken")
         for voltage_v in first_v:
             self._require_in_range(voltage_v)
-        self._session.write("SAMP:COUN 1", "TRIG:DEL:AUTO ON", self.autozero_on)
         return first_v
 
     def _require_in_range(self, voltage_v: float) -> None:

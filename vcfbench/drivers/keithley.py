@@ -69,18 +69,12 @@ class _Keithley(Hp34401A):
         require_within(self, "an interval", interval_s, (aperture_s, aperture_s + _LONGEST_DELAY_S), "s")
         return round(interval_s - aperture_s, 6)
 
-    def _fetched(self, question: str, samples: int) -> tuple[float, ...]:
-        deadline = self._session.deadline(self._session.timeout_s + 0.04 * samples)
+    def _waited_for(self, question: str) -> tuple[float, ...]:
+        """Return the readings of the sampling when it is done."""
+        deadline = self._session.deadline(self._session.timeout_s + 0.04 * self._sampled)
         with self._session.exclusive():
             self._session.query_int("*OPC?", deadline)
-            first_v, again_v = (self._session.query_readings(question, deadline, self.reading_form) for _ in range(2))
-        if first_v != again_v:
-            raise self._unbelievable("the same readings were answered differently when they were fetched again")
-        if len(first_v) != samples:
-            raise self._unbelievable(f"{len(first_v)} readings came, {samples} were taken")
-        for voltage_v in first_v:
-            self._require_in_range(voltage_v)
-        return first_v
+            return self._fetched(question, deadline)
 
 
 class Keithley2000(_Keithley):
@@ -121,7 +115,7 @@ class Keithley2000(_Keithley):
 
     def sampled_voltages_v(self) -> tuple[float, ...]:
         """Return the readings of the sampling that was begun last, V, and set the meter back to single ones."""
-        readings_v = self._fetched("TRAC:DATA?", self._sampled)
+        readings_v = self._waited_for("TRAC:DATA?")
         self._session.write("TRAC:FEED:CONT NEV", "TRIG:COUN 1;:TRIG:DEL:AUTO ON", "SYST:AZER:STAT ON")
         return readings_v
 
@@ -176,6 +170,6 @@ class KeithleyDMM6500(_Keithley):
 
     def sampled_voltages_v(self) -> tuple[float, ...]:
         """Return the readings of the sampling that was begun last, V, and set the meter back to single ones."""
-        readings_v = self._fetched(f'TRAC:DATA? 1,{self._sampled},"defbuffer1",READ', self._sampled)
+        readings_v = self._waited_for(f'TRAC:DATA? 1,{self._sampled},"defbuffer1",READ')
         self._session.write("VOLT:AZER ON")
         return readings_v

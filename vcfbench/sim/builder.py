@@ -76,28 +76,23 @@ def _twin(model: str) -> Any:
             f"there is no simulated {model}",
             hint="its package names one in its row of vcfbench.models; a real bench needs none",
         )
-    return _loaded(model, row.twin, lambda: twin_of(row))
-
-
-def _loaded(name: str, reference: Any, load: Callable[[], Any]) -> Any:
-    try:
-        return load()
-    except Exception as error:  # another package is anyone's code
-        raise ConfigError(f"the simulated {name} ({reference}) cannot be loaded: {error}") from error
+    return _loaded(row, twin_of)
 
 
 def _table_twin(dialect: str) -> Any:
     """Return the class of the simulated table, by the language or the profile's twin; ConfigError if none."""
-    name = table_language(dialect)
+    name = profile_twin(dialect) if dialect.endswith(".toml") else dialect
     row = find_language(name)
     if row is None or row.twin is None:
         raise ConfigError(f"there is no simulated table that speaks {name!r}")
-    return _loaded(name, row.twin, lambda: resolve(row.twin))
+    return _loaded(row, lambda row: resolve(row.twin))
 
 
-def table_language(dialect: str) -> str:
-    """Return the language that the simulated table speaks: the bench file's, or the one its profile names."""
-    return profile_twin(dialect) if dialect.endswith(".toml") else dialect
+def _loaded(row: Any, load: Callable[[Any], Any]) -> Any:
+    try:
+        return load(row)
+    except Exception as error:  # another package is anyone's code
+        raise ConfigError(f"the simulated {row.name} ({row.twin}) cannot be loaded: {error}") from error
 
 
 def profile_twin(dialect: str) -> str:
@@ -149,11 +144,16 @@ def true_output(
 
 def instrument_errors(description: BenchDescription, seed: int) -> dict[str, Any]:
     """Return the imperfections of every simulated instrument, as the bench file asks for them."""
+    from numpy.random import default_rng  # noqa: PLC0415
+
     asked = _simulation(description).errors
     known = description.uncertainty.generator_ranges_v
     return {
         role: _errors(
-            twin.errors_class, getattr(asked, role), _stream(seed, role), known if role == "rate_source" else None
+            twin.errors_class,
+            getattr(asked, role),
+            default_rng(_sequence(seed, role)),
+            known if role == "rate_source" else None,
         )
         for role, twin in twins(description).items()
     }
@@ -177,12 +177,12 @@ class SimulatedBench(Struct, frozen=True):
         world = World(attended, physical_parameters(description), _integer(_sequence(seed, "world")))
         errors = instrument_errors(description, seed)
         seen = _as_seen(description, world, errors)
-        devices = {
-            role: twin(
-                seen.get(role, world), errors=errors[role], **_taken(twin, _surroundings(role, description, seed))
-            )
-            for role, twin in twins(description).items()
-        }
+        devices: dict[str, Device] = {}
+        for role, twin in twins(description).items():
+            # What it takes of its surroundings: those of one role do not all need the same
+            takes, around = inspect.signature(twin).parameters, _surroundings(role, description, seed).items()
+            taken = {name: value for name, value in around if name in takes and value is not None}
+            devices[role] = twin(seen.get(role, world), errors=errors[role], **taken)
         attended.attend(*devices.values())
         return cls(description, world, devices)
 
@@ -211,7 +211,8 @@ class SimulatedBench(Struct, frozen=True):
     def table_port(self) -> Device:
         """Return the device behind the port of the rate table: at the end of its line, if the bench file names one."""
         table = self.devices["rate_table"]
-        if not _is_port(self.description.rate_table):
+        named = self.description.rate_table
+        if named is None or "://" in named.resource:  # a URL of pyserial's is no port
             return table
         from simrack.wires.serial_line import CharacterFrame, ThreeWireLine  # noqa: PLC0415
 
@@ -254,17 +255,6 @@ def _is_serial(part: Any) -> bool:
     """Tell whether an instrument that has RS-232 is on a serial port."""
     row = find_model(part.like or part.model)
     return row is not None and row.rs232 and part.resource.upper().startswith("ASRL")
-
-
-def _is_port(part: Any) -> bool:
-    """Tell whether a rate table is on a serial port: a URL of pyserial's is none."""
-    return part is not None and "://" not in part.resource
-
-
-def _taken(twin: Any, surroundings: dict[str, Any]) -> dict[str, Any]:
-    """Return the `surroundings` that the simulated instrument takes: those of one role do not all need the same."""
-    parameters = inspect.signature(twin).parameters
-    return {name: value for name, value in surroundings.items() if name in parameters and value is not None}
 
 
 def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[str, Any]:
@@ -331,12 +321,6 @@ def _sequence(seed: int, name: str) -> SeedSequence:
     from numpy.random import SeedSequence  # noqa: PLC0415
 
     return SeedSequence(seed, spawn_key=(_STREAMS[name],))
-
-
-def _stream(seed: int, name: str) -> Generator:
-    from numpy.random import default_rng  # noqa: PLC0415
-
-    return default_rng(_sequence(seed, name))
 
 
 def _integer(sequence: SeedSequence) -> int:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from vcfbench.sim.parameters import BenchParameters
 
+_HEAD = "# A simulated bench with a gyroscope of one's own, written by `vcfbench sim new` from these figures:"
 _LATITUDE_DEG = 37.9
 _USUAL_SPLIT_HZ = 24.8
 _AT_THE_PEAK_V = 5.0
@@ -45,35 +46,33 @@ def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) 
     Raises:
         ConfigError: it would be no bench, or `name` is no name.
     """
-    parameters = "paper" if imperfections else "ideal"
+    if name in EMBEDDED:
+        raise ConfigError(f"--name {name}: a bench of that name comes with the package")
     latitude_deg = _LATITUDE_DEG if imperfections else 0.0
     simulation = Simulation(parameters="paper" if imperfections else "ideal")
     slope = sheet.scale_factor_v_per_deg_s
-    shipped = named_parameters(simulation)
+    roles = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
+    errors = {} if imperfections else dict.fromkeys((*roles, "vibration_source", "v_vc_meter", "chamber"), "none")
     own = own_gyro(sheet, imperfections=imperfections, latitude_deg=latitude_deg)
     tables = {
         **_station(name, sheet),
         "site": {"latitude_deg": latitude_deg},
         "procedure": _procedure(sheet),
         "expected": {"scale_factor_v_per_deg_s": sorted(_round(part * slope) for part in (0.95, 1.05))},
-        "simulation": {"parameters": parameters, "errors": _errors(imperfections=imperfections)},
+        "simulation": {"parameters": simulation.parameters, "errors": errors},
     }
-    text = "\n".join((*_head(sheet), table_text(tables), *_overrides(shipped, own), ""))
+    figures = [
+        f"# {key} = {'as the filter is' if value is None else value_text(value)}"
+        for key, value in structs.asdict(sheet).items()
+    ]
+    overrides = _overrides(named_parameters(simulation), own)
+    text = "\n".join((_HEAD, *figures, "", table_text(tables), *overrides, ""))
     parse_bench(text, name)
     return text
 
 
-def _head(sheet: DataSheet) -> Iterator[str]:
-    yield "# A simulated bench with a gyroscope of one's own, written by `vcfbench sim new` from these figures:"
-    for key, value in structs.asdict(sheet).items():
-        yield f"# {key} = {'as the filter is' if value is None else value_text(value)}"
-    yield ""
-
-
 def _station(name: str, sheet: DataSheet) -> dict[str, Any]:
     """Return the instruments of the paper's rack, with limits for the range of the gyroscope."""
-    if name in EMBEDDED:
-        raise ConfigError(f"--name {name}: a bench of that name comes with the package")
     wider = sheet.range_deg_s / 200.0
     return {
         "name": name,
@@ -133,11 +132,6 @@ def _sine_v(sheet: DataSheet) -> float:
 
 def _round(value: float) -> float:
     return float(f"{value:.6g}")
-
-
-def _errors(*, imperfections: bool) -> dict[str, str]:
-    roles = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
-    return {} if imperfections else dict.fromkeys((*roles, "vibration_source", "v_vc_meter", "chamber"), "none")
 
 
 def _overrides(shipped: BenchParameters, own: BenchParameters) -> Iterator[str]:
