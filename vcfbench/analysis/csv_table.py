@@ -72,7 +72,12 @@ def parse_table(text: str, name: str) -> dict[str, Series]:
         groups: dict[float, list[tuple[float, ...]]] = {}
         for row in cells:
             groups.setdefault(row[0], []).append(row)
-        series = {_series_name(step): _point_series(rows) for step, rows in sorted(groups.items()) if _spans(rows)}
+        series = {}
+        for step, taken in sorted(groups.items()):
+            _, rates, _, output, std, counts = zip(*taken, strict=True)
+            if len(taken) >= _FEWEST_POINTS and len(set(rates)) > 1:
+                u = tuple(s / math.sqrt(max(n, 1.0)) for s, n in zip(std, counts, strict=True))
+                series[_SERIES_OF_STEP.get(int(step), f"step_{step:g}")] = Series(rates, output, u)
         if not series:
             raise ConfigError(f"{name}: no step has {_FEWEST_POINTS} points at different rates")
         return series
@@ -159,16 +164,3 @@ def _refuse_cell(cell: str, where: str) -> NoReturn:
     if _DECIMAL_COMMA.fullmatch(cell):
         raise ConfigError(f"{where}: {cell!r} has a decimal comma; write it with a point")
     raise ConfigError(f"{where}: {cell!r} is not a number")
-
-
-def _series_name(step: float) -> str:
-    return _SERIES_OF_STEP.get(int(step), f"step_{step:g}")
-
-
-def _spans(rows: list[tuple[float, ...]]) -> bool:
-    return len(rows) >= _FEWEST_POINTS and len({row[1] for row in rows}) > 1
-
-
-def _point_series(rows: list[tuple[float, ...]]) -> Series:
-    _, rate, _, output, std, count = zip(*rows, strict=True)
-    return Series(rate, output, tuple(s / math.sqrt(max(n, 1.0)) for s, n in zip(std, count, strict=True)))

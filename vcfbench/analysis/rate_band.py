@@ -368,17 +368,7 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
         start = fit.parameters
         u = _smooth_u(ordered, fit.parameters, known) / filter_gain / amplitude
     fit = fit_model(lambda p: _residuals(p, f, gain, u, known), start, "bandwidth")
-    return _band(fit, _Gains(f, gain, u, sum(tone.noise_dof for tone in ordered)), known.drive_hz)
-
-
-@dataclass(frozen=True, slots=True)
-class _Gains:
-    """Points to fit: frequencies, gains, their uncertainties and degrees of freedom."""
-
-    f: Floats
-    gain: Floats
-    u: Floats
-    noise_dof: float
+    return _band(fit, known.drive_hz, f, gain, u, noise_dof=sum(tone.noise_dof for tone in ordered))
 
 
 def _shape(parameters: Floats) -> Floats:
@@ -426,7 +416,7 @@ def _passed(f: Floats, parameters: Floats, known: Known) -> Floats:
     return np.asarray(np.abs(sides[0]) ** 2 + np.abs(sides[1]) ** 2)
 
 
-def _band(fit: ModelFit, gains: _Gains, drive_hz: float) -> RateBand:
+def _band(fit: ModelFit, drive_hz: float, f: Floats, gain: Floats, u: Floats, *, noise_dof: float) -> RateBand:
     def curve(parameters: Floats) -> _Curve:
         return _Curve(drive_hz, _shape(parameters))
 
@@ -441,7 +431,7 @@ def _band(fit: ModelFit, gains: _Gains, drive_hz: float) -> RateBand:
         far = parameters[3] / _stiffness(drive_hz, parameters[4])
         return float(far / (far + 1.0 / _stiffness(drive_hz, parameters[0])))
 
-    model = fit.parameters[2] * split_response(gains.f, drive_hz, _shape(fit.parameters))
+    model = fit.parameters[2] * split_response(f, drive_hz, _shape(fit.parameters))
     u_parameters = np.sqrt(np.diag(fit.covariance)).tolist()
     return RateBand(
         split_hz=float(fit.parameters[0]),
@@ -458,13 +448,13 @@ def _band(fit: ModelFit, gains: _Gains, drive_hz: float) -> RateBand:
         in_phase_share=share(fit.parameters),
         u_in_phase_share=propagated(share, fit),
         parameters=fit.parameters,
-        frequency_hz=gains.f,
-        gain=gains.gain,
-        u_gain=gains.u,
-        residual=gains.gain / model - 1.0,
+        frequency_hz=f,
+        gain=gain,
+        u_gain=u,
+        residual=gain / model - 1.0,
         chi_square=fit.chi_square,
-        dof=gains.f.size + 2 - fit.parameters.size,
-        noise_dof=gains.noise_dof,
+        dof=f.size + 2 - fit.parameters.size,
+        noise_dof=noise_dof,
     )
 
 
@@ -489,17 +479,14 @@ class _Curve:
         return self._zero(lambda at: self.gain(at + near) - self.gain(at - near), 0.5 * split, 1.5 * split)
 
     def plus_3_db(self) -> float:
-        return self._crossing(math.sqrt(2.0), 0.0, self.peak())
+        return self._zero(lambda at: self.gain(at) - math.sqrt(2.0), 0.0, self.peak())
 
     def minus_3_db(self) -> float:
         """The first one above the peak: the other mode may raise the gain again."""
         low = self.peak()
         steps = low + 0.05 * low * np.arange(1, 100)
         below = split_response(steps, self.drive_hz, self.shape) < math.sqrt(0.5)
-        return self._crossing(math.sqrt(0.5), low, float(steps[below.argmax()]))
-
-    def _crossing(self, level: float, low_hz: float, high_hz: float) -> float:
-        return self._zero(lambda at: self.gain(at) - level, low_hz, high_hz)
+        return self._zero(lambda at: self.gain(at) - math.sqrt(0.5), low, float(steps[below.argmax()]))
 
     def _zero(self, value: Callable[[float], float], low: float, high: float) -> float:
         """Return where `value` passes 0, by false position; an end that stays counts half (the Illinois rule)."""
