@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Final
 from vcfbench.reports.document import Figure, Heading, Notice, Table, Text
 from vcfbench.reports.plot import caption_of
 from vcfbench.reports.text import printable_lines
-from vcfbench.reports.typography import marked_up
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.reports.document import Part, Report
 
-_SPECIAL: Final = re.compile(r"[\\`*_{}\[\]()#+!|<>&~$-]")
+_SPECIAL: Final = re.compile(
+    r"[\\`*\[\]<&|~$]|(?<!\w)_|_(?!\w)|^[>=]|^[-+](?=[\s-]|$)|^#(?=#*(?:\s|$))|^\d+(?=[.)](?:\s|$))"
+)
+"""What Markdown would take for a mark; all else stays as it is, so that a report can be searched."""
 
 
 def markdown_of(report: Report, place: Callable[[Figure, int], str]) -> str:
@@ -29,9 +31,9 @@ def markdown_of(report: Report, place: Callable[[Figure, int], str]) -> str:
 
     def put(figure: Figure) -> str:
         number = next(numbers)
-        below = f" {_set(caption)}" if (caption := caption_of(figure)) else ""
+        below = f" {_plain(caption)}" if (caption := caption_of(figure)) else ""
         picture = f"![{_plain(figure.title)}]({place(figure, number)})"
-        return f"{picture}\n\n**Figure {number}.** {_set(figure.title)}.{below}"
+        return f"{picture}\n\n**Figure {number}.** {_plain(figure.title)}.{below}"
 
     return "\n\n".join(_part(part, put) for part in report.parts) + "\n"
 
@@ -39,37 +41,35 @@ def markdown_of(report: Report, place: Callable[[Figure, int], str]) -> str:
 def _part(part: Part, put: Callable[[Figure], str]) -> str:
     match part:
         case Heading():
-            return f"{'#' * part.level} {_set(part.text)}"
+            return f"{'#' * part.level} {_plain(part.text)}"
         case Table():
             return _table(part)
         case Text():
-            said = _plain if part.verbatim else _set
-            return "\\\n".join(_indented(line, said) for line in part.text.split("\n"))
+            return "\\\n".join(map(_indented, part.text.split("\n")))
         case Notice():
-            return f"> **{_set(part.text)}**"
+            return f"> **{_plain(part.text)}**"
         case Figure():
             return put(part)
 
 
 def _table(table: Table) -> str:
-    title = [f"**{_set(table.title)}**", ""] if table.title else []
+    title = [f"**{_plain(table.title)}**", ""] if table.title else []
     sides = ["---:" if column.align == "right" else ":---" for column in table.columns]
-    said = [_plain if column.verbatim else _set for column in table.columns]
     rows = [[column.head for column in table.columns], *table.printed()]
-    head, *body = (f"| {' | '.join(say(cell) for say, cell in zip(said, row, strict=True))} |" for row in rows)
+    head, *body = (f"| {' | '.join(map(_plain, row))} |" for row in rows)
     return "\n".join([*title, head, f"| {' | '.join(sides)} |", *body])
 
 
-def _indented(line: str, said: Callable[[str], str]) -> str:
+def _indented(line: str) -> str:
     words = line.lstrip(" ")
-    return "&nbsp;" * (len(line) - len(words)) + said(words)
-
-
-def _set(text: str) -> str:
-    """Return `text` in one line, its names and units set as on paper."""
-    return marked_up(text, _plain)
+    return "\xa0" * (len(line) - len(words)) + _plain(words)  # plain spaces would go
 
 
 def _plain(text: str) -> str:
     """Return `text` with its marks as they are, in one line."""
-    return _SPECIAL.sub(lambda found: f"&#{ord(found[0])};", printable_lines(text).replace("\n", " "))
+    return _SPECIAL.sub(_escaped, printable_lines(text).replace("\n", " "))
+
+
+def _escaped(found: re.Match[str]) -> str:
+    """Set a backslash before a mark; behind the digits that would begin a list."""
+    return f"{found[0]}\\" if found[0].isdigit() else f"\\{found[0]}"

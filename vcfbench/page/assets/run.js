@@ -46,12 +46,17 @@ const pointsChart = new Chart(byId("points"), 320, () => ({
 
 const residualsChart = new Chart(byId("residuals"), 220, () => ({
   scales: { x: { time: false } },
-  axes: [axis("rate / (deg/s)"), leftAxis("residual / mV")],
+  axes: [axis("rate / (deg/s)"), leftAxis("residual of the span / ppm")],
   cursor: { drag: { x: true, y: true } },
   hooks: { drawAxes: [zeroLine] },
   series: [{ label: "rate", value: (_, x) => (x === null ? "–" : signed(x, 3)) },
-    ...run.lines.map((each) => marks(`${stepName(each.step)} / mV`, steps().indexOf(each.step), 7, 3))],
+    ...run.lines.map((each) => marks(`${stepName(each.step)} / ppm`, steps().indexOf(each.step), 7, 0))],
 }));
+
+function ppmOfSpan(fit) {
+  const rates = fit.points.map((number) => run.points[number].rate_deg_s);
+  return 1e6 / (Math.abs(fit.scale_factor) * (Math.max(...rates) - Math.min(...rates)));
+}
 
 function drawPoints() {
   const order = run.points.map((_, number) => number).sort((a, b) => run.points[a].rate_deg_s - run.points[b].rate_deg_s);
@@ -69,7 +74,7 @@ function drawPoints() {
   const key = steps().map((step) => `${step}${lineOf(step) ? "L" : ""}`).join();
   if (x.length) pointsChart.draw(key, data);
   const residuals = [];
-  for (const fit of run.lines) fit.points.forEach((number, place) => residuals.push([run.points[number].rate_deg_s, fit, 1e3 * fit.residuals_v[place]]));
+  for (const fit of run.lines) fit.points.forEach((number, place) => residuals.push([run.points[number].rate_deg_s, fit, ppmOfSpan(fit) * fit.residuals_v[place]]));
   residuals.sort((a, b) => a[0] - b[0]);
   if (residuals.length) {
     residualsChart.draw(run.lines.map((each) => each.step).join(),
@@ -84,8 +89,8 @@ function drawPoints() {
 function drawRows() {
   if (!byId("rows-holder").open) return;
   const residual = new Map();
-  for (const fit of run.lines) fit.points.forEach((number, place) => residual.set(number, signed(1e3 * fit.residuals_v[place], 3)));
-  const columns = ["step", "rate / (deg/s)", "V_Vc / V", "output / V", "s / mV", "n", "residual / mV"].map((head) => ({ head, align: "right" }));
+  for (const fit of run.lines) fit.points.forEach((number, place) => residual.set(number, signed(ppmOfSpan(fit) * fit.residuals_v[place], 0)));
+  const columns = ["step", "rate / (deg/s)", "V_Vc / V", "output / V", "s / mV", "n", "residual / ppm"].map((head) => ({ head, align: "right" }));
   const rows = run.points.map((p, number) => [p.step, signed(p.rate_deg_s, 4), signed(p.v_vc_v, 5), signed(p.output_v, 5), (1e3 * p.std_v).toFixed(3), p.n, residual.get(number) || "–"]);
   byId("rows").replaceChildren(tableOf({ columns, rows, title: "" }));
 }
