@@ -249,17 +249,19 @@ def test_the_picture_in_the_readme_is_what_a_terminal_shows(tmp_path: Path) -> N
 
 
 @pytest.mark.exhaustive
-def test_figures_of_the_readme_are_those_of_a_report(tmp_path: Path) -> None:
+def test_the_first_page_in_the_readme_is_that_of_a_report(tmp_path: Path) -> None:
     """Words, ticks among them, are the same; how lines are drawn may differ with Matplotlib."""
     script = runpy.run_path(str(ROOT / "docs" / "make_figures.py"))
     script["draw"](tmp_path)
-    for name in script["NAMES"]:
-        assert f"](docs/{name})" in (ROOT / "README.md").read_text(encoding="utf-8")
-        assert words_of(tmp_path / name) == words_of(ROOT / "docs" / name)
+    name = script["NAME"]
+    assert f"](docs/{name})" in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert words_of(tmp_path / name) == words_of(ROOT / "docs" / name)
 
 
 def words_of(svg: Path) -> list[str]:
-    return [text.text or "" for text in ET.parse(svg).iter("{http://www.w3.org/2000/svg}text")]  # noqa: S314
+    """Return the words of a picture but for names of records, days and seals."""
+    text = " ".join(ET.parse(svg).getroot().itertext())  # noqa: S314  # ours
+    return re.sub(r"\d{8}T\d{6}Z-[\w-]+|\d{4}-\d\d-\d\d|[0-9a-f]{64}", "#", text).split()
 
 
 def on_a_terminal(folder: Path) -> str:
