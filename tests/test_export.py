@@ -17,7 +17,7 @@ from tests import warm
 from tests.seals import sealed
 from vcfbench.archive import export_formats
 from vcfbench.archive.export import FORMATS, export_run
-from vcfbench.archive.export_table import ExportColumn, ExportTable
+from vcfbench.archive.export_formats import ExportColumn, ExportTable
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from vcfbench.archive.export_formats import WRITERS
-from vcfbench.archive.export_table import ExportColumn, ExportTable
+from vcfbench.archive.export_formats import WRITERS, ExportColumn, ExportTable
 from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError

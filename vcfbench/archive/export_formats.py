@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
-    from vcfbench.archive.export_table import ExportTable
+    import numpy as np
+    from numpy.typing import NDArray
 
 _AT_ONCE: Final = 10_000
 """Rows that are made into text together."""
@@ -21,6 +23,35 @@ _LARGEST_ATTRIBUTE: Final = 60_000
 """Bytes: an attribute of HDF5 takes 64 kB with its name."""
 _XLSX_ROWS: Final = 1_048_576
 """Most rows of a sheet, its head included."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExportColumn:
+    """One quantity: its name, which ends in its unit, the unit, its meaning, and its values, shape (n,).
+
+    Counts are whole numbers; in a quantity nan is a missing value.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    values: NDArray[np.float64] | NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExportTable:
+    """Columns of the same length; `name` is ``points`` or ``readings``, `about` the facts of the run by its record."""
+
+    name: str
+    columns: tuple[ExportColumn, ...]
+    about: Mapping[str, str | float]
+    progress: Callable[[int, int], None] | None = None
+    """Callback with the numbers of rows written and of all rows, called by formats that take their time."""
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.columns[0].values)
 
 
 def _csv(table: ExportTable, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Index of runs: a SQLite file beside the records, which holds the summary of each.
+"""Lists of records: from an index where there is one, a SQLite file beside them with the summary of each.
 
 The records are the truth. Before an index answers, it is held against them: what was added, changed or taken away since
 is read anew, and a file that cannot be read as an index is made again. Nothing is in it that is not in the records.
@@ -8,22 +8,22 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 from msgspec import Struct, structs
 
-from vcfbench.archive.summary import KeyResult, RunSummary, Selection, ordered, summary_of
+from vcfbench.archive.summary import KeyResult, RunSummary, Selection, ordered, selection_of, summary_of
 from vcfbench.errors import ConfigError
-from vcfbench.records.directory import RunDirectory
+from vcfbench.records.directory import RunDirectory, recorded_runs
 from vcfbench.records.plain import ReadOnly, plain
 from vcfbench.records.schema import Status
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
+    from collections.abc import Iterator, Mapping
 
 BESIDE: Final = "index.sqlite"
 """Name of the index that lies with the records."""
@@ -47,14 +47,38 @@ class _Unusable(Exception):
     """The file is no index of this version."""
 
 
-def indexed(runs: Path, selection: Selection) -> tuple[RunSummary, ...] | None:
-    """Return the selected runs from the index beside them, brought up to date before; None where it cannot be used."""
-    try:
-        index = RunIndex(runs)
-        index.refresh()
-        return index.select(selection)
-    except ConfigError:
-        return None
+def run_summaries(
+    runs: str | Path = "runs",
+    *,
+    dut: str | None = None,
+    since: str | datetime | None = None,
+    status: str | None = None,
+    procedure: str | None = None,
+    tags: Mapping[str, str] | None = None,
+) -> tuple[RunSummary, ...]:
+    """Return summaries of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
+
+    An index beside the records (``vcfbench runs index``) is brought up to date and asked instead of them.
+    ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
+
+    Args:
+        runs: directory of the records.
+        dut: only those of this device.
+        since: only those that began on this day (``"2026-01-15"``, UTC) or later, or from an instant on.
+        status: only those that ended so.
+        procedure: only those of this procedure.
+        tags: only those that have all of them.
+
+    Raises:
+        ConfigError: there is no such status, or the date is none.
+    """
+    chosen = selection_of(dut=dut, since=since, status=status, procedure=procedure, tags=tags)
+    index = RunIndex(Path(runs))
+    if index.path.is_file():
+        with suppress(ConfigError):  # the records say the same, later
+            index.refresh()
+            return index.select(chosen)
+    return ordered(each for each in map(summary_of, recorded_runs(Path(runs))) if chosen.takes(each))
 
 
 class RunIndex:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from vcfbench import errors
-from vcfbench.archive.listing import run_summaries
+from vcfbench.archive.index import run_summaries
 from vcfbench.archive.recomputed import evaluation_of, printable
 from vcfbench.archive.run import Run, breaks
 from vcfbench.errors import BenchError, ConfigError

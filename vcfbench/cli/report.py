@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from vcfbench.archive.listing import run_summaries
+from vcfbench.archive.index import run_summaries
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.written import write_certificate, write_report
 from vcfbench.cli.metadata import tags_of
