@@ -14,7 +14,7 @@ from tests import warm
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.runs.ambient import with_ambient
+from vcfbench.runs.needs import with_ambient
 from vcfbench.station.equipment import equipment_on, overdue_words
 from vcfbench.station.file import embedded_text
 

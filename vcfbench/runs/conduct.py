@@ -29,9 +29,8 @@ from vcfbench.records.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.records.schema import Status
 from vcfbench.reports.kept import plain_report
 from vcfbench.reports.shielded import Shielded
-from vcfbench.runs.ambient import with_ambient
 from vcfbench.runs.hands import operator_of, require_operator
-from vcfbench.runs.needs import roles_of
+from vcfbench.runs.needs import roles_of, with_ambient
 from vcfbench.runs.request import Beginning, Checked, Request, blamed_on, prepare
 from vcfbench.safety.roles import needed_roles
 from vcfbench.safety.signals import StopSignals

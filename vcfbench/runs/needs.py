@@ -1,16 +1,20 @@
-"""Match of a bench with the needs of a procedure, and the roles that a run opens; known before anything is opened."""
+"""Match of a bench with the needs of a run: roles, capabilities, the thermometer of the room."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
+
 from vcfbench.drivers.registry import find_driver
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import lacking
 from vcfbench.procedures.catalogue import PROCEDURES
 
 if TYPE_CHECKING:
+    from vcfbench.bench.bench import Bench
     from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.records.metadata import RunMetadata
     from vcfbench.station.description import BenchDescription
 
 
@@ -66,3 +70,29 @@ def _require_capable(procedure: AnyProcedure, description: BenchDescription, rol
 
 def _listed(names: list[str] | tuple[str, ...]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def require_ambient(metadata: RunMetadata, description: BenchDescription) -> None:
+    """Raise ConfigError when the bench lacks the instrument that shall tell the temperature of the room."""
+    if metadata.ambient_from is not None and getattr(description, metadata.ambient_from) is None:
+        raise ConfigError(
+            f"ambient_from: the {metadata.ambient_from} shall tell the temperature of the room, and bench "
+            f"{description.name} has none",
+            hint="--ambient-temperature-c takes degC as well",
+        )
+
+
+def with_ambient(metadata: RunMetadata, bench: Bench) -> RunMetadata:
+    """Return the metadata of the run, with the temperature of the room where an instrument shall tell it.
+
+    Raises:
+        MeasurementError: air flows, so that its temperature is not that of the room.
+    """
+    if metadata.ambient_from is None or metadata.ambient_temperature_c is not None:
+        return metadata
+    chamber = bench.chamber
+    if chamber.flow_enabled():
+        raise MeasurementError(
+            "air flows, its temperature is not that of the room", instrument=chamber.name, resource=chamber.resource
+        )
+    return replace(metadata, ambient_temperature_c=chamber.air_temperature_c())

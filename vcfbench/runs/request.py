@@ -18,8 +18,7 @@ from vcfbench.procedures import bench_file, catalogue
 from vcfbench.procedures.layers import asked_in_python, settings_of, with_settings
 from vcfbench.records.metadata import RunMetadata, metadata_of
 from vcfbench.reports.shielded import NoProgress
-from vcfbench.runs.ambient import require_ambient
-from vcfbench.runs.needs import require_needs
+from vcfbench.runs.needs import require_ambient, require_needs
 from vcfbench.station.description import whole_seed
 from vcfbench.station.layering import Layer, merged
 from vcfbench.station.limits import LimitChecks
