@@ -10,6 +10,7 @@ import vcfbench
 from tests.archive.test_written import QUICK
 from vcfbench.archive.front_page import BLANK, front_page, seal_of
 from vcfbench.archive.quantities import values_of
+from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.errors import ConfigError
 from vcfbench.reports.document import Report, Table
@@ -85,3 +86,12 @@ def test_the_seal_is_that_which_verification_holds(judged: Run) -> None:
     assert seal is not None
     assert (seal_of(judged), shown(judged)[0]["seal of the record"]) == (seal, seal)
     assert seal_of(vcfbench.Run("own", vcfbench.Status.COMPLETE)) is None
+
+
+def test_each_point_of_each_line_has_its_residual_and_uncertainty(tmp_path: Path) -> None:
+    run = vcfbench.run("virtual-coriolis", seed=3, runs=tmp_path)
+    tables = {part.title: part for part in full_report(run).parts if isinstance(part, Table)}
+    for name, column in (("turntable", run.results.turntable), ("virtual Coriolis", run.results.virtual)):
+        rows = tables[f"Residuals of the least-squares line: {name}"].rows
+        assert max(abs(float(row[1])) for row in rows) == pytest.approx(column.nonlinearity_ppm.max_span)
+        assert all(float(row[2]) > 0.0 for row in rows)

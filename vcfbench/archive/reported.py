@@ -202,15 +202,14 @@ def _results(run: Run, found: Sequence[Part], first: Figure | None) -> Iterator[
 
 
 def _numbers(figure: Figure | None) -> Iterator[Table]:
-    """Yield the numbers of the figure of residuals: each point with its uncertainty."""
-    if figure is None or not figure.title.startswith(_RESIDUALS) or len({each.x for each in figure.series}) > 1:
+    """Yield the numbers of the figure of residuals: each point with its uncertainty, a table for each line."""
+    if figure is None or not figure.title.startswith(_RESIDUALS):
         return
-    columns = [Column(figure.x.label, figure.x.unit, "g")]
-    values: list[Sequence[float | None]] = [figure.series[0].x]
+    columns = (Column(figure.x.label, figure.x.unit, "g"), Column("residual", figure.y.unit, ".0f"))
     for each in figure.series:
-        columns += [Column(f"residual, {each.label}", figure.y.unit, ".0f"), Column("U = 2 u", figure.y.unit, ".2g")]
-        values += [each.y, [2.0 * u for u in each.u_y] if each.u_y else [None] * len(each.y)]
-    yield Table(columns, list(zip(*values, strict=True)), figure.title)
+        u = [None] * len(each.y) if each.u_y is None else [2.0 * u for u in each.u_y]
+        rows = list(zip(each.x, each.y, u, strict=True))
+        yield Table((*columns, Column("U = 2 u", figure.y.unit, ".2g")), rows, f"{figure.title}: {each.label}")
 
 
 def _joined(windows: Sequence[WindowReadings]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
