@@ -330,8 +330,8 @@ def watchdog_first(number: int, station: Station, host: Host, folder: Path) -> d
     while station.physics().safe and not ended.is_set() and time.time() < over:
         time.sleep(0.05)
     ended.wait(at_s)
-    watchdog = int((Path(f"/proc/{pid}/task/{pid}/children")).read_text().split()[0])
-    os.kill(watchdog, signal.SIGKILL)
+    with suppress(FileNotFoundError, IndexError):  # it has ended before, and is not live then
+        os.kill(int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0]), signal.SIGKILL)
     time.sleep(gap_s)
     strike("SIGKILL", pid)
     ended.wait(20.0)
