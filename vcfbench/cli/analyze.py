@@ -46,7 +46,18 @@ def analyze(
     if json:
         typer.echo(dumps(analysis.as_json(), allow_nan=False))
     else:
-        _print_tables(analysis.series, analysis.compared, analysis.comparison)
+        tables = [_fit_table(analysis.series), _nonlinearity_table(analysis.series)]
+        if analysis.compared is not None and analysis.comparison is not None:
+            tables.append(_comparison_table(analysis.compared, analysis.comparison))
+        console = Console(highlight=False, width=_UNBOUNDED)
+        if sys.stdout.isatty():
+            # where figures would be cut the terminal shall wrap them: then nothing is lost
+            least = max(console.measure(table).minimum for table in tables)
+            console.width = max(least, get_terminal_size().columns)
+        with console.capture() as text:
+            for table in tables:
+                console.print(table)
+        typer.echo("".join(f"{line.rstrip()}\n" for line in text.get().splitlines()), nl=False)
 
 
 def _two_names(asked: str) -> list[str]:
@@ -54,23 +65,6 @@ def _two_names(asked: str) -> list[str]:
     if len(names) != 2:
         raise ConfigError(f"--compare {asked}: two column names with a comma between them are needed")
     return names
-
-
-def _print_tables(
-    results: Mapping[str, ScaleFactorResult], pair: tuple[str, str] | None, comparison: Comparison | None
-) -> None:
-    tables = [_fit_table(results), _nonlinearity_table(results)]
-    if pair is not None and comparison is not None:
-        tables.append(_comparison_table(pair, comparison))
-    console = Console(highlight=False, width=_UNBOUNDED)
-    if sys.stdout.isatty():
-        # where figures would be cut the terminal shall wrap them: then nothing is lost
-        least = max(console.measure(table).minimum for table in tables)
-        console.width = max(least, get_terminal_size().columns)
-    with console.capture() as text:
-        for table in tables:
-            console.print(table)
-    typer.echo("".join(f"{line.rstrip()}\n" for line in text.get().splitlines()), nl=False)
 
 
 def _columns_table(title: str, columns: list[str], *, note: str = "") -> Table:

@@ -57,7 +57,12 @@ class Commands(TyperGroup):
         """Return a command; for a name that is none all are loaded, so that Typer can say which one is like it."""
         for name in (cmd_name,) if cmd_name in COMMANDS else COMMANDS:
             if name not in self.commands:
-                self.commands[name] = _loaded(name)
+                module, alone = import_module(f"vcfbench.cli.{name}"), typer.Typer(rich_markup_mode=None)
+                if hasattr(module, "app"):
+                    alone.add_typer(module.app, name=name)
+                else:
+                    alone.command(name)(getattr(module, name))
+                self.commands[name] = typer.main.get_group(alone).commands[name]
         return super().get_command(ctx, cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
@@ -78,15 +83,6 @@ class Commands(TyperGroup):
             if sys.stdout is not None:  # it is None when it was closed before the start
                 sys.stdout.flush()
             return result
-
-
-def _loaded(name: str) -> Any:
-    module, alone = import_module(f"vcfbench.cli.{name}"), typer.Typer(rich_markup_mode=None)
-    if hasattr(module, "app"):
-        alone.add_typer(module.app, name=name)
-    else:
-        alone.command(name)(getattr(module, name))
-    return typer.main.get_group(alone).commands[name]
 
 
 @contextmanager

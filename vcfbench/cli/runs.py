@@ -263,7 +263,8 @@ _SHOWN_RESULTS = 2
 def _print_list(known: Sequence[RunSummary]) -> None:
     rows = [list(map(str, _cells(each))) for each in known]  # a table escapes what would write on the terminal itself
     table = table_text(Table([Column(name) for name in _HEAD], rows))
-    if _fits(table):
+    # Whether lines fit where they are printed; into a pipe or a file any do
+    if not sys.stdout.isatty() or max(map(len, table.splitlines())) <= get_terminal_size().columns:
         print_verdicts(table)
         return
     for run, *others in rows:
@@ -308,11 +309,6 @@ def _inert(text: str) -> str:
 
 def _status(status: str, damage: str | None) -> str:
     return status if damage is None else f"{status}: {damage}"
-
-
-def _fits(table: str) -> bool:
-    """Tell whether lines fit where they are printed; into a pipe or a file any do."""
-    return not sys.stdout.isatty() or max(map(len, table.splitlines())) <= get_terminal_size().columns
 
 
 def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[str, Any]:

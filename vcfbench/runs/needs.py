@@ -33,7 +33,16 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
         )
     for role, capability in (*procedure.needs.items(), *procedure.uses.items()):
         if getattr(description, role, None) is not None:
-            _require_capable(procedure, description, role, capability)
+            part = getattr(description, role)
+            model = part.dialect if role == "rate_table" else part.model
+            driver = find_driver(model, None if role == "rate_table" else part.like)
+            if absent := lacking(driver.driver_class, capability):
+                raise ConfigError(
+                    f"{procedure.name} needs {capability.__name__}, and the driver of {model} has no {_listed(absent)}",
+                    instrument=role,
+                    resource=part.resource,
+                    hint=f"put another model into the bench file of {description.name}",
+                )
 
 
 def what_can_run(description: BenchDescription) -> dict[str, str | None]:
@@ -53,19 +62,6 @@ def roles_of(procedure: AnyProcedure, description: BenchDescription) -> tuple[st
     """Return the roles that a run of `procedure` opens on this bench, beside those that drive something."""
     there = (role for role in procedure.uses if getattr(description, role, None) is not None)
     return (*procedure.needs, *there)
-
-
-def _require_capable(procedure: AnyProcedure, description: BenchDescription, role: str, capability: type) -> None:
-    part = getattr(description, role)
-    model = part.dialect if role == "rate_table" else part.model
-    driver = find_driver(model, None if role == "rate_table" else part.like)
-    if absent := lacking(driver.driver_class, capability):
-        raise ConfigError(
-            f"{procedure.name} needs {capability.__name__}, and the driver of {model} has no {_listed(absent)}",
-            instrument=role,
-            resource=part.resource,
-            hint=f"put another model into the bench file of {description.name}",
-        )
 
 
 def _listed(names: list[str] | tuple[str, ...]) -> str:

@@ -82,19 +82,17 @@ def _models(description: BenchDescription) -> Iterator[InvalidValue]:
     for role in ROLES:
         part = getattr(description, role)
         if part is not None:
-            yield from _unfit(role, "model" if part.like is None else "like", part.like or part.model)
+            key = "model" if part.like is None else "like"
+            model = part.like or part.model
+            row = find_model(model)
+            if row is None or role not in row.places:
+                known = " or ".join(map(repr, models_for(role)))
+                speaks = "" if key == "like" else ", or one that speaks the same words (like = ...)"
+                yield InvalidValue(f"{role}.{key}", f"{known}{speaks}", model)
     dialect = "" if description.rate_table is None else description.rate_table.dialect
     if dialect and not dialect.endswith(".toml") and find_language(dialect) is None:
         expected = f"a text: one of {', '.join(languages())}, or the name of a profile, FILE.toml"
         yield InvalidValue("rate_table.dialect", expected, dialect)
-
-
-def _unfit(role: str, key: str, model: str) -> Iterator[InvalidValue]:
-    row = find_model(model)
-    if row is None or role not in row.places:
-        known = " or ".join(map(repr, models_for(role)))
-        speaks = "" if key == "like" else ", or one that speaks the same words (like = ...)"
-        yield InvalidValue(f"{role}.{key}", f"{known}{speaks}", model)
 
 
 def _rails(description: BenchDescription) -> Iterator[InvalidValue]:
