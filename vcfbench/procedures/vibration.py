@@ -23,19 +23,11 @@ from vcfbench.analysis.tails import t_of_largest
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared import routines, tones
 from vcfbench.procedures.shared.known.levels import both_signs, generator_sheet
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
-from vcfbench.procedures.shared.tones import (
-    HIGHEST_HZ,
-    NPLC,
-    SLOW_BELOW_HZ,
-    fitted_tones,
-    sampled_every_s,
-    stands_off_mains,
-)
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 
@@ -52,7 +44,7 @@ _LEAST_TONES = 3
 _STEP = 1e-3
 """Part of a parameter by which it is changed for a derivative."""
 
-Hertz = Annotated[float, Meta(ge=0.3, le=HIGHEST_HZ)]
+Hertz = Annotated[float, Meta(ge=0.3, le=tones.HIGHEST_HZ)]
 
 
 class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
@@ -92,7 +84,7 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
     def frequencies_hz(self) -> tuple[float, ...]:
         """Those asked for that a record tells from the mains, rising."""
         mains_hz, samples = self.station.mains_hz, self.record_samples
-        return tuple(sorted(each for each in self.vibration_hz if stands_off_mains(each, mains_hz, samples)))
+        return tuple(sorted(each for each in self.vibration_hz if tones.stands_off_mains(each, mains_hz, samples)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +139,7 @@ def vibration(settings: VibrationSettings) -> steps.Plan:
 def _both(settings: VibrationSettings) -> Routine[steps.Outcome]:
     yield from watched(settings, _static(settings))
     yield steps.Note("The virtual vibration")
-    yield from _meters(settings, NPLC)
+    yield from _meters(settings, tones.NPLC)
     try:
         yield steps.SetVibration(settings.frequencies_hz[0], settings.vibration_amplitude_v)
         yield steps.EnableVibration()
@@ -178,7 +170,7 @@ def _vibrate(settings: VibrationSettings, frequency_hz: float) -> Routine[None]:
     yield steps.SetVibration(frequency_hz, settings.vibration_amplitude_v)
     yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
     yield steps.SampleModulated(
-        *(frequency_hz, settings.vibration_amplitude_v, settings.record_samples, sampled_every_s(frequency_hz)),
+        *(frequency_hz, settings.vibration_amplitude_v, settings.record_samples, tones.sampled_every_s(frequency_hz)),
         of="both" if settings.v_vc_is_measured else "output",
         table_deg_s=None,
         tolerance_deg_s=settings.rate_tolerance_deg_s,
@@ -192,8 +184,8 @@ def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
     found = measured.found(steps.ModulatedRecord)
     records = [(step.frequency_hz, each) for step, each in found if isinstance(step, steps.SampleModulated)]
     mains_hz = float(settings.station.mains_hz)
-    outputs = fitted_tones([(hz, each, each.output_v) for hz, each in records], mains_hz)
-    inputs = fitted_tones([(hz, each, each.v_vc_v) for hz, each in records if each.v_vc_v], mains_hz)
+    outputs = tones.fitted_tones([(hz, each, each.output_v) for hz, each in records], mains_hz)
+    inputs = tones.fitted_tones([(hz, each, each.v_vc_v) for hz, each in records if each.v_vc_v], mains_hz)
     noise_v = _noise_v(settings, outputs)
     responses = tuple(
         _response(settings, static, output, noise_v[place], inputs[place] if inputs else None)
@@ -254,7 +246,7 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float
     It was read from the spectrum on both sides, over some hertz, where near the peak the modes pass more than at the
     tone itself. So the noise of the close records is taken apart into what is flat and what passed the modes.
     """
-    close = [tone for tone in outputs if tone.frequency_hz >= SLOW_BELOW_HZ]
+    close = [tone for tone in outputs if tone.frequency_hz >= tones.SLOW_BELOW_HZ]
     u_fitted = [tone.u_amplitude for tone in outputs]
     if len(close) < _LEAST_TONES:
         return u_fitted
@@ -272,7 +264,9 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float
     found, *_ = np.linalg.lstsq(np.column_stack([1.0 / variance, beside / variance]), np.ones(len(close)), rcond=None)
     flat, by_modes = (0.0, 1.0) if found[0] < 0.0 else (1.0, 0.0) if found[1] < 0.0 else found
     own = iter(np.sqrt(variance * (flat + by_modes * at_tone) / (flat + by_modes * beside)).tolist())
-    return [next(own) if tone.frequency_hz >= SLOW_BELOW_HZ else u for tone, u in zip(outputs, u_fitted, strict=True)]
+    return [
+        next(own) if tone.frequency_hz >= tones.SLOW_BELOW_HZ else u for tone, u in zip(outputs, u_fitted, strict=True)
+    ]
 
 
 def _response(

@@ -24,37 +24,15 @@ from vcfbench.procedures.health.found import Health, health_of, with_output_curv
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.device import UNSEEN
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
 from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
 from vcfbench.procedures.shared.known.levels import K_VC_UNIT
-from vcfbench.procedures.shared.known.v_vc import (
-    METER_GAIN,
-    RESOLUTION,
-    V_VC_GAIN,
-    V_VC_NOISE,
-    V_VC_OFFSET,
-    alignment_error,
-    conditions,
-    known_words,
-    levels_by_hand,
-    measured_level,
-    meter_error,
-    table_rate_error,
-    temperature_errors,
-    v_vc_error,
-)
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
-from vcfbench.procedures.shared.null_comparison.blocks import (
-    bias_at_rest,
-    block_covariance,
-    blocks_of,
-    derivative_of,
-    dof_of,
-    noise_of,
-    nulled_levels,
-)
+from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import block
+from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
 from vcfbench.records.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -62,7 +40,6 @@ from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from datetime import datetime
 
     from numpy.typing import NDArray
 
@@ -76,8 +53,6 @@ Floats: TypeAlias = "NDArray[np.float64]"
 
 TABLE, SEARCH, DRIVEN = 1, 2, 3
 """The steps, as in its points: the table's blocks, the search for V_Vc, the blocks of V_Vc."""
-
-_EARTH_DEG_S = 15.041067 / 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,22 +102,16 @@ class KVcResult:
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return the values that ``[acceptance]`` limits, by its keys."""
-        scale_factor, bias_v = self.scale_factor.value, self.bias.value
-        return {
-            "scale_factor_v_per_deg_s": scale_factor,
-            "bias_v": bias_v,
-            "bias_deg_s": self.bias_deg_s.value,
-            "k_vc_deg_s_per_v": self.k_vc.value,
-        }
+        return {key: found.value for key, found in self._accepted().items()}
 
     def acceptance_u95(self) -> Mapping[str, float]:
         """Return the expanded uncertainties of these, by the same keys."""
-        return {
-            "scale_factor_v_per_deg_s": self.scale_factor.expanded_u,
-            "bias_v": self.bias.expanded_u,
-            "bias_deg_s": self.bias_deg_s.expanded_u,
-            "k_vc_deg_s_per_v": self.k_vc.expanded_u,
-        }
+        return {key: found.expanded_u for key, found in self._accepted().items()}
+
+    def _accepted(self) -> dict[str, Measurand]:
+        found = self.scale_factor, self.bias, self.bias_deg_s, self.k_vc
+        keys = "scale_factor_v_per_deg_s", "bias_v", "bias_deg_s", "k_vc_deg_s_per_v"
+        return dict(zip(keys, found, strict=True))
 
 
 _HOLDS_NOT = (
@@ -152,6 +121,9 @@ _HOLDS_NOT = (
     "what temperature changes later: the curve holds at that of the day (temperature_c), its coefficient beside it",
     "lack of fit of the curve: reported apart, and no uncertainty",
 )
+
+_FAR_DAYS = 365_000.0
+"""No certificate dates a U95 later than that: a thousand years."""
 
 READ_TABLE, READ_DRIVEN = "readings on the table", "readings with V_Vc"
 RATE, EARTH = "the table's rate", "the Earth's rate and the tilt of the axis"
@@ -175,43 +147,47 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     """Return K_Vc, its curve and its uncertainty from the blocks."""
     levels = _levels(settings, points)
     left_v = levels.driven_v - levels.table_v
-    matched_v, per_v = nulled_levels(levels.v_vc_v, levels.zero_v_vc_v, levels.driven_v, left_v)
-    noise = block_covariance(levels.noise, levels.rate.size // 2, settings.cycles)
+    matched_v, per_v = null_blocks.nulled_levels(levels.v_vc_v, levels.zero_v_vc_v, levels.driven_v, left_v)
+    noise = null_blocks.block_covariance(levels.noise, levels.rate.size // 2, settings.cycles)
     slopes, of_slopes, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
-    per_deg_s = np.polynomial.polynomial.polyval(levels.rate, derivative_of(slopes))
+    per_deg_s = np.polynomial.polynomial.polyval(levels.rate, null_blocks.derivative_of(slopes))
     in_rate = noise / np.outer(per_deg_s, per_deg_s)
     phases = PhaseErrors.of(settings.station.sources)
+    # The largest residual of the Earth's horizontal rate in a zero that is taken at one heading
+    u_earth_deg_s = EARTH_DEG_S * math.sin(math.radians(settings.axis_tilt_deg)) / math.sqrt(2.0)
     of_rate = {
         READ_TABLE: in_rate,
         READ_DRIVEN: in_rate,
-        RATE: covariance_of(levels.rate, 0.0, table_rate_error(settings)),
-        MISALIGNMENT: covariance_of(levels.rate, 0.0, alignment_error(settings)),
-        EARTH: covariance_of(levels.rate, 0.0, 0.0, _u_earth(settings)),
+        RATE: covariance_of(levels.rate, 0.0, v_vc.table_rate_error(settings)),
+        MISALIGNMENT: covariance_of(levels.rate, 0.0, v_vc.alignment_error(settings)),
+        EARTH: covariance_of(levels.rate, 0.0, 0.0, u_earth_deg_s),
         **{name: covariance_of(levels.rate, 0.0, u) for name, u in phases.u_k_vc.items()},
     }
-    error = v_vc_error(settings)
+    error = v_vc.v_vc_error(settings)
     of_v_vc = {
-        V_VC_GAIN: covariance_of(matched_v, 0.0, error.u_gain),
-        V_VC_OFFSET: covariance_of(matched_v, 0.0, 0.0, error.u_offset_v),
-        V_VC_NOISE: covariance_of(matched_v, levels.u_v_vc_v),
+        v_vc.V_VC_GAIN: covariance_of(matched_v, 0.0, error.u_gain),
+        v_vc.V_VC_OFFSET: covariance_of(matched_v, 0.0, 0.0, error.u_offset_v),
+        v_vc.V_VC_NOISE: covariance_of(matched_v, levels.u_v_vc_v),
     }
     curve = fit_k_vc_curve(levels.rate, matched_v, sum(of_rate.values()), sum(of_v_vc.values()), settings.curve_order)
     parts = covariance_parts(curve, matched_v, of_rate, of_v_vc)
     if settings.v_vc_role is None:
         curve, parts = _as_set(settings, curve, matched_v, of_rate, of_v_vc)
     u_matched = np.sqrt(2.0 * np.diag(noise)) / np.abs(per_v)
-    scale_factor = _scale_factor(settings, levels, noise, len(points))
+    scale_factor = _scale_factor(settings, levels.noise, slopes, of_slopes, len(points))
     at_rest = [place for place, point in enumerate(points) if point.step == TABLE and point.rate_deg_s == 0.0]
-    bias = bias_at_rest(settings, points, at_rest, levels.noise, scale_factor.value)
+    bias = null_blocks.bias_at_rest(settings, points, at_rest, levels.noise, scale_factor.value)
     pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
     of_k_vc = [_part(name, part, levels, error.owner) for name, part in parts.items()]
+    today = [replace(part, u=1e6 * part.u / curve.k_vc) for part in of_k_vc]
+    days = days_until(settings.wanted_u95_ppm, today, settings.station.sources.k_vc_drift_ppm_per_year)
     health = health_of(settings, points)
     seen = with_output_curve(_characteristics(settings, curve.curvature(), health), slopes, of_slopes)
     return KVcResult(
         k_vc=measurand(curve.k_vc, K_VC_UNIT, of_k_vc, settings.station.sources.missing("k_vc")),
         characteristics=seen,
         sensitivities=k_vc_sensitivities(seen),
-        days_to_wanted_u95=_days_to_wanted(settings, curve.k_vc, of_k_vc),
+        days_to_wanted_u95=None if days is None or math.isinf(days) else days,
         curve=curve,
         curve_parts={name: tuple(map(tuple, part.tolist())) for name, part in parts.items()},
         curvature=curve.curvature(),
@@ -232,15 +208,15 @@ def _as_set(
 
     The fit stays as it is; the errors of the ranges that make K_Vc least certain go through it, unless they are known.
     """
-    slope = np.polynomial.polynomial.polyval(v_vc_v, derivative_of(np.array(curve.coefficients)))
+    slope = np.polynomial.polynomial.polyval(v_vc_v, null_blocks.derivative_of(np.array(curve.coefficients)))
     fitted = sum(of_rate.values()) + sum(of_v_vc.values()) * np.outer(slope, slope)
     making = coefficient_weights(curve, v_vc_v, fitted)
     per_v, known = making * slope, known_levels((), settings.station.sources)
     own = per_v * np.array([known.u_besides_v(volts) for volts in v_vc_v])
     parts = {name: making @ part @ making.T for name, part in of_rate.items()}
-    parts[RESOLUTION] = own @ own.T
+    parts[v_vc.RESOLUTION] = own @ own.T
     for kind, where, part in known.covariances(v_vc_v, per_v, 1):
-        parts[f"{V_VC_GAIN if kind == 'gain' else V_VC_OFFSET}, {where}"] = part
+        parts[f"{v_vc.V_VC_GAIN if kind == 'gain' else v_vc.V_VC_OFFSET}, {where}"] = part
     together = np.sum(list(parts.values()), axis=0)
     return replace(curve, covariance=tuple(map(tuple, together.tolist()))), parts
 
@@ -260,31 +236,20 @@ def _characteristics(settings: KVcSettings, curved: Curvature, health: Health | 
     )
 
 
-def _days_to_wanted(settings: KVcSettings, k_vc: float, parts: Sequence[UncertaintyPart]) -> float | None:
-    today = [replace(part, u=1e6 * part.u / k_vc) for part in parts]
-    days = days_until(settings.wanted_u95_ppm, today, settings.station.sources.k_vc_drift_ppm_per_year)
-    return None if days is None or math.isinf(days) else days
-
-
-def _u_earth(settings: KVcSettings) -> float:
-    """Return the largest residual of the Earth's horizontal rate in a zero that is taken at one heading, deg/s."""
-    return _EARTH_DEG_S * math.sin(math.radians(settings.axis_tilt_deg)) / math.sqrt(2.0)
-
-
 def _part(name: str, covariance: Floats, levels: _Levels, known_by: str) -> UncertaintyPart:
     """Return the contribution of a source to the uncertainty of k1."""
     u = math.sqrt(max(0.0, float(covariance[1, 1])))
-    of_range = name.startswith((f"{V_VC_GAIN}, ", f"{V_VC_OFFSET}, "))
+    of_range = name.startswith((f"{v_vc.V_VC_GAIN}, ", f"{v_vc.V_VC_OFFSET}, "))
     return UncertaintyPart(name, u, _dof(name, levels.noise), whose(name, known_by), rectangular=of_range)
 
 
 def whose(name: str, known_by: str) -> str | None:
     """Return whose a source is: of the instrument that V_Vc is known by, or nobody else's."""
-    return known_by if name.startswith((V_VC_GAIN, V_VC_OFFSET)) else None
+    return known_by if name.startswith((v_vc.V_VC_GAIN, v_vc.V_VC_OFFSET)) else None
 
 
 def _dof(name: str, noise: BlockNoise) -> float | None:
-    return dof_of(noise) if name in {READ_TABLE, READ_DRIVEN} else None
+    return null_blocks.dof_of(noise) if name in {READ_TABLE, READ_DRIVEN} else None
 
 
 def _known_by(settings: KVcSettings, name: str) -> str:
@@ -293,28 +258,26 @@ def _known_by(settings: KVcSettings, name: str) -> str:
     return f"the {name}" if settings.v_vc_role == "v_vc_meter" else f"the {name}, its leads moved by hand"
 
 
-def _scale_factor(settings: KVcSettings, levels: _Levels, noise: Floats, windows: int) -> Measurand:
+def _scale_factor(
+    settings: KVcSettings, noise: BlockNoise, slopes: Floats, of_slopes: Floats, windows: int
+) -> Measurand:
     """Return the slope at rate zero of a cubic through the outputs on the table."""
-    found, covariance, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
-    slope, meter = float(found[0]), meter_error(settings, "multimeter")
-    dof = dof_of(levels.noise)
+    slope, meter = float(slopes[0]), v_vc.meter_error(settings, "multimeter")
+    phases = PhaseErrors.of(settings.station.sources)
     parts = [
-        UncertaintyPart(READ_TABLE, math.sqrt(covariance[0, 0]), dof),
-        UncertaintyPart(METER_GAIN, abs(slope) * meter.u_gain, None, meter.owner),
-        UncertaintyPart(RATE, abs(slope) * table_rate_error(settings)),
-        UncertaintyPart(MISALIGNMENT, abs(slope) * alignment_error(settings)),
-        *(UncertaintyPart(name, abs(slope) * u) for name, u in temperature_errors(settings, windows).items()),
-        *(
-            UncertaintyPart(name, abs(slope) * u)
-            for name, u in PhaseErrors.of(settings.station.sources).u_scale_factor.items()
-        ),
+        UncertaintyPart(READ_TABLE, math.sqrt(of_slopes[0, 0]), null_blocks.dof_of(noise)),
+        UncertaintyPart(v_vc.METER_GAIN, abs(slope) * meter.u_gain, None, meter.owner),
+        UncertaintyPart(RATE, abs(slope) * v_vc.table_rate_error(settings)),
+        UncertaintyPart(MISALIGNMENT, abs(slope) * v_vc.alignment_error(settings)),
+        *(UncertaintyPart(name, abs(slope) * u) for name, u in v_vc.temperature_errors(settings, windows).items()),
+        *(UncertaintyPart(name, abs(slope) * u) for name, u in phases.u_scale_factor.items()),
     ]
     return measurand(slope, "V/(deg/s)", parts, settings.station.sources.missing("scale_factor"))
 
 
 def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
-    table = blocks_of([point for point in points if point.step == TABLE])
-    driven = blocks_of([point for point in points if point.step == DRIVEN])
+    table = null_blocks.blocks_of([point for point in points if point.step == TABLE])
+    driven = null_blocks.blocks_of([point for point in points if point.step == DRIVEN])
     magnitudes = settings.magnitudes_deg_s
     if not len(table) == len(driven) == settings.cycles * len(magnitudes):
         raise ConfigError(
@@ -322,25 +285,15 @@ def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
         )
     of_table, of_driven = [block(each) for each in table], [block(each) for each in driven]
     shape = settings.cycles, 2 * len(magnitudes)
-    by_hand = levels_by_hand(settings, points)
-    v_vc = [
-        measured_level(
-            [p for block in driven[i :: len(magnitudes)] for p in block if p.rate_deg_s == sign * rate], by_hand
-        )
-        for i, rate in enumerate(magnitudes)
-        for sign in (1.0, -1.0)
-    ]
-    zeros = [p for block in driven for p in (block[0], block[-1])]
-    scatter = [p.v_vc_std_v for block in driven for p in block if p.v_vc_std_v is not None]
-    count = 2 * settings.cycles * settings.samples
+    levels_v, u_v_vc_v = null_blocks.levels_of(settings, points, driven, magnitudes)
     return _Levels(
         np.array([sign * rate for rate in magnitudes for sign in (1.0, -1.0)]),
         np.array([b.differences_v for b in of_table]).reshape(shape).mean(axis=0),
         np.array([b.differences_v for b in of_driven]).reshape(shape).mean(axis=0),
-        np.array(v_vc),
-        measured_level(zeros, by_hand),
-        math.sqrt(math.fsum(s * s for s in scatter) / len(scatter) / count) if scatter else 0.0,
-        noise_of(settings, [*of_table, *of_driven], points),
+        levels_v[1:],
+        float(levels_v[0]),
+        u_v_vc_v,
+        null_blocks.noise_of(settings, [*of_table, *of_driven], points),
     )
 
 
@@ -348,7 +301,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
     """Return the certificate of the device that was named."""
     if settings.dut is None:
         return None
-    curve, error = results.curve, v_vc_error(settings)
+    curve, error, days = results.curve, v_vc.v_vc_error(settings), results.days_to_wanted_u95
     shares = [
         CurveShare(source=name, of=whose(name, error.owner), dof=_dof(name, results.noise), covariance=part)
         for name, part in results.curve_parts.items()
@@ -367,7 +320,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
             lack_of_fit_deg_s=curve.lack_of_fit_deg_s,
             missing=results.k_vc.missing,
         ),
-        conditions=conditions(settings, made),
+        conditions=v_vc.conditions(settings, made),
         scale_factor_v_per_deg_s=results.scale_factor.kept(),
         bias_v=results.bias.kept(),
         unseen=UNSEEN,
@@ -375,19 +328,10 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
         sensitivities=results.sensitivities,
         k_vc_drift_ppm_per_year=settings.station.sources.k_vc_drift_ppm_per_year,
         wanted_u95_ppm=settings.wanted_u95_ppm,
-        u95_until=_u95_until(results, made),
+        u95_until=None if days is None or days > _FAR_DAYS else made.finished + timedelta(days=days),
         remarks=(f"V_Vc is known by {results.v_vc_by}", *results.holds_not),
     )
     return NewEntry(known, settings.store.root)
-
-
-def _u95_until(results: KVcResult, made: Provenance) -> datetime | None:
-    """Return the date at which U95 of K_Vc reaches the wanted value; None without, or in over a thousand years."""
-    days = results.days_to_wanted_u95
-    return None if days is None or days > _FAR_DAYS else made.finished + timedelta(days=days)
-
-
-_FAR_DAYS = 365_000.0
 
 
 def interval_words(settings: KVcSettings, results: KVcResult) -> str:
@@ -421,7 +365,7 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
         said_of("bias, generator off", results.bias),
         f"V_Vc is known by {results.v_vc_by}",
         interval_words(settings, results),
-        *known_words(settings, "table_rate_error", "misalignment_deg"),
+        *v_vc.known_words(settings, "table_rate_error", "misalignment_deg"),
     ]
     rate = Axis("rate", "deg/s")
     left = Series("rate - curve", [p.rate_deg_s for p in results.pairs], [p.residual_deg_s for p in results.pairs])

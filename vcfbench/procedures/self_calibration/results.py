@@ -283,14 +283,8 @@ def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Me
     magnitudes = settings.magnitudes_deg_s
     if len(driven) != settings.cycles * len(magnitudes):
         raise ConfigError(f"expected {settings.cycles} times {len(magnitudes)} blocks, came {len(driven)}")
-    blocks, by_hand = [block(each) for each in driven], v_vc.levels_by_hand(settings, points)
-    zeros = [point for each in driven for point in (each[0], each[-1])]
-    levels_v = [v_vc.measured_level(zeros, by_hand)]
-    for place, rate in enumerate(magnitudes):
-        of_rate = [point for each in driven[place :: len(magnitudes)] for point in each]
-        levels_v += [
-            v_vc.measured_level([p for p in of_rate if p.rate_deg_s == sign * rate], by_hand) for sign in (1.0, -1.0)
-        ]
+    blocks = [block(each) for each in driven]
+    levels_v, u_v_vc_v = null_blocks.levels_of(settings, points, driven, magnitudes)
     # See that no V_Vc is beyond the curve by more than a generator may be off
     curve = settings.known.k_vc
     margin_v = 0.05 * (curve.v_vc_max_v - curve.v_vc_min_v) / 2.0
@@ -300,13 +294,11 @@ def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Me
                 f"V_Vc of {level_v:g} V: K_Vc is known from {curve.v_vc_min_v:g} to {curve.v_vc_max_v:g} V alone"
             )
     noise = null_blocks.noise_of(settings, blocks, points)
-    scatter = [p.v_vc_std_v for each in driven for p in each if p.v_vc_std_v is not None]
-    count = 2 * settings.cycles * settings.samples
     return _Measured(
-        np.array(levels_v),
+        levels_v,
         np.array([each.differences_v for each in blocks]).reshape(settings.cycles, -1).mean(axis=0),
         math.fsum(each.zero_v for each in blocks) / len(blocks),
-        math.sqrt(math.fsum(s * s for s in scatter) / len(scatter) / count) if scatter else 0.0,
+        u_v_vc_v,
         noise,
         null_blocks.block_covariance(noise, len(magnitudes), settings.cycles),
         len(points),

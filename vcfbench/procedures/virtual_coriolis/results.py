@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING, Any
 from msgspec import Struct
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
-from vcfbench.procedures.shared.column.results import (
-    acceptance_u95,
-    acceptance_values,
-    combined,
-    fitted_column,
-    is_swept,
-    noise_std_v,
-    u_output_v,
-    u_resolution_v,
-    with_statement,
-)
+from vcfbench.procedures.shared.column import results as columns
 from vcfbench.procedures.shared.known.levels import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.station.settings import ProcedureSettings
@@ -76,7 +66,7 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return the values that ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
         return {
-            **acceptance_values(self.turntable),
+            **columns.acceptance_values(self.turntable),
             "k_vc_deg_s_per_v": self.k_vc.value,
             "scale_factor_error_percent": self.scale_factor_error_percent,
             **({} if self.uncertainty is None or self.uncertainty.e_n is None else {"e_n": self.uncertainty.e_n}),
@@ -84,7 +74,7 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
 
     def acceptance_u95(self) -> Mapping[str, float]:
         """Return the expanded uncertainties of these, by the same keys."""
-        return acceptance_u95(self.uncertainty)
+        return columns.acceptance_u95(self.uncertainty)
 
 
 class SweptVirtualCoriolisResult(VirtualCoriolisResult, frozen=True, kw_only=True):
@@ -134,7 +124,7 @@ def virtual_coriolis_results(
     matching = Matching.of(points, match, match_rate_deg_s)
     asked = {"match": match, "match_rate_deg_s": match_rate_deg_s, "meter_resolution_v": meter_resolution_v}
     values = _four_steps(points, matching, meter_resolution_v, settings) | asked
-    if settings is None or not is_swept(settings):
+    if settings is None or not columns.is_swept(settings):
         return VirtualCoriolisResult(**values)
     return SweptVirtualCoriolisResult(**values, **_sweeps(settings, standing_for(points, 4, matching.rate_of)))
 
@@ -182,16 +172,16 @@ def _four_steps(
     measured = any(point.v_vc_measured_v is not None for point in points)
     generator = generator_sheet(settings or ProcedureSettings())
     u_v, u_level = (
-        u_output_v(points, meter_resolution_v),
+        columns.u_output_v(points, meter_resolution_v),
         0.0 if measured else (math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)),
     )
     points = standing_for(points, 4, matching.rate_of)
-    noise_k_vc = matching.u_k_vc(noise_std_v(points), u_resolution_v(meter_resolution_v))
+    noise_k_vc = matching.u_k_vc(columns.noise_std_v(points), columns.u_resolution_v(meter_resolution_v))
     u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
     table, driven = (sweep_of(settings or ProcedureSettings(), points, step) for step in (3, 4))
-    turntable = fitted_column(table.points, table.u_v(u_v))
+    turntable = columns.fitted_column(table.points, table.u_v(u_v))
     levels = zip(driven.noise_gains, (u_level * matching.slope * point.v_vc_v for point in driven.points), strict=True)
-    virtual = fitted_column(driven.points, [math.hypot(gain * u_v, u_level_v) for gain, u_level_v in levels])
+    virtual = columns.fitted_column(driven.points, [math.hypot(gain * u_v, u_level_v) for gain, u_level_v in levels])
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
@@ -200,11 +190,11 @@ def _four_steps(
     # Of a level that is known by its setting alone: relative, rectangular limits
     u_generator = 0.0 if measured else (generator.setting + generator.offset_v / abs(set_v)) / math.sqrt(3.0)
     return {
-        "k_vc": combined(Quantity(matching.k_vc, None, K_VC_UNIT, u_k_vc), stated, "k_vc"),
+        "k_vc": columns.combined(Quantity(matching.k_vc, None, K_VC_UNIT, u_k_vc), stated, "k_vc"),
         "k_vc_u_generator": u_generator * abs(matching.k_vc),
         "v_vc10_v": matching.v_vc_equal_v,
-        "turntable": with_statement(turntable.column(), stated, "turntable."),
-        "virtual": with_statement(virtual.column(), stated, "virtual."),
+        "turntable": columns.with_statement(turntable.column(), stated, "turntable."),
+        "virtual": columns.with_statement(virtual.column(), stated, "virtual."),
         "scale_factor_error_percent": comparison.scale_factor_error_percent,
         "scale_factor_error_u_percent": None if stated is None else stated.value("scale_factor_error_percent").u,
         "scale_factor_error_u_fit_percent": comparison.u_fit_scale_factor_error_percent,

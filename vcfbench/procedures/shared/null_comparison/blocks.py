@@ -16,6 +16,7 @@ from vcfbench.procedures.shared.budget.at_rest import (
     flicker_stated,
     parts_at_rest,
 )
+from vcfbench.procedures.shared.known.v_vc import levels_by_hand, measured_level
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.shared.sweep.window_noise import Flicker
 from vcfbench.procedures.shared.sweep.windows import window_times
@@ -110,6 +111,27 @@ def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
     if not blocks or len(blocks[-1]) != size:
         raise ConfigError(f"expected whole blocks of {size} windows, came {len(points)} windows")
     return blocks
+
+
+def levels_of(
+    settings: KnownVvcSettings, points: Sequence[Point], driven: Sequence[Sequence[Point]], rates_deg_s: Sequence[float]
+) -> tuple[Floats, float]:
+    """Return V_Vc of the `driven` blocks of a run, V: at the zeros, then at each rate, +, -; and its u by scatter, V.
+
+    Raises:
+        ConfigError: V_Vc was not measured, and its setting was not said to be believed.
+    """
+    by_hand = levels_by_hand(settings, points)
+    levels_v = [measured_level([point for each in driven for point in (each[0], each[-1])], by_hand)]
+    for place, rate in enumerate(rates_deg_s):
+        of_rate = [point for each in driven[place :: len(rates_deg_s)] for point in each]
+        levels_v += [
+            measured_level([p for p in of_rate if p.rate_deg_s == sign * rate], by_hand) for sign in (1.0, -1.0)
+        ]
+    scatter = [p.v_vc_std_v for each in driven for p in each if p.v_vc_std_v is not None]
+    readings = 2 * settings.cycles * settings.samples
+    u_v = math.sqrt(math.fsum(s * s for s in scatter) / len(scatter) / readings) if scatter else 0.0
+    return np.array(levels_v), u_v
 
 
 def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
