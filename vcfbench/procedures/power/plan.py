@@ -38,7 +38,38 @@ _ROUND_S = 0.05
 """The least time from one round of readings to the next; most supplies need more for their currents."""
 
 
-class SuppliedAndLogged(steps.EnableSupply, frozen=True):
+class _Logged:
+    """Steps after which currents and output are read as fast as they come, for `seconds`."""
+
+    __slots__ = ()
+    rails: tuple[steps.ConfigureRail, ...]
+    seconds: float
+
+    @property
+    def physical_s(self) -> float:
+        """The log, s."""
+        return self.seconds
+
+    def predict(self, gyro: LinearGyro) -> Any:
+        """Predict rails that draw nothing and an output that is there at once."""
+        times = [number * _ROUND_S for number in range(max(8, int(self.seconds / _ROUND_S)))]
+        drawn = tuple(RailDraw(t_s, rail.output, None, 0.0) for t_s in times for rail in self.rails)
+        return RailsLogged(0.0, drawn, tuple(Reading(t_s, gyro.output_v(0.0)) for t_s in times))
+
+    def log(self, context: Context, begun_s: float) -> RailsLogged:
+        """Read until `seconds` after the bench time `begun_s`."""
+        clock, power, meter = context.bench.clock, context.bench.power, context.bench.multimeter
+        drawn, outputs = [], []
+        while (round_s := clock.now()) < begun_s + self.seconds:
+            for rail in self.rails:
+                current_a = power.measure_current_a(rail.output)  # its time is that of the answer
+                drawn.append(RailDraw(clock.now(), rail.output, None, current_a))
+                outputs.append(Reading(clock.now(), context.believable(meter.read_voltage_v)))
+            sleep(clock, max(0.0, round_s + _ROUND_S - clock.now()))
+        return RailsLogged(begun_s, tuple(drawn), tuple(outputs))
+
+
+class SuppliedAndLogged(_Logged, steps.EnableSupply, frozen=True):
     """Switch the supply on; from then on currents and output are read as fast as they come, for `seconds`."""
 
     rails: tuple[steps.ConfigureRail, ...]
@@ -48,23 +79,14 @@ class SuppliedAndLogged(steps.EnableSupply, frozen=True):
         """Describe the action."""
         return f"supply outputs on; currents and output as fast as they come for {self.seconds:g} s"
 
-    @property
-    def physical_s(self) -> float:
-        """The log, s."""
-        return self.seconds
-
     def perform(self, context: Context) -> Any:
         """Switch on and read."""
         begun_s = context.bench.clock.now()
         context.bench.power.enable_outputs()
-        return _log(context, self.rails, begun_s, self.seconds)
-
-    def predict(self, gyro: LinearGyro) -> Any:
-        """Predict rails that draw nothing and an output that is there at once."""
-        return _predicted(self.rails, self.seconds, gyro)
+        return self.log(context, begun_s)
 
 
-class RailOnAndLog(steps.ConfigureRail, frozen=True):
+class RailOnAndLog(_Logged, steps.ConfigureRail, frozen=True):
     """Set a rail to its level while the outputs are on, and log as :class:`SuppliedAndLogged` does."""
 
     rails: tuple[steps.ConfigureRail, ...]
@@ -74,38 +96,11 @@ class RailOnAndLog(steps.ConfigureRail, frozen=True):
         """Describe the action."""
         return f"{steps.ConfigureRail.describe(self)}; currents and output as fast as they come for {self.seconds:g} s"
 
-    @property
-    def physical_s(self) -> float:
-        """The log, s."""
-        return self.seconds
-
     def perform(self, context: Context) -> Any:
         """Set the level and read."""
         begun_s = context.bench.clock.now()
         steps.ConfigureRail.perform(self, context)
-        return _log(context, self.rails, begun_s, self.seconds)
-
-    def predict(self, gyro: LinearGyro) -> Any:
-        """Predict rails that draw nothing and an output that is there at once."""
-        return _predicted(self.rails, self.seconds, gyro)
-
-
-def _log(context: Context, rails: tuple[steps.ConfigureRail, ...], begun_s: float, seconds: float) -> RailsLogged:
-    clock, power, meter = context.bench.clock, context.bench.power, context.bench.multimeter
-    drawn, outputs = [], []
-    while (round_s := clock.now()) < begun_s + seconds:
-        for rail in rails:
-            current_a = power.measure_current_a(rail.output)  # its time is that of the answer
-            drawn.append(RailDraw(clock.now(), rail.output, None, current_a))
-            outputs.append(Reading(clock.now(), context.believable(meter.read_voltage_v)))
-        sleep(clock, max(0.0, round_s + _ROUND_S - clock.now()))
-    return RailsLogged(begun_s, tuple(drawn), tuple(outputs))
-
-
-def _predicted(rails: tuple[steps.ConfigureRail, ...], seconds: float, gyro: LinearGyro) -> RailsLogged:
-    times = [number * _ROUND_S for number in range(max(8, int(seconds / _ROUND_S)))]
-    drawn = tuple(RailDraw(t_s, rail.output, None, 0.0) for t_s in times for rail in rails)
-    return RailsLogged(0.0, drawn, tuple(Reading(t_s, gyro.output_v(0.0)) for t_s in times))
+        return self.log(context, begun_s)
 
 
 @dataclass(frozen=True, slots=True)
