@@ -22,11 +22,11 @@ _RULES: Final[tuple[tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]]
     (re.compile(r"(?<![\w.])Omega_z(?!\w)"), "Ω_z"),
     (re.compile(r"\bu(?=[VAs]\b)"), "µ"),
     (re.compile(r"\bdegC\b"), "°C"),
-    (re.compile(r"(?<=\d) deg\b(?!/)"), "°"),
+    (re.compile(r"(?<=[\d)]) deg\b(?!/)"), "°"),
     (re.compile(r"(?<=/ )deg$|^deg$|(?<![\w.])deg(?=/)"), "°"),
     (re.compile(r"(?<=/)sqrt\((\w+)\)"), r"√\1"),
     (re.compile(r"(?<=[A-Za-z°])\^(-?\d)(?!\d)"), lambda found: found[1].translate(_RAISED)),
-    (re.compile(rf"(?<=\d) (?={_UNIT}(?!\w))|(?<=\d) (?=V/|\(°|°/)"), _THIN),
+    (re.compile(rf"(?<=[\d)]) (?={_UNIT}(?!\w))|(?<=[\d)]) (?=V/|\(°|°/)"), _THIN),
 )
 
 
