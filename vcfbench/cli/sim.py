@@ -10,6 +10,7 @@ from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import Bench_, Json_, seed_option  # typer reads them
 from vcfbench.cli.sim_new import new
+from vcfbench.cli.soak import soak
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.inventory import inventory
 
@@ -50,4 +51,5 @@ def _shown(value: Any) -> str:
 
 
 app.command("new")(new)
+app.command("soak")(soak)
 serve.register(app)

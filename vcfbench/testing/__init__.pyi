@@ -10,6 +10,8 @@ from vcfbench.testing.conformance import conformance_cases as conformance_cases
 from vcfbench.testing.conformance import conformance_problems as conformance_problems
 from vcfbench.testing.conformance import model_case as model_case
 from vcfbench.testing.conformance import scpi_case as scpi_case
+from vcfbench.testing.disk import Disk as Disk
+from vcfbench.testing.disk import DiskState as DiskState
 from vcfbench.testing.exchange import Exchange as Exchange
 from vcfbench.testing.exchange import ScriptedWire as ScriptedWire
 from vcfbench.testing.exchange import expected_exchange as expected_exchange
@@ -18,3 +20,9 @@ from vcfbench.testing.exchange import over_visa as over_visa
 from vcfbench.testing.replay import ReplayWire as ReplayWire
 from vcfbench.testing.replay import read_trace as read_trace
 from vcfbench.testing.replay import replay_trace as replay_trace
+from vcfbench.testing.soaking import Verdict as Verdict
+from vcfbench.testing.soaking import shrunk as shrunk
+from vcfbench.testing.soaking import soak as soak
+from vcfbench.testing.soaking import tried as tried
+from vcfbench.testing.soaking.draw import Draw as Draw
+from vcfbench.testing.soaking.draw import drawn as drawn

@@ -18,7 +18,6 @@ from simrack.faults import FaultInjector
 
 import vcfbench.clock
 import vcfbench.records.journal
-from tests.soaking.disk import Disk, DiskState
 from vcfbench.errors import Aborted, BenchError, ConfigError
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.runs.conduct import conduct
@@ -27,16 +26,17 @@ from vcfbench.runs.resumed import broken_off
 from vcfbench.safety.signals import StopSignals
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.steps.executor import StepFinished
+from vcfbench.testing.disk import Disk, DiskState
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from tests.soaking.draw import Draw, Happening
     from vcfbench.archive.run import Run
     from vcfbench.clock import Clock
     from vcfbench.station.description import BenchDescription
     from vcfbench.steps.executor import Event
+    from vcfbench.testing.soaking.draw import Draw, Happening
 
 _STILL = 100_000
 """Waits without a moment passing after which time stands still."""
@@ -170,7 +170,7 @@ class _Stage:
 
     def _die(self, happening: Happening) -> None:
         disk = self.disk
-        assert disk is not None  # there is one around every start
+        assert disk is not None  # noqa: S101  # there is one around every start
         self.ended.died = happening.what
         self.left = next(disk.after_power_cut(self._random)) if happening.what == "power cut" else disk.now()
         disk.stopped = True
@@ -219,7 +219,7 @@ def _send(number: int) -> None:
         signal.raise_signal(number)
     else:
         main = threading.main_thread().ident
-        assert main is not None  # it goes on
+        assert main is not None  # noqa: S101  # it goes on
         signal.pthread_kill(main, number)
 
 

@@ -1,20 +1,19 @@
-"""``python -m tests.soaking --seeds A:B``: runs under faults drawn by seed; a break is one line to repeat."""
+"""``vcfbench sim soak``: runs under faults drawn by seed; each seed that breaks one is a line to repeat."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tests.soaking import Verdict, shrunk, soak
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError
 
-app = typer.Typer(add_completion=False)
+if TYPE_CHECKING:
+    from vcfbench.testing.soaking import Verdict
 
 
-@app.command()
-def main(
+def soak(
     seeds: Annotated[
         str, typer.Option("--seeds", metavar="A:B", help="Seeds from A up to, not including, B.")
     ] = "0:100",
@@ -30,6 +29,8 @@ def main(
 
     What breaks is said with the smallest part of its draw that still breaks it; the exit code is then 1.
     """
+    from vcfbench.testing.soaking import shrunk, soak  # noqa: PLC0415  # loads all that a run loads
+
     first, last = _range(seeds)
     clock, broken, tried = WallClock(), list[int](), 0
     for verdict in soak(range(first, last)):
@@ -44,7 +45,7 @@ def main(
             break
     typer.echo(f"{tried} seeds from {first} in {clock.now():.0f} s: {len(broken)} broken")
     for seed in broken:
-        typer.echo(f"python -m tests.soaking --seeds {seed}:{seed + 1} -v")
+        typer.echo(f"vcfbench sim soak --seeds {seed}:{seed + 1} -v")
     if broken:
         raise typer.Exit(1)
 
@@ -59,7 +60,3 @@ def _range(seeds: str) -> tuple[int, int]:
     if not (colon and first.isdecimal() and last.isdecimal() and int(first) < int(last)):
         raise ConfigError(f"--seeds: expected A:B, whole numbers with A below B, came {seeds!r}")
     return int(first), int(last)
-
-
-if __name__ == "__main__":
-    app()

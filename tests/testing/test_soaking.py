@@ -10,10 +10,10 @@ from simrack.faults import Fault, FaultyDevice
 from simrack.wires.serial_backend import _Port
 from typer.testing import CliRunner
 
-from tests.soaking import shrunk, soak, trial, tried
-from tests.soaking.__main__ import app
-from tests.soaking.draw import Happening, drawn
+from vcfbench.cli.main import app
 from vcfbench.clock import VirtualClock
+from vcfbench.testing.soaking import shrunk, soak, trial, tried
+from vcfbench.testing.soaking.draw import Happening, drawn
 
 LATE = Happening(0, 0.5, "fault", fault=Fault("rate_table", "late", count=2, delay_s=3.64))
 
@@ -58,11 +58,11 @@ def test_a_freeze_of_bench_time_is_found_and_made_small(monkeypatch: pytest.Monk
 
 
 def test_the_command_repeats_a_seed_and_says_what_it_draws() -> None:
-    answer = CliRunner().invoke(app, ["--seeds", "2:3", "-v"])
+    answer = CliRunner().invoke(app, ["sim", "soak", "--seeds", "2:3", "-v"])
     assert answer.exit_code == 0
     assert answer.stdout.startswith("seed 2: ")
     assert "1 seeds from 2 in" in answer.stdout
-    assert CliRunner().invoke(app, ["--seeds", "3:3"]).exit_code != 0
+    assert CliRunner().invoke(app, ["sim", "soak", "--seeds", "3:3"]).exit_code != 0
 
 
 class Speaks:

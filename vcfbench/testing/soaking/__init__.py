@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING
 from msgspec import Struct
 from msgspec.structs import replace
 
-from tests.soaking.draw import Draw, drawn
-from tests.soaking.judge import VALUE_FAULTS, values_of, wrong_of, wrong_record, wrong_values
-from tests.soaking.trial import Clean, Ended, start
 from vcfbench.errors import ConfigError
 from vcfbench.records.journal import JournalRecord, read_journal
 from vcfbench.records.schema import Status
+from vcfbench.testing.soaking.draw import Draw, drawn
+from vcfbench.testing.soaking.judge import VALUE_FAULTS, values_of, wrong_of, wrong_record, wrong_values
+from vcfbench.testing.soaking.trial import Clean, Ended, start
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping

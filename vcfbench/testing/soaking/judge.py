@@ -11,9 +11,9 @@ from vcfbench.records.schema import Status
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from tests.soaking.draw import Draw
-    from tests.soaking.trial import Clean, Ended
     from vcfbench.records.journal import JournalRecord
+    from vcfbench.testing.soaking.draw import Draw
+    from vcfbench.testing.soaking.trial import Clean, Ended
 
 _RATE_DEG_S, _V_VC_V, _RAIL_V = 0.05, 0.01, 0.5
 """Beyond these something turns or is on."""

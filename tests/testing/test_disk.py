@@ -18,13 +18,13 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from tests.soaking.disk import Disk, DiskState
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.devices import Conditions, DeviceStore, Measured, SelfCalibration
 from vcfbench.records.export import write_text
 from vcfbench.records.journal import Journal, append_line, read_journal
 from vcfbench.safety import lock
 from vcfbench.safety.lock import instrument_locks
+from vcfbench.testing.disk import Disk, DiskState
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
