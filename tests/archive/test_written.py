@@ -133,7 +133,8 @@ def test_a_pdf_has_the_name_of_the_run_and_the_number_on_every_page(quick: Run, 
         pytest.importorskip("weasyprint")
     except OSError:
         pytest.skip("this system has no Pango")
-    (path,) = vcfbench.write_report(quick, tmp_path / "run.pdf")
+    (tmp_path / "l.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"><text y="9">us</text></svg>', "utf-8")
+    (path,) = vcfbench.write_report(quick, tmp_path / "run.pdf", {"logo": str(tmp_path / "l.svg")})
     pages = [page.extract_text() for page in pypdf.PdfReader(path).pages]
     for number, page in enumerate(pages, start=1):
         assert str(quick.name) in page

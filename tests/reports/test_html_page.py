@@ -55,3 +55,9 @@ def test_figures_are_read_on_dark_ground_and_on_paper() -> None:
 
 def test_the_same_report_gives_the_same_bytes() -> None:
     assert page_of(REPORT, "w", "r") == page_of(REPORT, "w", "r")
+
+
+def test_a_first_page_is_set_as_one_only_where_there_is_one() -> None:
+    assert 'class="front"' not in page_of(REPORT, "w", "r")
+    assert '<section class="front">\n<h1>' in page_of(REPORT, "w", "r", logo="")
+    assert '<section class="front">\n<img class="logo"' in page_of(REPORT, "w", "r", logo="data:image/png;base64,AA==")

@@ -113,42 +113,39 @@ def _numbered(path: Path, number: int) -> Path:
     return path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
-def write_document(report: Report, title: str, name: str, path: Path, logo: str = "") -> tuple[Path, ...]:
-    """Write `report` as :func:`write_report` does; `name` stands at the head of printed pages."""
+def write_document(report: Report, title: str, name: str, path: Path, logo: str | None = None) -> tuple[Path, ...]:
+    """Write `report` as :func:`write_report` does; `name` stands at the head of printed pages.
+
+    `logo` is a file, empty for none; None where the report has no first page.
+    """
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise ConfigError(f"{shown(path)}: expected a name that ends in {', '.join(_WRITERS)}")
     try:
-        return writer(report, title, name, path, _picture(logo) if logo else "")
+        return writer(report, title, name, path, _picture(logo) if logo else logo)
     except OSError as error:
         raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
 
 
-def _html(report: Report, title: str, name: str, path: Path, logo: str) -> tuple[Path, ...]:
+def _html(report: Report, title: str, name: str, path: Path, logo: str | None) -> tuple[Path, ...]:
     path.write_bytes(page_of(report, f"{title} ({name})", name, logo=logo).encode())
     return (path,)
 
 
-def _pdf(report: Report, title: str, name: str, path: Path, logo: str) -> tuple[Path, ...]:
+def _pdf(report: Report, title: str, name: str, path: Path, logo: str | None) -> tuple[Path, ...]:
     try:
         weasyprint = need("weasyprint", "pdf", "a report as PDF")
     except OSError as error:  # its wheel brings no Pango
         hint = "install Pango (Debian: apt install libpango-1.0-0 libpangoft2-1.0-0), or print the .html from a browser"
         raise ConfigError(f"a report as PDF needs WeasyPrint, which cannot be loaded: {error}", hint=hint) from error
     page = page_of(report, f"{title} ({name})", name, printed=True, logo=logo)
-    path.write_bytes(weasyprint.HTML(string=page, url_fetcher=_nothing_from_elsewhere).write_pdf())
+    # a report holds all that it shows, its logo too: nothing is asked for from elsewhere
+    fetcher = weasyprint.urls.URLFetcher(allowed_protocols=("data",), fail_on_errors=True)
+    path.write_bytes(weasyprint.HTML(string=page, url_fetcher=fetcher).write_pdf())
     return (path,)
 
 
-def _nothing_from_elsewhere(url: str) -> dict[str, object]:
-    """Refuse every address: a report holds all that it shows."""
-    if url.startswith("data:"):  # the logo
-        held: dict[str, object] = need("weasyprint", "pdf", "a report as PDF").default_url_fetcher(url)
-        return held
-    raise ConfigError(f"a report asks for nothing from elsewhere, came {url!r}")
-
-
-def _markdown(report: Report, _title: str, _name: str, path: Path, _logo: str) -> tuple[Path, ...]:
+def _markdown(report: Report, _title: str, _name: str, path: Path, _logo: str | None) -> tuple[Path, ...]:
     pictures: list[Path] = []
 
     def place(figure: Figure, number: int) -> str:
@@ -162,7 +159,7 @@ def _markdown(report: Report, _title: str, _name: str, path: Path, _logo: str) -
     return (path, *pictures)
 
 
-_WRITERS: Final[dict[str, Callable[[Report, str, str, Path, str], tuple[Path, ...]]]] = {
+_WRITERS: Final[dict[str, Callable[[Report, str, str, Path, str | None], tuple[Path, ...]]]] = {
     ".html": _html,
     ".pdf": _pdf,
     ".md": _markdown,

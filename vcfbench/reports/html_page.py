@@ -21,7 +21,7 @@ _THEMED: Final = {INK: "var(--ink)", GRID: "var(--line)"} | {
 """Substitute for each colour in the drawings of a page for screens, so that they are read on dark ground."""
 
 
-def page_of(report: Report, title: str, name: str, *, printed: bool = False, logo: str = "") -> str:
+def page_of(report: Report, title: str, name: str, *, printed: bool = False, logo: str | None = None) -> str:
     """Return the whole page of `report`.
 
     Args:
@@ -29,13 +29,16 @@ def page_of(report: Report, title: str, name: str, *, printed: bool = False, log
         title: of the window.
         name: stands at the head of each printed page: the run's.
         printed: made for paper alone, so that drawings keep their colours.
-        logo: address of a picture that stands above all, such as ``data:image/png;base64,...``; none for none.
+        logo: address of a picture that stands above all, such as ``data:image/png;base64,...``, empty for none; None
+            where the first section is not the first page of a certificate.
     """
     numbers = iter(range(1, len(report.parts) + 1))
 
     def draw(figure: Figure) -> str:
         number = next(numbers)
-        size = {"size_in": FLAT_IN} if printed and number == 1 else {}  # on paper the first page holds it
+        size = (
+            {"size_in": FLAT_IN} if printed and number == 1 and logo is not None else {}
+        )  # on paper the first page holds it
         svg = svg_of(figure, f"f{number}", **size)
         if not printed:
             for colour, themed in _THEMED.items():
@@ -44,7 +47,8 @@ def page_of(report: Report, title: str, name: str, *, printed: bool = False, log
 
     drawn = [html_of(Report(part), draw) for part in _sections(report)]
     first = f'<img class="logo" alt="" src="{escaped(logo)}">\n' if logo else ""
-    front = [f'<section class="front">\n{first}{each}\n</section>' for each in drawn[:1]]
+    begun = '<section class="front">' if logo is not None else "<section>"
+    front = [f"{begun}\n{first}{each}\n</section>" for each in drawn[:1]]
     body = "\n".join([*front, *(f"<section>\n{each}\n</section>" for each in drawn[1:])])
     style = files("vcfbench.reports").joinpath("page.css").read_text(encoding="utf-8")
     return (
