@@ -122,7 +122,7 @@ def test_split_and_q_come_back_within_their_uncertainties() -> None:
     f = np.concatenate([np.linspace(5.0, 55.0, 14), 24.8 * np.array([0.9, 0.95, 0.98, 1.0, 1.02, 1.05, 1.1])])
     true = 1.9 * response(f, 24.8, 1224.0, 0.8, 0.02) / np.sqrt(1.0 + (f / 100.0) ** 8)
     z = []
-    for _ in range(60):
+    for _ in range(30):
         tones = [
             Tone(at, 0.1 * gain + 4e-5 * rng.standard_normal(), 4e-5 * math.sqrt(rng.chisquare(28) / 28), 0.0, 5e-3, 28)
             for at, gain in zip(f.tolist(), true.tolist(), strict=True)

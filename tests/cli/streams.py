@@ -9,7 +9,6 @@ The modules are loaded once; each process is forked from there, given its stream
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import signal
@@ -27,6 +26,8 @@ from vcfbench.errors import MeasurementError
 from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from vcfbench.interfaces import SafeReport
 
 ENDINGS = {"done": 0, "limit": 1, "usage": 2, "instrument": 3, "aborted": 4, "unsafe": 5, "aborted unsafe": 5}
@@ -69,6 +70,13 @@ FEW = (
     ("aborted unsafe", "closed", "broken"),
 )
 """What is tried in every test run; each stream in each state, at each ending."""
+
+
+def pairs() -> Iterator[tuple[str, str, str]]:
+    """Each ending with each stdout and with each stderr, and each stdout with each stderr, in 28 cases of 112."""
+    for place, ending in enumerate(ENDINGS):
+        for turn, out in enumerate(STREAMS):
+            yield ending, out, STREAMS[(place + turn) % len(STREAMS)]
 
 
 def give(number: int, kind: str, file: int) -> None:
@@ -152,7 +160,7 @@ if __name__ == "__main__":
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     folder = Path(sys.argv[1])
     load(folder)
-    cases = itertools.product(ENDINGS, STREAMS, STREAMS) if "all" in sys.argv else FEW
+    cases = pairs() if "all" in sys.argv else FEW
     for index, case in enumerate(cases):
         sys.stdout.write(json.dumps(run(*case, folder / str(index))) + "\n")
         sys.stdout.flush()
