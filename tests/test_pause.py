@@ -192,16 +192,21 @@ def test_bench_time_of_a_simulated_bench_goes_on_as_the_wall_does_or_stands_stil
     assert still.went_on()[0].pause_s == 0.0
 
 
-def test_a_stop_is_heard_in_a_long_wait() -> None:
-    """Of a run in a thread, where no signal comes: an hour of warm-up, on a machine however busy."""
-    started = vcfbench.start("turntable", speed=1.0, settings={**QUICK, "warm_up_s": 3600.0}, runs=None)
-    eventually(lambda: started.state == "running")
-    with pytest.raises(TimeoutError, match="the run goes on: it is running"):
-        started.result(timeout_s=0.1)
-    started.stop("the test")
-    with pytest.raises(Aborted, match=r"stopped by the test"):
-        started.result(timeout_s=PLENTY_S)
-    assert started.state == "over"
+def test_a_stop_is_heard_at_once_in_a_long_wait() -> None:
+    """Of a run in a thread, where no signal comes: three minutes of warm-up; on a busy machine once in three."""
+    took_s = []
+    while len(took_s) < 3 and min(took_s, default=1.0) > 0.3:
+        started = vcfbench.start("turntable", speed=20.0, settings={**QUICK, "warm_up_s": 3600.0}, runs=None)
+        eventually(lambda: started.state == "running")  # noqa: B023
+        with pytest.raises(TimeoutError, match="the run goes on: it is running"):
+            started.result(timeout_s=0.4)
+        asked = WallClock()
+        started.stop("the test")
+        with pytest.raises(Aborted, match=r"stopped by the test"):
+            started.result(timeout_s=PLENTY_S)
+        took_s.append(asked.now())
+        assert started.state == "over"
+    assert min(took_s) < 0.3
 
 
 def test_a_started_run_is_waited_for() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vcfbench.models import MODELS, resolve
+from vcfbench.models import MODELS, driver_of, resolve
 from vcfbench.procedures.shared import tones
 from vcfbench.specifications import (
     AGILENT_33220A,
@@ -77,12 +77,12 @@ def test_a_level_is_promised_as_a_part_and_a_voltage() -> None:
 @pytest.mark.parametrize("row", [row for row in MODELS if "multimeter" in row.roles], ids=lambda row: row.name)
 def test_every_meter_that_comes_along_has_its_own_sheet(row) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
     assert resolve(row.specifications).model == row.name
-    assert set(resolve(row.specifications).resolution) == set(resolve(row.driver).integration_times_nplc)
+    assert set(resolve(row.specifications).resolution) == set(driver_of(row).integration_times_nplc)
 
 
 @pytest.mark.parametrize("row", [row for row in MODELS if "multimeter" in row.roles], ids=lambda row: row.name)
 def test_every_meter_that_comes_along_integrates_as_briefly_as_sines_ask(row) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
-    assert {tones.NPLC, 1.0} <= set(resolve(row.driver).integration_times_nplc)
+    assert {tones.NPLC, 1.0} <= set(driver_of(row).integration_times_nplc)
 
 
 PRINTED = {
