@@ -312,6 +312,7 @@ def test_other_versions_are_said(whole: Run, tmp_path: Path) -> None:
         assert vcfbench.resume(broken).status == "complete"
 
 
+@pytest.mark.exhaustive
 def test_what_is_kept_of_a_device_is_kept_once_at_the_end(tmp_path: Path) -> None:
     devices = tmp_path / "devices"
     settings = {

@@ -155,6 +155,7 @@ def test_readings_are_every_raw_one_with_the_tables_read_back(quick: Run) -> Non
     assert [r.t_s for r in readings] == sorted(r.t_s for r in readings)
 
 
+@pytest.mark.exhaustive
 def test_readings_of_long_windows_are_all_there(tmp_path: Path) -> None:
     """The journal has them in chunks."""
     run = vcfbench.run("turntable", settings={**QUICK, "samples": 130}, runs=tmp_path)

@@ -234,6 +234,7 @@ LEVELS = Procedure(
 """
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to a child alone")
 def test_a_file_of_ones_own_is_run_stopped_and_left_safe_at_the_command(tmp_path: Path) -> None:
     own, bench = tmp_path / "levels.py", tmp_path / "served.toml"

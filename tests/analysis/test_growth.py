@@ -28,6 +28,7 @@ def _cpu_s(rows: int, curvature: float) -> float:
     return time.process_time() - began
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("curvature", [0.0, 1e-8], ids=["noise", "every point a corner of the hull"])
 def test_ten_times_the_rows_cost_about_ten_times(curvature: float) -> None:
     """On a busy machine others take the caches away, at one time more than at another: one try in five must hold."""

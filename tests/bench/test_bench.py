@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 
 from tests.bench.fakes import FakeRack
 from vcfbench.bench import bench as bench_module
@@ -245,7 +246,7 @@ def line_of(process: subprocess.Popen[str]) -> str:
 
 
 @posix
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("number", few(["SIGINT", "SIGTERM", "SIGHUP"], "SIGTERM"))
 def test_one_signal_from_outside_ends_a_wait_and_leaves_the_bench_safe(
     child: Callable[[str], subprocess.Popen[str]], number: str
 ) -> None:

@@ -77,7 +77,7 @@ def what_is_on(lab: ServedLab) -> list[str]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process sends itself a SIGTERM")
-@pytest.mark.parametrize("how", few(ENDS, "the script raises", "it is terminated"))
+@pytest.mark.parametrize("how", few(ENDS, "it is terminated"))
 def test_a_bench_that_is_open_when_python_ends_is_made_safe(lab: ServedLab, tmp_path: Path, how: str) -> None:
     end, code = ENDS[how]
     done = ended(lab, tmp_path, end)

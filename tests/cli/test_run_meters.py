@@ -27,6 +27,7 @@ def bench(folder: Path, model: str) -> Path:
     return path
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("model", "wire"),
     few(

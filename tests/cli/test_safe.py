@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 from simrack_tests.ports import PLENTY_S
 from typer.testing import CliRunner
 
@@ -80,7 +81,7 @@ def test_a_bench_that_nobody_named_is_not_said_to_be_safe(monkeypatch: pytest.Mo
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no SIGKILL")
-@pytest.mark.parametrize("deaf", [None, "power"])
+@pytest.mark.parametrize("deaf", few([None, "power"], "power"))
 def test_a_bench_whose_program_was_killed_is_made_safe(lab: ServedLab, tmp_path: Path, deaf: str | None) -> None:
     path = bench_file(lab, tmp_path)
     with left_live(path, UNWATCHED + "os.kill(os.getpid(), signal.SIGKILL)"):
@@ -125,7 +126,7 @@ def test_a_bench_that_another_process_has_is_left_to_it_unless_forced(lab: Serve
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no SIGKILL")
-@pytest.mark.parametrize("hangs", [False, True])
+@pytest.mark.parametrize("hangs", [True, pytest.param(False, marks=pytest.mark.exhaustive)])
 def test_the_process_that_has_the_bench_is_ended_on_request(
     lab: ServedLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, hangs: bool
 ) -> None:

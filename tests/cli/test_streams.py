@@ -132,7 +132,7 @@ def test_not_safe_is_found_wherever_it_is_in_the_chain() -> None:
 
 
 @posix
-@pytest.mark.parametrize(("answered", "code"), [(False, 4), (True, 0)])
+@pytest.mark.parametrize(("answered", "code"), few([(False, 4), (True, 0)], (False, 4)))
 def test_a_signal_ends_a_command_until_it_has_answered(*, answered: bool, code: int) -> None:
     script = f"""
 import os, signal, sys, typer

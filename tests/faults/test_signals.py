@@ -54,6 +54,7 @@ def mistake(station: Station, moment: str, number: int, pause_s: float) -> str |
     return None
 
 
+@pytest.mark.exhaustive
 def test_three_signals(station: Station) -> None:
     assert mistake(station, "table at rate", signal.SIGTERM, 0.2) is None
 

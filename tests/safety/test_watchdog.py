@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 
 import vcfbench
 from tests.bench.test_holding import what_is_on
@@ -41,7 +42,7 @@ def safe_after_s(lab: ServedLab) -> float:
     return clock.now()
 
 
-@pytest.mark.parametrize("signal", ["SIGKILL", "SIGSTOP"])
+@pytest.mark.parametrize("signal", few(["SIGKILL", "SIGSTOP"], "SIGKILL"))
 def test_a_bench_whose_program_died_or_hangs_is_made_safe(signal: str, tmp_path: Path) -> None:
     with serve_simulated() as lab:
         path = bench_file(lab, tmp_path)
@@ -50,6 +51,7 @@ def test_a_bench_whose_program_died_or_hangs_is_made_safe(signal: str, tmp_path:
             assert process.wait(GENEROUS_S) == -9  # one that hangs is ended: it might switch things on again
 
 
+@pytest.mark.exhaustive
 def test_a_bench_whose_instruments_take_long_to_open_is_opened(tmp_path: Path) -> None:
     """A program that waits for an instrument lives."""
     with serve_simulated() as lab:

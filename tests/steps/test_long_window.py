@@ -266,6 +266,7 @@ with open_bench(load_bench(None), speed="1000") as bench:
 """
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
 def test_a_killed_long_window_loses_one_chunk_at_most(tmp_path: Path) -> None:
     path = tmp_path / "j"

@@ -147,6 +147,7 @@ def test_what_is_done_is_not_done_again(whole: Path, monkeypatch: pytest.MonkeyP
     assert of(whole) == before
 
 
+@pytest.mark.exhaustive
 def test_more_seeds_go_on_and_other_values_are_refused(whole: Path, tmp_path: Path) -> None:
     (tmp_path / "t.journal.jsonl").write_bytes((whole / "t.journal.jsonl").read_bytes())
     file = tmp_path / "study.toml"
@@ -182,6 +183,7 @@ class Second(Quiet):
             self.refused.append(str(found.value))
 
 
+@pytest.mark.exhaustive
 def test_a_second_study_into_the_same_files_is_refused(whole: Path, tmp_path: Path) -> None:
     """Also with --restart, which would take the journal away from the first; it is free when the first has ended."""
     second = Second(tmp_path / "study.toml")

@@ -281,4 +281,4 @@ class TestDevices(Devices.TestCase):
 class TestManyDevices(Devices.TestCase):
     """Many."""
 
-    settings = settings(max_examples=200, stateful_step_count=20, suppress_health_check=list(HealthCheck))
+    settings = settings(max_examples=100, stateful_step_count=20, suppress_health_check=list(HealthCheck))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -171,12 +169,3 @@ def test_a_parity_bit_is_taken_for_the_stop_bit_or_not_at_all() -> None:
     desk.line.configure(CharacterFrame(9600.0, 7, "even", 1.0), handshake=False)
     desk.line.write(b":Mode? 1\r")
     assert b"Off" not in desk.wait(0.5)
-
-
-def test_the_page_tells_the_speeds() -> None:
-    page = (Path(__file__).parents[3] / "docs/rate-tables.md").read_text(encoding="utf-8")
-    section = page.partition("### The line")[2].partition("\n### ")[0]
-    documented = {
-        row[1]: float(row[2].replace(" ", "")) for row in re.finditer(r"\n\| `(\w+)` \| ([\d ]+) \|", section)
-    }
-    assert documented == BAUD

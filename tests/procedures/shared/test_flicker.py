@@ -69,6 +69,7 @@ def test_that_of_another_device_is_refused(store: DeviceStore) -> None:
         flicker_sources(store, "G-2", DAY, outdated=False)
 
 
+@pytest.mark.exhaustive
 def test_a_static_record_is_kept_and_goes_into_the_budget_of_the_next_run(tmp_path: Path) -> None:
     devices = tmp_path / "devices"
     settings = {"devices": str(devices)}

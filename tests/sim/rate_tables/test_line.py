@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from simrack.rate_tables.acl import AclTable, TableErrors
 from simrack.rate_tables.axis import TableAxis
 from simrack.rate_tables.zaber import StepperErrors, ZaberTable
+from simrack_tests.rate_tables.test_serial import BAUD
 
 from tests.sim.rate_tables.real import RealWorld
 from vcfbench.clock import sleep
@@ -135,3 +138,12 @@ def test_an_interlock_is_noticed(turning: tuple[RealWorld, Any, list[float]]) ->
     table.wake_at()
     assert worked_out
     assert not world.table.servo_closed
+
+
+def test_the_page_tells_the_speeds_of_their_lines() -> None:
+    page = (Path(__file__).parents[3] / "docs/rate-tables.md").read_text(encoding="utf-8")
+    section = page.partition("### The line")[2].partition("\n### ")[0]
+    documented = {
+        row[1]: float(row[2].replace(" ", "")) for row in re.finditer(r"\n\| `(\w+)` \| ([\d ]+) \|", section)
+    }
+    assert documented == BAUD

@@ -24,6 +24,7 @@ from simrack.serve import (
     ServedClock,
     ServerSettings,
 )
+from simrack_tests.cells import few
 from simrack_tests.serve.lamp import ALL, IDENTITY, Lamp, served_lamp, serving
 from simrack_tests.serve.test_raw import Wire
 from typer.testing import CliRunner
@@ -159,7 +160,7 @@ def test_every_field_of_a_fault_can_be_said_on_the_command_line(described: tuple
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows knows no SIGTERM")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", few([signal.SIGTERM, signal.SIGINT], signal.SIGTERM))
 def test_it_serves_until_it_is_told_to_stop(number: signal.Signals) -> None:
     with command("--speed", "10", "--offer", "rate_source:hislip") as process:
         assert process.stdout is not None
