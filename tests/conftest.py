@@ -8,6 +8,7 @@ import sys
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -96,7 +97,15 @@ def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let the interpreters that tests start load bytecode, also where none may be written beside the sources."""
+    """Let the interpreters that tests start load bytecode, and see no locks but those of this run.
+
+    Bytecode is loaded also where none may be written beside the sources. Locks of programs that died bear ports that
+    are given out again.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ and "VCFBENCH_LOCKS" not in os.environ:
+        locks = TemporaryDirectory(prefix="locks-")
+        os.environ["VCFBENCH_LOCKS"] = locks.name
+        config.add_cleanup(locks.cleanup)
     if sys.dont_write_bytecode and hasattr(config, "cache"):
         os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

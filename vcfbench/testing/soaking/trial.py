@@ -42,6 +42,8 @@ _STILL = 100_000
 """Waits without a moment passing after which time stands still."""
 _WALL_S = 600.0
 """Wall time of a start after which it hangs; the longest takes some seconds of a processor."""
+_SYNCHRONISING = ("_see_to_disk", "_see_names_to_disk")
+"""What the journal of a simulated bench leaves to the system."""
 
 
 class Killed(BaseException):
@@ -246,16 +248,19 @@ def _within(wall_s: float, ended: Ended) -> Iterator[None]:
 @contextmanager
 def _surroundings(draw: Draw) -> Iterator[None]:
     """Let clocks be set, and the journal be synchronised as on a real bench."""
-    journal, clock = vcfbench.records.journal, vcfbench.clock
-    plain, day = journal.SimulatedJournal, clock.datetime  # type: ignore[attr-defined]
+    simulated, clock = vcfbench.records.journal.SimulatedJournal, vcfbench.clock
+    plain, day = {name: vars(simulated)[name] for name in _SYNCHRONISING}, clock.datetime  # type: ignore[attr-defined]
     _Shifted.by = timedelta()
     clock.datetime = _Shifted  # type: ignore[attr-defined]  # put back
     if draw.synchronised:
-        journal.SimulatedJournal = journal.Journal  # type: ignore[assignment,misc]  # put back
+        for name in _SYNCHRONISING:
+            setattr(simulated, name, getattr(vcfbench.records.journal.Journal, name))
     try:
         yield
     finally:
-        journal.SimulatedJournal, clock.datetime = plain, day  # type: ignore[attr-defined,misc]
+        clock.datetime = day  # type: ignore[attr-defined]
+        for name, method in plain.items():
+            setattr(simulated, name, method)
 
 
 def start(draw: Draw, life: int, clean: Clean, folder: Path, earlier: Path | None) -> Ended:
