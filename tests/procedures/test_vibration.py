@@ -115,13 +115,13 @@ def test_what_cannot_be_is_refused() -> None:
 
 @pytest.mark.exhaustive
 def test_the_stated_noise_is_the_scatter_over_seeds_also_near_the_peak(tmp_path: Path) -> None:
-    """40 seeds, five frequencies: sd of z within four of its own standard deviations of 1."""
+    """24 seeds, five frequencies: sd of z within four of its own standard deviations of 1."""
     asked = {**FEW, "record_samples": 512, "vibration_hz": [2.0, 5.0, 10.0, 20.0, 35.0]}
     runs = [
-        vcfbench.run("vibration", LAB, seed=seed, settings=asked, runs=tmp_path).results for seed in range(300, 340)
+        vcfbench.run("vibration", LAB, seed=seed, settings=asked, runs=tmp_path).results for seed in range(300, 324)
     ]
     z = np.array(
         [[(x.response.value - closed_form(x.frequency_hz)) / x.response.u for x in run.responses] for run in runs]
     )
-    assert np.all(np.abs(z.std(axis=0, ddof=1) - 1.0) < 4.0 / np.sqrt(80.0))
+    assert np.all(np.abs(z.std(axis=0, ddof=1) - 1.0) < 4.0 / np.sqrt(48.0))
     assert abs(z.std(ddof=1) - 1.0) < 0.2
