@@ -80,6 +80,20 @@ def test_a_bias_without_a_limit_of_its_own_stands_there_once(tmp_path: Path) -> 
     assert "bias (output)" not in names
 
 
+def test_a_value_that_errors_alone_may_make_has_a_bound_among_the_results(tmp_path: Path) -> None:
+    run = vcfbench.run("virtual-coriolis", seed=7, settings=QUICK, runs=tmp_path)
+    (said,) = [each for each in run.results.uncertainty.not_in_u if each.startswith("virtual.nonlinearity: ")]
+    others = sum("; it is below " in each for each in run.results.uncertainty.not_in_u) - 1
+    most = float(said.partition("below ")[2].partition(" ppm")[0])
+    _, rows, text = shown(run)
+    *before, bound = [row for row in rows if row[1].startswith("below ")]
+    assert (len(before), bound[0]) == (others, "non-linearity, of the span, by V_Vc")
+    assert float(bound[1].removeprefix("below ").removesuffix(" ppm").replace(" ", "")) == most
+    assert bound[2:4] == ("not stated", "")
+    assert "virtual.nonlinearity" not in text
+    assert "rail_tolerance_v" not in text
+
+
 def test_the_seal_is_that_which_verification_holds(judged: Run) -> None:
     assert judged.directory is not None
     seal = verify_run(judged.directory).seal

@@ -6,6 +6,7 @@ What ISO/IEC 17025, 7.8.2 and 7.8.4 ask for and nobody told is a blank line, to 
 from __future__ import annotations
 
 import os
+import re
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final
 
@@ -44,6 +45,10 @@ _RULES: Final = {
     "none": "simple acceptance: a value within its limits passes, its uncertainty set aside (ILAC-G8, w = 0)",
     "U95": "guarded acceptance: a value nearer to a limit than its U95 is marginal (ILAC-G8, w = U95)",
 }
+_BOUND: Final = re.compile(r"(\S+): .*; it is below (\S+) (\S+) \(95 %\)")
+"""Of a value that is not stated, since errors alone may make it."""
+_KEY: Final = re.compile(r" \([a-z]+(?:_[a-z]+)+\)")
+"""Name of a setting, for programs."""
 _LONGEST_TAIL: Final = 1 << 22
 """The last line of a record and its amendments are not longer, bytes."""
 
@@ -130,6 +135,12 @@ def _results(run: Run) -> Iterator[Part]:
     again = {name for name in known if f"{name}_deg_s" in known} | {"bias_difference_v"}
     shown = [each for name, each in known.items() if name not in again or name.rpartition(".")[2] in limits]
     rows = [_result(each, limits.pop(each.name.removeprefix("turntable."), None)) for each in shown[:_MOST]]
+    left_out = _left_out(run)
+    rows += [
+        _bounded(bound, limits.pop(bound[1].removeprefix("turntable."), None))
+        for bound in map(_BOUND.fullmatch, left_out)
+        if bound is not None
+    ]
     rows += [_limited(each) for each in limits.values()]
     if not rows:
         return
@@ -147,6 +158,13 @@ def _result(each: ResultValue, limit: Verdict | None) -> tuple[Value, ...]:
     of_u = (f"{grouped(of.factor * u95)} {of.unit}".strip(), None if k is None else f"{k:.2f}")
     window = ("", "") if limit is None else _window(limit, of.factor)
     return (f"{of.words}{incomplete(each.missing)}", value, *of_u, *window)
+
+
+def _bounded(bound: re.Match[str], limit: Verdict | None) -> tuple[Value, ...]:
+    """Lay out a value of which a bound alone is known."""
+    of = named(bound[1], bound[3])
+    window = ("", "") if limit is None else _window(limit, of.factor)
+    return (of.words, f"below {grouped(of.factor * float(bound[2]))} {of.unit}".strip(), "not stated", "", *window)
 
 
 def _limited(limit: Verdict) -> tuple[Value, ...]:
@@ -169,12 +187,20 @@ def _said_of_results(run: Run, shown: Sequence[ResultValue]) -> Iterator[str]:
     if run.verdict is not None:
         acceptance: Mapping[str, Any] = run.header.get("bench", {}).get("acceptance") or {}
         yield f"Decision rule: {_RULES[acceptance.get('guard_band', 'none')]}."
-    results = None if run.results is None else plain(run.results)
-    stated = results.get("uncertainty") if isinstance(results, dict) else None
-    if isinstance(stated, dict) and stated.get("not_in_u"):
-        yield f"U95 does not contain: {'; '.join(stated['not_in_u'])}."
+    left_out = [_KEY.sub("", each) for each in _left_out(run) if not _BOUND.fullmatch(each)]
+    if left_out:
+        yield f"U95 does not contain: {'; '.join(left_out)}."
+    if len(left_out) < len(_left_out(run)):
+        yield "Below: a bound with 95 %, where errors of the measurement alone may make as much as was found."
     if len(shown) > _MOST:
         yield f"{len(shown) - _MOST} results more are in the section Results."
+
+
+def _left_out(run: Run) -> Sequence[str]:
+    """Return what the uncertainties of the results do not contain."""
+    results = None if run.results is None else plain(run.results)
+    stated = results.get("uncertainty") if isinstance(results, dict) else None
+    return (stated.get("not_in_u") or ()) if isinstance(stated, dict) else ()
 
 
 def _signature(run: Run, issued: str | None) -> Iterator[Part]:
