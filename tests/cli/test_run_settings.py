@@ -50,6 +50,10 @@ def sets(*given: str) -> list[str]:
         (["drive=3"], "--set drive: expected a table, came 3"),
         (["rates_deg_s=0,400,3"], "--set rates_deg_s[1]: expected a rate of at most 300 deg/s either way"),
         (["rates_deg_s=0,fast,3"], "--set rates_deg_s: expected a list of 3 to 1000 numbers, came '0,fast,3'"),
+        (["rates_deg_s=0:5:2"], "--set rates_deg_s: expected START:STOP:STEP, whole steps from start to stop"),
+        (["rates_deg_s=5:0:1"], "--set rates_deg_s: expected START:STOP:STEP, whole steps from start to stop"),
+        (["rates_deg_s=0:1:0"], "--set rates_deg_s: expected START:STOP:STEP, whole steps from start to stop"),
+        (["rates_deg_s=0:1e9:1"], "--set rates_deg_s: expected START:STOP:STEP, whole steps from start to stop"),
         (["settle_s=nan"], "--set settle_s: expected a number at least 0.01 and at most 3600, came 'nan'"),
         (["samples=3\nnplc = 1"], "--set samples: expected a whole number at least 2"),
         (["samples"], "--set samples: expected KEY=VALUE, as in --set samples=20"),
@@ -68,6 +72,20 @@ def test_what_cannot_be_set_is_one_line_that_names_the_option(given: list[str], 
 def test_a_text_that_reads_as_a_number_is_a_text() -> None:
     asked = asked_by_command(["k_vc=150", "dut='7'", "samples=3"], {}, {}, texts={"k_vc", "dut"})
     assert asked.values == {"k_vc": "150", "dut": "7", "samples": 3}
+
+
+def test_a_range_has_both_its_ends_and_its_decimals() -> None:
+    asked = asked_by_command(["a=-200,-0.2:0.2:0.1,200", "b=10:50:20", "c=10:50:20"], {}, {}, texts={"c"})
+    assert asked.values == {"a": [-200.0, -0.2, -0.1, 0.0, 0.1, 0.2, 200.0], "b": [10.0, 30.0, 50.0], "c": "10:50:20"}
+
+
+def test_rates_and_samples_are_options_of_every_run() -> None:
+    shown = CliRunner().invoke(
+        app, ["run", "turntable", "--rates", "-5:5:0.5", "--samples", "3", "--dry-run", "--json"]
+    )
+    assert shown.exit_code == 0
+    assert shown.stdout.count("table to ") >= 21
+    assert refusal("--rates", "5:1:1").startswith("--rates: expected START:STOP:STEP")
 
 
 def test_bytes_of_another_encoding_are_refused() -> None:

@@ -1,8 +1,13 @@
-"""``--set KEY=VALUE`` into settings: values are TOML's, lists may do without brackets, texts without quotes."""
+"""``--set KEY=VALUE`` into settings: values are TOML's, lists may do without brackets, texts without quotes.
+
+In a list of numbers ``START:STOP:STEP`` is a range with both its ends, as in ``-200,-5:5:0.5,200``.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import re
+from decimal import Decimal
+from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, is_utf8, parse_toml
@@ -10,6 +15,12 @@ from vcfbench.station.layering import Layer
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Mapping
+
+_NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2})?"
+_RANGE: Final = re.compile(rf"\s*({_NUMBER}):({_NUMBER}):({_NUMBER})\s*")
+_RANGES: Final = re.compile(rf"(?:{_RANGE.pattern}|\s*{_NUMBER}\s*)(?:,(?:{_RANGE.pattern}|\s*{_NUMBER}\s*))*")
+_MOST: Final = 10_000
+"""Numbers of a range; no setting takes more."""
 
 
 def asked_by_command(
@@ -29,9 +40,10 @@ def asked_by_command(
         texts: keys whose value is a text, which may do without quotes also where it reads as a number: 0042.
 
     Raises:
-        ConfigError: a setting has no key or no value, a key is given twice, or what is given is no UTF-8.
+        ConfigError: a setting has no key or no value, a key is given twice, what is given is no UTF-8, or a range has
+            no whole number of steps from its start to its stop.
     """
-    values: dict[str, Any] = {key: _value(text) for key, text in options.items()}
+    values: dict[str, Any] = {key: _value(text, names[key]) for key, text in options.items()}
     for each in given:
         if not is_utf8(each):
             raise ConfigError(f"--set {each!a}: expected UTF-8")
@@ -63,16 +75,18 @@ def _meant(key: str, text: str, lists_of_texts: Container[str], texts: Container
     """Return the value of `key` that `text` stands for."""
     if key in lists_of_texts:
         # The list of texts that `text` stands for: TOML, or texts without quotes between commas
-        found = _value(text.strip())
+        found = _value(text.strip(), f"--set {key}")
         if not isinstance(found, str) or text.strip()[:1] in {"'", '"', "["}:
             return found
         return [each.strip() for each in found.split(",")]
-    found = _value(text)
+    found = _value(text, f"--set {key}")
     return text if key in texts and not isinstance(found, str) else found
 
 
-def _value(text: str) -> object:
+def _value(text: str, option: str) -> object:
     """Return the value that `text` stands for: TOML, a list without its brackets, or else a text as it stands."""
+    if ":" in text and _RANGES.fullmatch(text):
+        return [number for part in text.split(",") for number in _numbers(part, option)]
     for form in (text, f"[{text}]") if "," in text else (text,):
         try:
             table = parse_toml(f"value = {form}", "--set")
@@ -81,3 +95,16 @@ def _value(text: str) -> object:
         if set(table) == {"value"}:
             return table["value"]
     return text
+
+
+def _numbers(part: str, option: str) -> list[float]:
+    """Return the numbers that `part` of a list stands for, a number or a range; decimal, so that 0.1 is a tenth."""
+    found = _RANGE.fullmatch(part)
+    if found is None:
+        return [float(part)]
+    start, stop, step = map(Decimal, found.groups())
+    steps = (stop - start) / step if step else Decimal(-1)
+    if not 0 <= steps < _MOST or steps % 1:
+        expected = f"START:STOP:STEP, whole steps from start to stop, at most {_MOST} numbers, as -5:5:0.5"
+        raise ConfigError(f"{option}: expected {expected}, came {part.strip()}")
+    return [float(start + step * place) for place in range(int(steps) + 1)]

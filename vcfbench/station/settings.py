@@ -314,6 +314,9 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return channel
 
 
+_RATES = "rates of the table, in their order; -5:5:0.5 is a range"
+
+
 class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Limits of the drive signal on the oscilloscope before anything is measured; each ``[low, high]``."""
 
@@ -342,10 +345,10 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     rate_deadline_s: Annotated[Seconds, Meta(description="for a rate to settle, beyond twice its ramp")] = 10.0
     settle_s: Annotated[Settling, Meta(description="wait after each step of rate or V_Vc")] = 2.0
     sample_interval_s: Annotated[Interval, Meta(description="from reading to reading")] = 1.0
-    samples: Annotated[Samples, Meta(description="readings a mean")] = 10
+    samples: Annotated[Samples, Meta(description="readings a mean", extra={"option": True})] = 10
     nplc: Annotated[Literal[1, 10, 100], Meta(description="integration time in power-line cycles")] = 10
     meter_range_v: Annotated[Literal[1, 10, 100], Meta(description="fixed range of the multimeter")] = 10
-    rates_deg_s: Annotated[Rates, Meta(description="rates of the table, in their order")] = PAPER_RATES_DEG_S
+    rates_deg_s: Annotated[Rates, Meta(description=_RATES, extra={"option": "--rates"})] = PAPER_RATES_DEG_S
     k_vc_guess_deg_s_per_v: Annotated[Slope, Meta(description="rate that 1 V of V_Vc stands for, roughly")] = 150.0
     drive: DriveWindow = field(default_factory=DriveWindow)
     station: Station = field(default_factory=Station)
