@@ -175,7 +175,7 @@ def test_from_a_served_bench_to_a_run_at_a_terminal(served: ServedLab, tmp_path:
         terminal.answer("due again on [2026-01-07]", "yesterday")
         terminal.answer("no: expected a day as 2026-01-15, came 'yesterday'", "")
         terminal.answer("number of the certificate", "K-2025-1")
-        terminal.answer("Highest rate, deg/s [300]", "9000")
+        terminal.answer("Highest rate, deg/s [50]", "9000")
         terminal.answer("at most 5000, came 9000", "250")
         terminal.answer("Latitude", "37.9")
         assert terminal.end() == 0

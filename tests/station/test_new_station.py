@@ -70,4 +70,4 @@ def test_limits_come_with_what_they_limit() -> None:
     draft.add_instrument("multimeter", METER)
     assert draft.value("limits") is None
     draft.add_instrument("rate_table", {"dialect": "acl", "resource": "COM3"})
-    assert draft.value("limits") == {"max_rate_deg_s": 300.0, "max_acceleration_deg_s2": 200.0}
+    assert draft.value("limits") == {"max_rate_deg_s": 50.0, "max_acceleration_deg_s2": 50.0}

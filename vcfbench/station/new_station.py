@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from vcfbench.station.description import BenchDescription
 
 DEFAULT_LIMITS: Final[Mapping[str, float]] = {
-    "max_rate_deg_s": 300.0,
-    "max_acceleration_deg_s2": 200.0,
-    "max_v_vc_v": 10.0,
+    "max_rate_deg_s": 50.0,
+    "max_acceleration_deg_s2": 50.0,
+    "max_v_vc_v": 1.0,
     "min_rail_v": 9.5,
     "max_rail_v": 10.5,
     "max_rail_current_a": 0.2,
@@ -27,7 +27,7 @@ DEFAULT_LIMITS: Final[Mapping[str, float]] = {
     "max_temperature_c": 85.0,
     "max_ramp_k_min": 60.0,
 }
-"""Limits of the template: proposals, which somebody who knows the station must look at."""
+"""Proposals of limits to begin with, low: Enter must not let an unknown table or gyroscope go further."""
 
 _HEADER = re.compile(r"(?:# )?\[(?P<table>[A-Za-z0-9_.-]+)\](?P<rest>\s.*)?")
 _KEY = re.compile(
