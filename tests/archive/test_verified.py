@@ -93,6 +93,18 @@ def test_what_is_wrong_is_named(spoil: Callable[[Path], object], words: str, rec
     assert (found.verdict, words in (found.wrong or "")) == ("FAIL", True), found.wrong
 
 
+def test_a_key_that_was_changed_is_named_by_its_line(record: Path) -> None:
+    """One bit of it: the point can no longer be read, which is not the fault of the first line."""
+    journal = record / "journal.jsonl"
+    lines = journal.read_bytes().splitlines(keepends=True)
+    place = next(at for at, line in enumerate(lines) if b'"point":{' in line)
+    lines[place] = lines[place].replace(b'"rate_deg_s":', b'"rate_deg_r":', 1)
+    journal.write_bytes(b"".join(lines))
+    found = verify_run(record)
+    assert (found.verdict, found.line) == ("FAIL", place + 1)
+    assert "its seal is another" in (found.wrong or "")
+
+
 def test_a_footer_that_was_cut_off_is_missed_by_the_files_made_with_it(record: Path) -> None:
     data = (record / "journal.jsonl").read_bytes()
     (record / "journal.jsonl").write_bytes(data[: data.rindex(b"\n", 0, -1) + 1])

@@ -77,7 +77,8 @@ def verify_run(run: str | Path, runs: str | Path = "runs", *, keys: Sequence[str
     try:
         record = directory.read()
     except ConfigError as error:
-        return Verification(run=directory.run, verdict="FAIL", wrong=str(error), line=1)
+        changed = re.search(r": line (\d+)", str(error))
+        return Verification(run=directory.run, verdict="FAIL", wrong=str(error), line=int(changed[1]) if changed else 1)
     check = _Check(directory, record, frozenset(keys))
     try:
         wrong = next(check.findings(), None)

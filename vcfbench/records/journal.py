@@ -360,7 +360,7 @@ def read_journal(path: Path) -> JournalRecord:
         _ = None if (error := (record.footer or {}).get("error")) is None else error.get("what")
         return replace(record, damage=unreadable or first_damage(lines))
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{shown(path)}: no record of this program: {error!r}") from error
+        raise ConfigError(f"{shown(path)}: {unreadable or f'no record of this program: {error!r}'}") from error
 
 
 def being_written(path: Path) -> bool:
