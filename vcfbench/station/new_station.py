@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 DEFAULT_LIMITS: Final[Mapping[str, float]] = {
     "max_rate_deg_s": 50.0,
     "max_acceleration_deg_s2": 50.0,
-    "max_v_vc_v": 1.0,
+    "max_v_vc_v": 1.5,  # 225 deg/s by the K_Vc of the paper: room for its +-200
     "min_rail_v": 9.5,
     "max_rail_v": 10.5,
     "max_rail_current_a": 0.2,
