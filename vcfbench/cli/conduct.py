@@ -92,7 +92,7 @@ def _carry_out(request: Request, preparing: Preparing, options: RunOptions, endi
         StopSignals() as signals,  # until all is written: a second Ctrl-C shall not cost the results
         _page(request, options, control) as page,
     ):
-        run = _conducted(structs.replace(request, control=control), preparing, options, signals, page)
+        run = attended(structs.replace(request, control=control), preparing, options, signals, page)
         if page is not None:
             page.ended(run)
         unwritten = given(lambda: _show(run, options))
@@ -150,7 +150,7 @@ def _keys(options: RunOptions, control: RunControl | None) -> Iterator[Keys | No
         yield keys
 
 
-def _conducted(
+def attended(
     request: Request, preparing: Preparing, options: RunOptions, signals: StopSignals, page: LivePage | None
 ) -> Run:
     """Return the run, also one that an error ended."""

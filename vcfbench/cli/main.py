@@ -34,6 +34,7 @@ COMMANDS = {
     "talk": "Talk to the bench, or to one of its instruments.",
     "safe": "Stop the table, switch the outputs off, check both.",
     "run": "Run a calibration procedure on a bench.",
+    "batch": "Measure gyroscopes one after another.",
     "study": "Run a procedure many times on simulated benches.",
     "runs": "List, show and export records.",
     "page": "Show runs and devices in a browser.",

@@ -1,0 +1,160 @@
+"""The command `vcfbench batch`: devices one after another, going on, and the sheet."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import shutil
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import vcfbench
+from tests import warm
+from vcfbench.cli import batch as module
+from vcfbench.cli.main import app
+from vcfbench.errors import ConfigError, MeasurementError, NotSafe
+from vcfbench.runs.batch import read_batch
+from vcfbench.station.file import embedded_text
+
+if TYPE_CHECKING:
+    import subprocess
+    from pathlib import Path
+
+PLAN = """
+name = "b7"
+operator = "A. Person"
+devices = ["G-1", "G-2"]
+[[runs]]
+procedure = "turntable"
+settings = { rates_deg_s = [100, 50, 0, -50, -100], samples = 3, settle_s = 0.5 }
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "plan.toml").write_text(PLAN, encoding="utf-8")
+    return tmp_path
+
+
+def batch(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return warm.run(["vcfbench", "batch", "plan.toml", "--quiet", *words], folder)
+
+
+def summaries(folder: Path) -> tuple[Any, ...]:
+    return vcfbench.run_summaries(folder / "runs")
+
+
+def test_each_device_gets_a_record_with_its_serial_number_the_tag_and_the_operator(folder: Path) -> None:
+    done = batch(folder, "--json", "--sheet", "sheet.md")
+    assert done.returncode == 0, done.stderr
+    assert [(each.dut, each.tags, each.operator) for each in summaries(folder)] == [
+        ("G-1", {"batch": "b7"}, "A. Person"),
+        ("G-2", {"batch": "b7"}, "A. Person"),
+    ]
+    answer = json.loads(done.stdout)
+    first, second = answer["rows"]
+    assert first["scale_factor_v_per_deg_s"] != second["scale_factor_v_per_deg_s"]  # each is a specimen of its own
+    assert answer["sheet"] == ["sheet.md"]
+    text = (folder / "sheet.md").read_text(encoding="utf-8")
+    assert "Yield: 2 of 2 devices" in text
+    assert "simulated bench" in text
+    assert f"{1e3 * first['scale_factor_v_per_deg_s']:.4f}" in text
+
+
+def test_the_sheet_has_eighty_columns_on_a_terminal(folder: Path) -> None:
+    done = batch(folder)
+    assert "turntable\n---------" in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 80
+
+
+def test_the_same_command_goes_on_with_what_is_not_complete(folder: Path) -> None:
+    batch(folder)
+    first, second = summaries(folder)
+    shutil.rmtree(second.directory)
+    done = batch(folder)
+    assert "G-1: measured already" in done.stderr
+    assert [each.dut for each in summaries(folder)] == ["G-1", "G-2"]
+    assert summaries(folder)[0].run == first.run
+
+
+def test_drift_is_the_change_since_the_last_run_outside_of_the_batch(folder: Path) -> None:
+    settings = {"rates_deg_s": [100, 50, 0, -50, -100], "samples": 3, "settle_s": 0.5}
+    before = vcfbench.run("turntable", seed=1, settings=settings, metadata={"dut": "G-1"}, runs=folder / "runs")
+    first, second = json.loads(batch(folder, "--json").stdout)["rows"]
+    change = first["scale_factor_v_per_deg_s"] / before.results.scale_factor.value - 1.0
+    assert math.isclose(first["drift_ppm"], 1e6 * change, rel_tol=1e-6, abs_tol=1e-6)
+    assert first["e_n"] > 0.0
+    assert second["drift_ppm"] is None
+
+
+def test_a_failed_limit_is_exit_1_and_stands_in_the_yield(folder: Path) -> None:
+    limits = "\n[acceptance]\nnonlinearity_ppm = [0, 1]\n"
+    (folder / "strict.toml").write_text(embedded_text("paper") + limits, encoding="utf-8")
+    (folder / "plan.toml").write_text(f'bench = "strict.toml"\n{PLAN}', encoding="utf-8")
+    done = batch(folder)
+    assert done.returncode == 1, done.stderr
+    assert "Yield: 0 of 2 devices (0 %); not good: G-1, G-2." in done.stdout
+    assert done.stdout.count("FAIL") == 2
+
+
+def test_a_device_that_cannot_be_measured_does_not_end_the_batch(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = _with_error(folder, monkeypatch, MeasurementError("the meter does not answer"))
+    assert code == MeasurementError.exit_code
+    assert [each.dut for each in summaries(folder)] == ["G-2"]
+    assert "G-1: turntable: the meter does not answer; the bench is safe, the batch goes on" in capsys.readouterr().err
+
+
+def test_a_bench_that_is_not_safe_ends_the_batch(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _with_error(folder, monkeypatch, NotSafe("the table turns")) == NotSafe.exit_code
+    assert not summaries(folder)
+
+
+def _with_error(folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception) -> int:
+    """Run the command in this process, its first run ended by `error`; return its exit code."""
+    attended, errors = module.attended, [error]
+
+    def failing(*arguments: Any) -> Any:
+        if errors:
+            raise errors.pop()
+        return attended(*arguments)
+
+    monkeypatch.setattr(module, "attended", failing)
+    monkeypatch.chdir(folder)
+    return app(["batch", "plan.toml", "--quiet"], standalone_mode=False) or 0
+
+
+def test_serial_numbers_are_read_until_an_empty_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "plan.toml").write_text(PLAN.replace('devices = ["G-1", "G-2"]', ""), encoding="utf-8")
+    monkeypatch.setattr(sys, "stdin", io.StringIO("S1\nS2\n\nS3\n"))
+    monkeypatch.chdir(folder)
+    assert not app(["batch", "plan.toml", "--quiet"], standalone_mode=False)
+    assert [each.dut for each in summaries(folder)] == ["S1", "S2"]
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "words"),
+    [
+        ('"G-2"]', '"G-1"]', "devices: G-1 stands there twice"),
+        ("samples = 3", "sample = 3", "runs[0].settings"),
+        ("[[runs]]", "[[run]]", "run"),
+        ("[[runs]]", '[[runs]]\nprocedure = "turntable"\n[[runs]]', "runs: turntable stands there twice"),
+    ],
+)
+def test_a_plan_that_cannot_be_is_refused_with_its_key(folder: Path, was: str, now: str, words: str) -> None:
+    (folder / "plan.toml").write_text(PLAN.replace(was, now), encoding="utf-8")
+    with pytest.raises(ConfigError) as refused:
+        read_batch(folder / "plan.toml").check("G-1", folder / "runs")
+    assert words in str(refused.value)
+
+
+def test_a_step_beyond_a_limit_is_refused_before_anything_is_measured(folder: Path) -> None:
+    (folder / "plan.toml").write_text(PLAN.replace("[100, 50", "[100000, 50"), encoding="utf-8")
+    done = batch(folder)
+    assert done.returncode == 2, done.stderr
+    assert "turntable of device G-1" in done.stderr
+    assert not (folder / "runs").exists()

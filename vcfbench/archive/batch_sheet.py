@@ -1,0 +1,234 @@
+"""Batch sheet: the gyroscopes of a batch under each other, with yield and spread."""
+
+from __future__ import annotations
+
+import math
+from itertools import groupby
+from statistics import mean, stdev
+from typing import TYPE_CHECKING, Any, Final
+
+from msgspec import Struct
+
+from vcfbench.archive.compared import compare_runs
+from vcfbench.archive.index import run_summaries
+from vcfbench.archive.quantities import values_of
+from vcfbench.archive.recorded import load_run
+from vcfbench.archive.written import write_document
+from vcfbench.errors import ConfigError
+from vcfbench.extras import need
+from vcfbench.files import shown
+from vcfbench.records.schema import Status
+from vcfbench.reports.digits import digits_of_value, shorthand
+from vcfbench.reports.document import Cell, Column, Heading, Notice, Report, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from datetime import datetime
+    from pathlib import Path
+
+    from vcfbench.archive.quantities import ResultValue
+    from vcfbench.archive.summary import RunSummary
+    from vcfbench.reports.document import Part
+
+_UNITS: Final = (
+    "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
+    "drift of the scale factor since the device's last complete run of the procedure in ppm."
+)
+
+
+class SheetRow(Struct, frozen=True, kw_only=True):
+    """One run of a device on the sheet; values are None where the run has no such result.
+
+    `verdict` is that on the acceptance limits, None where nothing was judged. `drift_ppm` is the change of the scale
+    factor since the last complete run of the same device and procedure outside of the batch, `e_n` its normalised
+    error. `why_none` says why there are no results.
+    """
+
+    device: str
+    procedure: str
+    run: str
+    started: datetime
+    operator: str | None
+    simulated: bool
+    status: Status
+    verdict: str | None
+    scale_factor_v_per_deg_s: float | None = None
+    u95_scale_factor_v_per_deg_s: float | None = None
+    bias_v: float | None = None
+    u95_bias_v: float | None = None
+    nonlinearity_ppm: float | None = None
+    drift_ppm: float | None = None
+    e_n: float | None = None
+    why_none: str | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether the run is complete and no limit failed."""
+        return self.status is Status.COMPLETE and self.verdict != "fail"
+
+
+def sheet_rows(batch: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
+    """Return the last run of each device and procedure with the tag ``batch=BATCH``, complete ones first.
+
+    Args:
+        batch: name of the batch.
+        runs: directory of the records.
+    """
+    known = run_summaries(runs)
+    inside = [each for each in known if each.tags.get("batch") == batch and each.dut and each.procedure]
+    chosen: dict[tuple[str, str], RunSummary] = {}
+    for each in inside:  # oldest first
+        key = (str(each.dut), str(each.procedure))
+        if key not in chosen or each.status is Status.COMPLETE or chosen[key].status is not Status.COMPLETE:
+            chosen[key] = each
+    return tuple(_row(each, _before(each, known, batch)) for each in chosen.values())
+
+
+def _before(run: RunSummary, known: Sequence[RunSummary], batch: str) -> RunSummary | None:
+    """Return the last complete run of the same device and procedure that is not of the batch."""
+    earlier = (
+        each
+        for each in known
+        if (each.dut, each.procedure) == (run.dut, run.procedure)
+        and each.status is Status.COMPLETE
+        and each.tags.get("batch") != batch
+        and each.started < run.started
+    )
+    return max(earlier, key=lambda each: each.started, default=None)
+
+
+def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
+    run = load_run(str(summary.directory))
+    values = values_of(run)
+    scale, bias, bend = (_of(values, name) for name in ("scale_factor", "bias", "nonlinearity"))
+    drift_ppm = e_n = None
+    if before is not None and scale is not None:
+        shared = compare_runs(load_run(str(before.directory)), run).results
+        found = next((each for each in shared if each.name == scale.name), None)
+        if found is not None and found.values[0]:
+            drift_ppm, e_n = 1e6 * found.differences[0].value / found.values[0], found.differences[0].e_n
+    return SheetRow(
+        device=str(summary.dut),
+        procedure=str(summary.procedure),
+        run=summary.run,
+        started=summary.started,
+        operator=summary.operator,
+        simulated=bool(run.simulated),
+        status=summary.status,
+        verdict=summary.verdict,
+        scale_factor_v_per_deg_s=None if scale is None else scale.value,
+        u95_scale_factor_v_per_deg_s=None if scale is None else scale.u95,
+        bias_v=None if bias is None else bias.value,
+        u95_bias_v=None if bias is None else bias.u95,
+        nonlinearity_ppm=None if bend is None else bend.value,
+        drift_ppm=drift_ppm,
+        e_n=e_n,
+        why_none=None if values else str(run.error or run.no_results),
+    )
+
+
+def _of(values: Mapping[str, ResultValue], name: str) -> ResultValue | None:
+    """Return the value of that name: that of the run as a whole, else that on the table, else that by V_Vc."""
+    return next((values[key] for key in (name, f"turntable.{name}", f"virtual.{name}") if key in values), None)
+
+
+def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
+    """Return the sheet of a batch; errors of runs without results stand below."""
+    if not rows:
+        return Report([Heading(f"Batch {batch}"), Text("No device has been measured yet.")])
+    days = sorted({f"{each.started:%Y-%m-%d}" for each in rows})
+    operators = ", ".join(sorted({each.operator for each in rows if each.operator})) or "not stated"
+    simulated = any(each.simulated for each in rows)
+    parts: list[Part] = [
+        Heading(f"Batch {batch}"),
+        Text(f"Measured {' to '.join(dict.fromkeys((days[0], days[-1])))}; operator: {operators}."),
+        *([Notice("Measured on a simulated bench: no device stands behind these numbers.")] if simulated else []),
+        Notice(_yield_words(rows), "pass" if all(each.passed for each in rows) else "fail"),
+        Text(_UNITS),
+    ]
+    procedures = dict.fromkeys(each.procedure for each in rows)
+    for name in procedures:
+        parts += _of_procedure(name, [each for each in rows if each.procedure == name], operators)
+    failed = [f"{each.device}, {each.procedure}: {each.why_none}" for each in rows if each.why_none]
+    if failed:
+        parts += [Heading("Runs without results", 2), Text("\n".join(failed), verbatim=True)]
+    return Report(parts)
+
+
+def _yield_words(rows: Sequence[SheetRow]) -> str:
+    ordered = sorted(rows, key=lambda each: each.device)
+    passed = {device: all(each.passed for each in runs) for device, runs in groupby(ordered, lambda each: each.device)}
+    bad = [device for device, good in passed.items() if not good]
+    good = len(passed) - len(bad)
+    words = f"Yield: {good} of {len(passed)} devices ({100.0 * good / len(passed):.0f} %)"
+    return f"{words}; not good: {', '.join(bad)}." if bad else f"{words}."
+
+
+def _of_procedure(name: str, rows: Sequence[SheetRow], operators: str) -> Iterator[Part]:
+    columns = [
+        *(Column("device", align="left", verbatim=True), Column("scale factor"), Column("U95", "", ".0f")),
+        *(Column("bias"), Column("non-lin.", "", ".0f"), Column("drift (E_n)"), Column("verdict")),
+    ]
+    several = "," in operators
+    if several:
+        columns.append(Column("operator", align="left", verbatim=True))
+    cells = [[*_cells(each), *([each.operator or "-"] if several else [])] for each in rows]
+    yield Heading(name, 2)
+    yield Table(columns, cells)
+    scales = [1e3 * each.scale_factor_v_per_deg_s for each in rows if each.scale_factor_v_per_deg_s is not None]
+    if len(scales) > 1:
+        middle, spread = mean(scales), stdev(scales)
+        relative = f" ({1e6 * spread / abs(middle):.3g} ppm)" if middle else ""
+        yield Text(
+            f"Scale factor of {len(scales)} devices: mean {shorthand(middle, spread / math.sqrt(len(scales)))} "
+            f"mV/(deg/s), standard deviation {spread:.2g} mV/(deg/s){relative}."
+        )
+
+
+def _cells(row: SheetRow) -> list[Any]:
+    scale, u95, bias, u95_bias = (
+        None if each is None else 1e3 * each
+        for each in (row.scale_factor_v_per_deg_s, row.u95_scale_factor_v_per_deg_s, row.bias_v, row.u95_bias_v)
+    )
+    drift = "-" if row.drift_ppm is None else f"{row.drift_ppm:+.0f}"
+    return [
+        row.device,
+        scale if scale is None else Cell(scale, digits_of_value(scale, u95 or 0.0)),
+        None if not scale or u95 is None else 1e6 * u95 / abs(scale),
+        bias if bias is None else Cell(bias, digits_of_value(bias, u95_bias or 0.0)),
+        row.nonlinearity_ppm,
+        drift if row.e_n is None else f"{drift} ({row.e_n:.2f})",
+        row.verdict.upper() if row.verdict else "-" if row.status is Status.COMPLETE else row.status.value,
+    ]
+
+
+def write_sheet(batch: str, rows: Sequence[SheetRow], path: Path) -> tuple[Path, ...]:
+    """Write the sheet of a batch: ``.html``, ``.pdf``, ``.md``, or ``.xlsx`` with full precision.
+
+    Raises:
+        ConfigError: the suffix is none of these, a library is missing, or the file cannot be written.
+    """
+    if path.suffix.lower() != ".xlsx":
+        return write_document(batch_sheet(batch, rows), f"Batch {batch}", batch, path)
+    openpyxl = need("openpyxl", "export", "a batch sheet as a spreadsheet")
+    book = openpyxl.Workbook()
+    book.active.title = "batch"
+    book.active.append(list(SheetRow.__struct_fields__))
+    for each in rows:
+        book.active.append(
+            [
+                value.isoformat() if name == "started" else value.value if isinstance(value, Status) else value
+                for name, value in zip(SheetRow.__struct_fields__, _values(each), strict=True)
+            ]
+        )
+        for cell in book.active[book.active.max_row]:
+            cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type  # a text is no formula
+    try:
+        book.save(path)
+    except OSError as error:
+        raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
+    return (path,)
+
+
+def _values(row: SheetRow) -> list[Any]:
+    return [getattr(row, name) for name in SheetRow.__struct_fields__]

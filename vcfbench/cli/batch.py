@@ -1,0 +1,149 @@
+"""``vcfbench batch``: gyroscopes one after another, and the sheet of all."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from msgspec import structs, to_builtins
+
+from vcfbench.archive.batch_sheet import batch_sheet, sheet_rows, write_sheet
+from vcfbench.cli.answer import print_json, print_verdicts
+from vcfbench.cli.conduct import RunOptions, attended
+from vcfbench.cli.ending import SignalsWithoutBench
+from vcfbench.cli.options import Json_, Plain_, Quiet_, Runs_, Speed_, Yes_  # noqa: TC001  # typer reads them
+from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
+from vcfbench.reports.text import text_of
+from vcfbench.runs.batch import Batch, read_batch, with_operator
+from vcfbench.runs.request import prepare
+from vcfbench.safety.signals import StopSignals
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.runs.batch import BatchRun
+
+_WIDTH = 80
+
+
+def batch(
+    file: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The batch: name, bench, runs, devices.")],
+    runs: Runs_ = Path("runs"),
+    sheet: Annotated[
+        Path | None, typer.Option("--sheet", metavar="FILE", help="Write the sheet: .html, .pdf, .xlsx or .md.")
+    ] = None,
+    operator: Annotated[
+        str | None, typer.Option("--operator", metavar="NAME", help="Who measures, in place of the plan's.")
+    ] = None,
+    speed: Speed_ = None,
+    *,
+    context: typer.Context,
+    json: Json_ = False,
+    quiet: Quiet_ = False,
+    plain: Plain_ = False,
+    yes: Yes_ = False,
+) -> None:
+    """Measure gyroscopes one after another, each by the same runs, and show the sheet of all.
+
+    Typed again, the same command goes on with what has no complete record yet; a device that failed is tried again.
+    """
+    asked = with_operator(read_batch(file), operator)
+    options = RunOptions(Path(asked.bench), None, json, False, runs, speed, quiet, plain, False, 0, yes, {}, {})  # noqa: FBT003
+    _require_hands(asked, yes=yes)
+    for serial in asked.devices:
+        asked.check(serial, runs)  # before anybody mounts anything
+    worst = 0
+    try:
+        for serial in asked.devices or _typed(asked, runs):
+            worst = max(worst, _measure(asked, serial, options))
+    finally:  # what there is, also when the batch was stopped
+        _show(asked, runs, sheet, as_json=json)
+    if (ending := context.find_object(SignalsWithoutBench)) is not None:
+        ending.answered()
+    if worst:
+        raise typer.Exit(worst)
+
+
+def _require_hands(asked: Batch, *, yes: bool) -> None:
+    if not (yes or asked.description.simulated or _terminal()):
+        raise ConfigError(
+            f"batch {asked.name}: somebody has to mount the devices, and there is no terminal to ask on",
+            hint="--yes where another program mounts them",
+        )
+
+
+def _terminal() -> bool:
+    return sys.stdin is not None and sys.stdin.isatty()
+
+
+def _typed(asked: Batch, runs: Path) -> Iterator[str]:
+    """Yield serial numbers as they are typed or scanned, until an empty line; one that cannot be is asked for again."""
+    while True:
+        if _terminal():
+            typer.echo("\nSerial number of the next device (nothing: the batch ends): ", err=True, nl=False)
+        if sys.stdin is None or not (serial := sys.stdin.readline().strip()):
+            return
+        try:
+            asked.check(serial, runs)
+        except ConfigError as error:
+            typer.echo(f"vcfbench: {error}", err=True)
+            continue
+        yield serial
+
+
+def _measure(asked: Batch, serial: str, options: RunOptions) -> int:
+    """Measure one device by what is left of the runs; return the exit code that it alone would have."""
+    left = asked.left(serial, options.runs)
+    if not left:
+        typer.echo(f"{serial}: measured already", err=True)
+        return 0
+    if _terminal() and not options.yes:
+        typer.echo(f"\nPlease mount {serial}, then press Enter: ", err=True, nl=False)
+        if not sys.stdin.readline():
+            raise Aborted(f"the terminal was closed where somebody had to mount {serial}")
+    code = 0
+    for each in left:
+        code = max(code, _carry_out(asked, each, serial, options))
+        if code > 1:  # its next run would meet the same
+            break
+    return code
+
+
+def _carry_out(asked: Batch, each: BatchRun, serial: str, options: RunOptions) -> int:
+    request = asked.request(each, serial, options.runs, options.speed)
+    try:
+        with StopSignals() as signals:
+            run = attended(request, prepare, structs.replace(options, seed=request.seed), signals, None)
+    except (Aborted, NotSafe):
+        raise
+    except BenchError as error:
+        return _failed(serial, each, error)
+    if isinstance(run.error, Aborted | NotSafe):
+        raise run.error
+    if run.error is not None:
+        return _failed(serial, each, run.error)
+    passed = run.verdict is None or run.verdict.passed
+    word = run.status.value if run.verdict is None else run.verdict.word.upper()
+    typer.echo(f"{serial}: {each.procedure.name}: {word}, {run.directory}", err=True)
+    return 0 if passed else 1
+
+
+def _failed(serial: str, each: BatchRun, error: BenchError) -> int:
+    """Say why a device has no result; the batch goes on."""
+    typer.echo(f"vcfbench: {serial}: {each.procedure.name}: {error}; the bench is safe, the batch goes on", err=True)
+    return error.exit_code
+
+
+def _show(asked: Batch, runs: Path, sheet: Path | None, *, as_json: bool) -> None:
+    rows = sheet_rows(asked.name, runs)
+    written = () if sheet is None else write_sheet(asked.name, rows, sheet)
+    if as_json:
+        print_json(
+            {"batch": asked.name, "rows": [to_builtins(each) for each in rows], "sheet": list(map(str, written))}
+        )
+        return
+    print_verdicts(text_of(batch_sheet(asked.name, rows), _WIDTH))
+    for each in written:
+        typer.echo(f"sheet: {each}")

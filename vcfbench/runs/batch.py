@@ -1,0 +1,137 @@
+"""Batch of gyroscopes: devices one after another, with the same runs for each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+from zlib import crc32
+
+from msgspec import Meta, Struct, field, structs
+
+from vcfbench.archive.index import run_summaries
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import dotted, parse_toml, read_text, shown
+from vcfbench.procedures import catalogue
+from vcfbench.procedures.bench_file import described
+from vcfbench.procedures.catalogue import is_file
+from vcfbench.records.metadata import RunMetadata
+from vcfbench.records.schema import Status
+from vcfbench.runs.request import Checked, Request, prepare
+from vcfbench.station.file import EMBEDDED
+from vcfbench.station.layering import Layer
+from vcfbench.station.strict import converted
+
+if TYPE_CHECKING:
+    from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.station.description import BenchDescription
+
+TAG = "batch"
+"""Key of the tag by which the records of a batch are known."""
+
+_Words = Annotated[str, Meta(min_length=1, max_length=200)]
+
+
+class _RunOfFile(Struct, frozen=True, forbid_unknown_fields=True):
+    """``[[runs]]``."""
+
+    procedure: Annotated[str, Meta(min_length=1)]
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+class _File(Struct, frozen=True, forbid_unknown_fields=True):
+    """A batch file."""
+
+    name: _Words
+    runs: Annotated[tuple[_RunOfFile, ...], Meta(min_length=1, max_length=20)]
+    devices: tuple[_Words, ...] = ()
+    bench: Annotated[str, Meta(min_length=1)] = "paper"
+    operator: _Words | None = None
+
+
+class BatchRun(Struct, frozen=True):
+    """One run of each device: the procedure and its settings."""
+
+    procedure: AnyProcedure
+    settings: Layer
+
+
+class Batch(Struct, frozen=True, kw_only=True):
+    """Plan of a batch: `devices` by their serial numbers, none where they are asked for one by one.
+
+    `name` is the value of the tag of its records, `bench` a bench file or the name of an embedded bench.
+    """
+
+    name: str
+    devices: tuple[str, ...]
+    bench: Path | str
+    description: BenchDescription
+    operator: str | None
+    runs: tuple[BatchRun, ...]
+
+    def request(self, run: BatchRun, serial: str, runs: Path, speed: str | None = None) -> Request:
+        """Return one run of a device. On a simulated bench the serial number stands for a specimen: it is the seed."""
+        metadata = RunMetadata(dut=serial, operator=self.operator, tags={TAG: self.name})
+        seeded = self.description.simulation is not None and self.description.served is None
+        seed = crc32(serial.encode()) if seeded else None
+        return Request(run.procedure, self.bench, seed, run.settings, runs, speed, metadata=metadata)
+
+    def check(self, serial: str, runs: Path) -> None:
+        """Walk the plans of all runs of a device against the limits of the bench; nothing is opened.
+
+        Raises:
+            BenchError: a run cannot be as planned; the words name procedure and device.
+        """
+        for each in self.runs:
+            try:
+                prepare(self.request(each, serial, runs), Checked()).planned()
+            except BenchError as error:
+                error.hint = "; ".join(filter(None, [error.hint, f"{each.procedure.name} of device {serial}"]))
+                raise
+
+    def left(self, serial: str, runs: Path) -> tuple[BatchRun, ...]:
+        """Return the runs of a device of which there is no complete record yet."""
+        found = run_summaries(runs, dut=serial, status=Status.COMPLETE, tags={TAG: self.name})
+        done = {each.procedure for each in found}
+        return tuple(each for each in self.runs if each.procedure.name not in done)
+
+
+def read_batch(file: Path | str) -> Batch:
+    """Return the batch that a TOML file describes; files that it names are looked for beside it.
+
+    Raises:
+        ConfigError: it cannot be read, a key is unknown, a device or a procedure stands in it twice.
+        PlanError: there is no such procedure.
+    """
+    path, source = Path(file), shown(file)
+    said = converted(parse_toml(read_text(path, "a batch file"), source), _File, lambda k: f"{source}: {dotted(k)}")
+    bench = (
+        said.bench if said.bench in EMBEDDED and not (path.parent / said.bench).is_file() else path.parent / said.bench
+    )
+    runs = tuple(_run(each, number, path.parent, source) for number, each in enumerate(said.runs))
+    _require_once([each.procedure.name for each in runs], f"{source}: runs")
+    _require_once(said.devices, f"{source}: devices")
+    return Batch(
+        name=said.name,
+        devices=said.devices,
+        bench=bench,
+        description=described(bench),
+        operator=said.operator,
+        runs=runs,
+    )
+
+
+def _run(said: _RunOfFile, number: int, folder: Path, source: str) -> BatchRun:
+    chosen = catalogue.procedure(folder / said.procedure if is_file(said.procedure) else said.procedure)
+    where = f"{source}: runs[{number}].settings"
+    return BatchRun(chosen, Layer(said.settings, lambda keys: f"{where}.{dotted(keys)}"))
+
+
+def _require_once(names: tuple[str, ...] | list[str], where: str) -> None:
+    """Refuse a name that stands there twice: by it one tells what is done."""
+    if twice := next((each for each in names if names.count(each) > 1), None):
+        raise ConfigError(f"{where}: {twice} stands there twice")
+
+
+def with_operator(batch: Batch, operator: str | None) -> Batch:
+    """Return the batch with another operator than its file names, where one is given."""
+    return batch if operator is None else structs.replace(batch, operator=operator)
