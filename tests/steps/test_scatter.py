@@ -103,10 +103,18 @@ def test_noise_that_doubles_with_the_rate_is_believed() -> None:
     assert first_doubt(windows) == ""
 
 
-def test_fewer_than_four_readings_tell_nothing_of_their_scatter() -> None:
-    assert Scatter.of([1.0, 2.0, 3.0]) is None
+def test_fewer_than_three_readings_tell_nothing_of_their_scatter() -> None:
+    assert Scatter.of([1.0, 2.0]) is None
     assert first_doubt(np.array([[1.0, 2.0], [5.0, -7.0]])) == ""
     assert NoiseSeen(RESOLUTION_V).std_v is None
+
+
+@pytest.mark.parametrize("disturbed", range(8))
+def test_one_of_three_readings_that_is_far_off_is_seen(disturbed: int) -> None:
+    windows = np.random.default_rng(7).normal(0.0, 3e-5, (8, 3))
+    assert first_doubt(windows) == ""
+    windows[disturbed, 1] += 0.06
+    assert "reading" in first_doubt(windows)
 
 
 def test_the_farthest_reading_is_held_against_the_line_through_the_others() -> None:

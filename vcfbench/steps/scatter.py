@@ -77,9 +77,9 @@ class Scatter(Struct, frozen=True):
 
     @classmethod
     def of(cls, readings_v: Sequence[float], table_v2: float = 0.0) -> Scatter | None:
-        """Return the scatter of equally spaced readings; None of fewer than four, which tell nothing of themselves."""
+        """Return the scatter of equally spaced readings; None of fewer than three, which always stand on a line."""
         n = len(readings_v)
-        if n < 4:
+        if n < 3:
             return None
         middle, mean_v = 0.5 * (n - 1), math.fsum(readings_v) / n
         spread = n * (n * n - 1) / 12.0
@@ -148,6 +148,8 @@ class NoiseSeen(Struct):
         """Hold the farthest reading against the scatter of all other readings of the run (Student's t)."""
         off_v2 = _off_v2(window)
         degrees = self._degrees - 1
+        if degrees < 1:
+            return ""
         std_v = math.sqrt(max(0.0, self._squares_v2 - off_v2) / degrees + window.table_v2)
         std_v = max(std_v, self.resolution_v)
         if abs(window.distance_v) <= _COUNTS * self.resolution_v or off_v2 < (_NEVER * std_v) ** 2:
