@@ -106,6 +106,23 @@ def test_the_history_is_drawn_into_a_file(store: DeviceStore, tmp_path: Path) ->
     assert "no picture can be written" in refused.stderr
 
 
+def test_runs_with_a_device_are_listed_with_their_drift(tmp_path: Path) -> None:
+    settings = {"rates_deg_s": [100, 50, 0, -50, -100], "samples": 3, "settle_s": 0.5}
+    runs = tmp_path / "runs"
+    first, second = (
+        vcfbench.run("turntable", seed=seed, settings=settings, metadata={"dut": "G-9"}, runs=runs).results.scale_factor
+        for seed in (1, 2)
+    )
+    words = ("G-9", "--devices", str(tmp_path / "devices"), "--runs", str(runs))
+    before, after = json.loads(call(*words, "--json").stdout)["runs"]
+    assert before["drift_ppm"] is None
+    assert after["drift_ppm"] == pytest.approx(1e6 * (second.value / first.value - 1.0))
+    assert "Runs with this device" in call(*words).stdout
+    assert call(*words, "--plot", str(tmp_path / "drift.svg")).exit_code == 0
+    assert (tmp_path / "drift.svg").is_file()
+    assert call("G-9", "--devices", str(tmp_path / "devices"), "--runs", str(tmp_path / "none")).exit_code == 2
+
+
 def test_a_device_is_loaded_from_python(store: DeviceStore) -> None:
     known = vcfbench.load_device("G-1", store.root)
     assert known.certificate is not None

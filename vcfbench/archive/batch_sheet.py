@@ -1,4 +1,4 @@
-"""Batch sheet: the gyroscopes of a batch under each other, with yield and spread."""
+"""Calibrations under each other: those of a batch, with yield and spread, and those of one gyroscope, with drift."""
 
 from __future__ import annotations
 
@@ -34,14 +34,18 @@ _UNITS: Final = (
     "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
     "drift of the scale factor since the device's last complete run of the procedure in ppm."
 )
+_COLUMNS: Final = (
+    *(Column("scale factor"), Column("U95", "", ".0f"), Column("bias"), Column("non-lin.", "", ".0f")),
+    *(Column("drift (E_n)"), Column("verdict")),
+)
 
 
 class SheetRow(Struct, frozen=True, kw_only=True):
     """One run of a device on the sheet; values are None where the run has no such result.
 
     `verdict` is that on the acceptance limits, None where nothing was judged. `drift_ppm` is the change of the scale
-    factor since the last complete run of the same device and procedure outside of the batch, `e_n` its normalised
-    error. `why_none` says why there are no results.
+    factor since the last complete run of the same device and procedure (on a batch sheet, outside of the batch), `e_n`
+    its normalised error. `why_none` says why there are no results.
     """
 
     device: str
@@ -81,20 +85,32 @@ def sheet_rows(batch: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
         key = (str(each.dut), str(each.procedure))
         if key not in chosen or each.status is Status.COMPLETE or chosen[key].status is not Status.COMPLETE:
             chosen[key] = each
-    return tuple(_row(each, _before(each, known, batch)) for each in chosen.values())
+    outside = [each for each in known if each.tags.get("batch") != batch]
+    return tuple(_row(each, _before(each, outside)) for each in chosen.values())
 
 
-def _before(run: RunSummary, known: Sequence[RunSummary], batch: str) -> RunSummary | None:
-    """Return the last complete run of the same device and procedure that is not of the batch."""
-    earlier = (
+def device_rows(serial: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
+    """Return the complete runs of a device that gave a scale factor, oldest first.
+
+    Args:
+        serial: serial number of the device.
+        runs: directory of the records.
+    """
+    known = run_summaries(runs, dut=serial, status=Status.COMPLETE)
+    rows = (_row(each, _before(each, known)) for each in known)
+    return tuple(each for each in rows if each.scale_factor_v_per_deg_s is not None)
+
+
+def _before(run: RunSummary, known: Sequence[RunSummary]) -> RunSummary | None:
+    """Return the last complete run before it of the same device and procedure."""
+    same = (
         each
         for each in known
         if (each.dut, each.procedure) == (run.dut, run.procedure)
         and each.status is Status.COMPLETE
-        and each.tags.get("batch") != batch
         and each.started < run.started
     )
-    return max(earlier, key=lambda each: each.started, default=None)
+    return max(same, key=lambda each: each.started, default=None)
 
 
 def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
@@ -155,6 +171,13 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
     return Report(parts)
 
 
+def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
+    """Return the runs of one device as a table, a row each."""
+    columns = [Column("day"), Column("procedure", align="left"), *_COLUMNS]
+    cells = [[f"{each.started:%Y-%m-%d}", each.procedure, *_cells(each)] for each in rows]
+    return [Heading("Runs with this device", 2), Text(_UNITS), Table(columns, cells)]
+
+
 def _yield_words(rows: Sequence[SheetRow]) -> str:
     ordered = sorted(rows, key=lambda each: each.device)
     passed = {device: all(each.passed for each in runs) for device, runs in groupby(ordered, lambda each: each.device)}
@@ -165,14 +188,11 @@ def _yield_words(rows: Sequence[SheetRow]) -> str:
 
 
 def _of_procedure(name: str, rows: Sequence[SheetRow], operators: str) -> Iterator[Part]:
-    columns = [
-        *(Column("device", align="left", verbatim=True), Column("scale factor"), Column("U95", "", ".0f")),
-        *(Column("bias"), Column("non-lin.", "", ".0f"), Column("drift (E_n)"), Column("verdict")),
-    ]
+    columns = [Column("device", align="left", verbatim=True), *_COLUMNS]
     several = "," in operators
     if several:
         columns.append(Column("operator", align="left", verbatim=True))
-    cells = [[*_cells(each), *([each.operator or "-"] if several else [])] for each in rows]
+    cells = [[each.device, *_cells(each), *([each.operator or "-"] if several else [])] for each in rows]
     yield Heading(name, 2)
     yield Table(columns, cells)
     scales = [1e3 * each.scale_factor_v_per_deg_s for each in rows if each.scale_factor_v_per_deg_s is not None]
@@ -192,7 +212,6 @@ def _cells(row: SheetRow) -> list[Any]:
     )
     drift = "-" if row.drift_ppm is None else f"{row.drift_ppm:+.0f}"
     return [
-        row.device,
         scale if scale is None else Cell(scale, digits_of_value(scale, u95 or 0.0)),
         None if not scale or u95 is None else 1e6 * u95 / abs(scale),
         bias if bias is None else Cell(bias, digits_of_value(bias, u95_bias or 0.0)),

@@ -1,13 +1,16 @@
-"""``vcfbench device``: history of a gyroscope by its serial number: certificates, self-calibrations, noise."""
+"""``vcfbench device``: history of a gyroscope by its serial number: certificates, self-calibrations, noise, runs."""
 
 from __future__ import annotations
 
+from collections import defaultdict
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
 import typer
 
+from vcfbench.archive.batch_sheet import device_parts, device_rows
 from vcfbench.archive.keeping import keep_of_device
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.completion import device_names
@@ -15,13 +18,23 @@ from vcfbench.cli.options import Devices_, Json_, Runs_  # noqa: TC001  # typer 
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
-from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, SelfCalibration, StaticNoise
+from vcfbench.records.devices import (
+    Certificate,
+    Characterisation,
+    Device,
+    DeviceStore,
+    SelfCalibration,
+    StaticNoise,
+)
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
 from vcfbench.reports.plot import save_figure
 from vcfbench.reports.text import table_text, text_of
 
 if TYPE_CHECKING:
-    from vcfbench.records.devices import Device, Entry
+    from collections.abc import Sequence
+
+    from vcfbench.archive.batch_sheet import SheetRow
+    from vcfbench.records.devices import Entry
 
 _COLUMNS = (
     *("entry", "kind", "done", "scale_factor_v_per_deg_s", "u_scale_factor", "bias_v", "u_bias_v"),
@@ -53,7 +66,7 @@ def device(
         ),
     ] = None,
 ) -> None:
-    """Show the certificates, self-calibrations and static records of a gyroscope, oldest first."""
+    """Show certificates, self-calibrations, static records and runs of a gyroscope, oldest first."""
     if add is not None:
         if serial is not None:
             raise ConfigError(f"SERIAL: expected none with --add, came {serial!r}: the record says whose it is")
@@ -65,10 +78,11 @@ def device(
     if serial is None:
         _list(store, json=json)
         return
-    known = store.device(serial)
+    calibrations = device_rows(serial, runs)
+    known = store.device(serial) if not calibrations or store.entries(serial) else Device(serial, ())
     entries = known.entries
     if plot is not None:
-        _plot(serial, entries, plot)
+        _plot(serial, entries, calibrations, plot)
     rows = [_row(entry) for entry in entries]
     if json:
         since = known.failed_since
@@ -77,47 +91,68 @@ def device(
                 "serial": known.serial,
                 "failed_since": None if since is None else since.name,
                 "entries": [{"entry": each.name, **msgspec.to_builtins(each.record)} for each in known.entries],
+                "runs": msgspec.to_builtins(calibrations),
             }
         )
     elif csv:
         typer.echo("\n".join([",".join(_COLUMNS), *(",".join(map(_plain, row.values())) for row in rows)]))
     else:
-        # Print the table, whether the device has failed, and the scale factor drawn entry by entry
-        columns = (
-            *(Column("entry"), Column("kind", align="left"), Column("done")),
-            *(Column("scale factor", "V/(deg/s)", ".8f"), Column("u", "V/(deg/s)", ".1e")),
-            *(Column("bias", "V", ".6f"), Column("u", "V", ".1e"), Column("non-linearity", "ppm", ".0f")),
-            *(Column("drift", "ppm", "+.1f"), Column("u", "ppm", ".1f"), Column("E_n", "", ".2f")),
-            *(Column("CUSUM", "", ".1f"), Column("verdict")),
-            *(Column("B", "deg/h", ".2f"), Column("u", "deg/h", ".2f")),
-        )
-        print_verdicts(table_text(Table(columns, [tuple(row.values()) for row in rows], f"device {known.serial}")))
-        if known.failed_since is not None:
-            print_verdicts(f"\n{_failed(known.failed_since)}")
-        drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]
-        if len(drawn) > 1:
-            typer.echo("\n" + "\n".join(_drawn(drawn)))
-        _print_certificate(known.certificate)
-        _print_health(known)
+        _print_history(known, rows)
+        if calibrations:
+            print_verdicts("\n" * bool(entries) + text_of(Report(device_parts(calibrations))))
 
 
-def _plot(serial: str, entries: tuple[Entry, ...], path: Path) -> None:
-    """Draw the scale factor of each entry against the first that has one, ppm, over days."""
-    found = [
-        (record.done if isinstance(record, SelfCalibration) else record.issued, record.scale_factor_v_per_deg_s)
-        for record in (entry.record for entry in entries)
-        if isinstance(record, Certificate | SelfCalibration)
-    ]
-    known = [(done, scale) for done, scale in found if scale is not None and scale.value]
+def _print_history(known: Device, rows: list[dict[str, Any]]) -> None:
+    """Print the table of the entries, whether the device has failed, and the scale factor drawn entry by entry."""
+    if not rows:
+        return
+    columns = (
+        *(Column("entry"), Column("kind", align="left"), Column("done")),
+        *(Column("scale factor", "V/(deg/s)", ".8f"), Column("u", "V/(deg/s)", ".1e")),
+        *(Column("bias", "V", ".6f"), Column("u", "V", ".1e"), Column("non-linearity", "ppm", ".0f")),
+        *(Column("drift", "ppm", "+.1f"), Column("u", "ppm", ".1f"), Column("E_n", "", ".2f")),
+        *(Column("CUSUM", "", ".1f"), Column("verdict")),
+        *(Column("B", "deg/h", ".2f"), Column("u", "deg/h", ".2f")),
+    )
+    print_verdicts(table_text(Table(columns, [tuple(row.values()) for row in rows], f"device {known.serial}")))
+    if known.failed_since is not None:
+        print_verdicts(f"\n{_failed(known.failed_since)}")
+    drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]
+    if len(drawn) > 1:
+        typer.echo("\n" + "\n".join(_drawn(drawn)))
+    _print_certificate(known.certificate)
+    _print_health(known)
+
+
+def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetRow], path: Path) -> None:
+    """Draw the scale factor of each entry, and of each run by its procedure, against the first, ppm, over days."""
+    found = defaultdict[str, list[tuple[datetime, float, float]]](list)
+    kept = set()
+    for record in (entry.record for entry in entries):
+        if isinstance(record, Certificate | SelfCalibration) and (scale := record.scale_factor_v_per_deg_s) is not None:
+            done = record.done if isinstance(record, SelfCalibration) else record.issued
+            found["certificates and self-calibrations"].append((done, scale.value, scale.u))
+            kept.add(record.conditions.run)
+    for each in calibrations:
+        value, u95 = each.scale_factor_v_per_deg_s, each.u95_scale_factor_v_per_deg_s
+        if each.run not in kept and value is not None:
+            found[each.procedure].append((each.started, value, 0.5 * (u95 or 0.0)))
+    known = sorted(point for points in found.values() for point in points if point[1])
     if not known:
-        raise ConfigError(f"device {serial}: no entry has a scale factor, there is nothing to draw")
-    begun, first = known[0]
-    days = [(done - begun).total_seconds() / 86_400.0 for done, _ in known]
-    changes = [1e6 * (scale.value / first.value - 1.0) for _, scale in known]
-    u = [1e6 * scale.u / abs(first.value) for _, scale in known]
+        raise ConfigError(f"device {serial}: no entry and no run has a scale factor, there is nothing to draw")
+    begun, first, _ = known[0]
     since = Axis(f"time since {begun:%Y-%m-%d}", "d")
-    series = [Series("scale factor", days, changes, u)]
-    save_figure(Figure(f"Scale factor of {serial}", since, Axis("change", "ppm"), series), path)
+    series = [
+        Series(
+            name,
+            [(done - begun).total_seconds() / 86_400.0 for done, _, _ in points],
+            [1e6 * (value / first - 1.0) for _, value, _ in points],
+            [1e6 * u / abs(first) for _, _, u in points],
+        )
+        for name, points in found.items()
+    ]
+    of = f" ({series[0].label})" if len(series) == 1 else ""  # several have a legend
+    save_figure(Figure(f"Scale factor of {serial}{of}", since, Axis("change", "ppm"), series), path)
 
 
 def _list(store: DeviceStore, *, json: bool) -> None:
