@@ -16,7 +16,7 @@ from vcfbench import Point, Quantity, Run, Status
 from vcfbench.archive.compared import compare_runs
 from vcfbench.archive.quantities import ResultValue, values_of
 from vcfbench.errors import ConfigError
-from vcfbench.reports.document import Figure
+from vcfbench.reports.document import Figure, Heading, Table
 from vcfbench.reports.text import text_of
 
 if TYPE_CHECKING:
@@ -73,6 +73,15 @@ def test_differences_have_their_uncertainty_and_e_n() -> None:
     assert (first.value, first.u, first.e_n) == (1.0, 0.5, 1.0)
     assert (second.value, second.u, second.e_n) == (-0.5, 0.3, pytest.approx(0.5 / 0.6))
     assert offset.differences[0].e_n is None
+
+
+def test_results_with_an_uncertainty_stand_in_the_first_table() -> None:
+    parts = compare_runs(made(2.0, 0.3), made(3.0, 0.4)).report().parts
+    heads = [part.text for part in parts if isinstance(part, Heading)]
+    tables = [part for part in parts if isinstance(part, Table) and part.columns[0].name == "result"]
+    first, second = ([row[0] for row in table.rows] for table in tables)
+    assert heads[1:3] == ["Shared results", "Shared results without uncertainty"]
+    assert (first, second) == (["gain"], ["offset_v"])
 
 
 def test_results_in_other_units_and_points_of_other_steps_are_not_compared() -> None:

@@ -229,24 +229,44 @@ def _runs_table(runs: Sequence[Run], letters: Sequence[str]) -> Table:
 def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Part]:
     if not comparison.results:
         return
-    yield Heading("Shared results", 2)
+    known = [each for each in comparison.results if any(u is not None for u in each.u)]
+    if known:
+        yield Heading("Shared results", 2)
+        yield _results_table(known, letters)
+    for each in comparison.results:
+        if any(each.missing):
+            lacks = zip(letters, each.missing, strict=True)
+            said = (f"{letter} without {', '.join(missing)}" for letter, missing in lacks if missing)
+            yield Text(f"INCOMPLETE: u of {each.name}: {'; '.join(said)}")
+    if known:
+        yield Text(_independence(comparison))
+    if len(known) < len(comparison.results):
+        yield Heading("Shared results without uncertainty", 2)
+        yield _values_table([each for each in comparison.results if each not in known], letters)
+
+
+def _results_table(results: Sequence[SharedResult], letters: Sequence[str]) -> Table:
     columns = [Column("result", align="left"), Column("unit", align="left")]
     for letter in letters:
         columns += [Column(letter, format=".7g"), Column(f"u({letter})", format=".2g")]
     for letter in letters[1:]:
         columns += [Column(f"{letter} - A", format="+.3g"), Column("u", format=".2g"), Column("E_n", format=".2f")]
     rows = []
-    for each in comparison.results:
+    for each in results:
         pairs = zip(each.values, each.u, strict=True)
         differences = ((d.value, d.u, d.e_n) for d in each.differences)
         rows.append((each.name, each.unit, *(v for pair in pairs for v in pair), *(v for d in differences for v in d)))
-    yield Table(columns, rows)
-    for each in comparison.results:
-        if any(each.missing):
-            lacks = zip(letters, each.missing, strict=True)
-            said = (f"{letter} without {', '.join(missing)}" for letter, missing in lacks if missing)
-            yield Text(f"INCOMPLETE: u of {each.name}: {'; '.join(said)}")
-    yield Text(_independence(comparison))
+    return Table(columns, rows)
+
+
+def _values_table(results: Sequence[SharedResult], letters: Sequence[str]) -> Table:
+    columns = [Column("result", align="left"), Column("unit", align="left")]
+    columns += [Column(letter, format=".7g") for letter in letters]
+    columns += [Column(f"{letter} - A", format="+.3g") for letter in letters[1:]]
+    rows: list[list[float | str]] = [
+        [each.name, each.unit, *each.values, *(d.value for d in each.differences)] for each in results
+    ]
+    return Table(columns, rows)
 
 
 def _independence(comparison: RunComparison) -> str:
