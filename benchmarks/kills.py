@@ -442,9 +442,11 @@ def summary(lines: Path) -> None:
     wrong = Counter(word for each in cases for word in each["wrong"])
     times = sorted(each["safe_s"] for each in live)
     slow = sum(each["record"] == "slow" for each in whole)
-    done = sum(each["resumes"] > 0 for each in whole) - slow
+    again = [each for each in whole if each["resumes"]]
+    done = sum(each["record"] == "complete" for each in again)
     print(
-        f"{len(whole)} cases, {len(live)} struck while live, {done} resumed; {slow} not, for this machine was too slow"
+        f"{len(whole)} cases, {len(live)} struck while live, {done} of {len(again)} resumed to the end; "
+        f"{slow} not, for this machine was too slow"
     )
     if times:
         print(f"at rest and off after {times[len(times) // 2]} s (median), {times[-1]} s at most; bar {BAR_S} s")
