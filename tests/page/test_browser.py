@@ -63,7 +63,7 @@ class Looked:
 
 
 def test_a_run_is_seen_by_several_to_its_end_and_after(browser: Any, tmp_path: Path) -> None:
-    words = ("run", "virtual-coriolis", "--speed", "30", "--page", "--quiet")
+    words = ("run", "virtual-coriolis", "--speed", "15", "--page", "--quiet")  # 45 s: late screens must come in time
     with started(tmp_path, *words) as (process, address):
         first = Looked(browser, address)
         first.wait("#residuals canvas")

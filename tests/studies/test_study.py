@@ -235,7 +235,7 @@ def test_a_cluster_gives_the_same_bytes(whole: Path, tmp_path: Path) -> None:
 
 @pytest.mark.exhaustive
 def test_a_scheduler_that_dies_is_one_message(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    pytest.importorskip("distributed")
+    distributed = pytest.importorskip("distributed")
     begin = [sys.executable, "-m"]
     port = free_port()
     address = f"tcp://127.0.0.1:{port}"
@@ -252,6 +252,8 @@ def test_a_scheduler_that_dies_is_one_message(tmp_path: Path, caplog: pytest.Log
         subprocess.Popen(worker, **quiet) as second,  # noqa: S603  # as above
     ):
         try:
+            with distributed.Client(address, timeout="60s", set_as_default=False) as client:
+                client.wait_for_workers(1, timeout=60)
             with pytest.raises(vcfbench.LinkLost, match="the cluster answers no more"):
                 vcfbench.study(
                     {"procedure": "turntable", "seeds": {"count": 50}, "settings": QUICK},
