@@ -10,12 +10,15 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from msgspec import structs
 
 import vcfbench
 from tests import warm
+from vcfbench.archive.batch_sheet import batch_sheet, sheet_rows
 from vcfbench.cli import batch as module
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError, NotSafe
+from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import read_batch
 from vcfbench.station.file import embedded_text
 
@@ -100,13 +103,22 @@ def test_a_failed_limit_is_exit_1_and_stands_in_the_yield(folder: Path) -> None:
     assert done.stdout.count("FAIL") == 2
 
 
+@pytest.mark.parametrize(("verdict", "passed"), [(None, True), ("pass", True), ("marginal", False), ("fail", False)])
+def test_a_marginal_device_is_not_in_the_yield(folder: Path, verdict: str | None, *, passed: bool) -> None:
+    batch(folder)
+    (first, _) = sheet_rows("b7", folder / "runs")
+    judged = structs.replace(first, verdict=verdict)
+    assert judged.passed is passed
+    assert f"Yield: {int(passed)} of 1 devices" in text_of(batch_sheet("b7", [judged]))
+
+
 def test_a_device_that_cannot_be_measured_does_not_end_the_batch(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = _with_error(folder, monkeypatch, MeasurementError("the meter does not answer"))
     assert code == MeasurementError.exit_code
     assert [each.dut for each in summaries(folder)] == ["G-2"]
-    assert "G-1: turntable: the meter does not answer; the bench is safe, the batch goes on" in capsys.readouterr().err
+    assert "G-1: turntable: the meter does not answer; the batch goes on" in capsys.readouterr().err
 
 
 def test_a_bench_that_is_not_safe_ends_the_batch(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

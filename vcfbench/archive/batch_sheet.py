@@ -67,8 +67,8 @@ class SheetRow(Struct, frozen=True, kw_only=True):
 
     @property
     def passed(self) -> bool:
-        """Whether the run is complete and no limit failed."""
-        return self.status is Status.COMPLETE and self.verdict != "fail"
+        """Whether the run is complete and kept every limit, those with a guard band too."""
+        return self.status is Status.COMPLETE and self.verdict in {None, "pass"}
 
 
 def sheet_rows(batch: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
@@ -118,8 +118,9 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
     values = values_of(run)
     scale, bias, bend = (_of(values, name) for name in ("scale_factor", "bias", "nonlinearity"))
     drift_ppm = e_n = None
-    if before is not None and scale is not None:
-        shared = compare_runs(load_run(str(before.directory)), run).results
+    earlier = None if before is None else load_run(str(before.directory))
+    if earlier is not None and scale is not None and earlier.simulated == run.simulated:
+        shared = compare_runs(earlier, run).results
         found = next((each for each in shared if each.name == scale.name), None)
         if found is not None and found.values[0]:
             drift_ppm, e_n = 1e6 * found.differences[0].value / found.values[0], found.differences[0].e_n
@@ -164,7 +165,7 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
     ]
     procedures = dict.fromkeys(each.procedure for each in rows)
     for name in procedures:
-        parts += _of_procedure(name, [each for each in rows if each.procedure == name], operators)
+        parts += _of_procedure(name, [each for each in rows if each.procedure == name])
     failed = [f"{each.device}, {each.procedure}: {each.why_none}" for each in rows if each.why_none]
     if failed:
         parts += [Heading("Runs without results", 2), Text("\n".join(failed), verbatim=True)]
@@ -187,9 +188,9 @@ def _yield_words(rows: Sequence[SheetRow]) -> str:
     return f"{words}; not good: {', '.join(bad)}." if bad else f"{words}."
 
 
-def _of_procedure(name: str, rows: Sequence[SheetRow], operators: str) -> Iterator[Part]:
+def _of_procedure(name: str, rows: Sequence[SheetRow]) -> Iterator[Part]:
     columns = [Column("device", align="left", verbatim=True), *_COLUMNS]
-    several = "," in operators
+    several = len({each.operator for each in rows}) > 1
     if several:
         columns.append(Column("operator", align="left", verbatim=True))
     cells = [[each.device, *_cells(each), *([each.operator or "-"] if several else [])] for each in rows]

@@ -132,7 +132,7 @@ def _carry_out(asked: Batch, each: BatchRun, serial: str, options: RunOptions) -
 
 def _failed(serial: str, each: BatchRun, error: BenchError) -> int:
     """Say why a device has no result; the batch goes on."""
-    typer.echo(f"vcfbench: {serial}: {each.procedure.name}: {error}; the bench is safe, the batch goes on", err=True)
+    typer.echo(f"vcfbench: {serial}: {each.procedure.name}: {error}; the batch goes on", err=True)
     return error.exit_code
 
 
