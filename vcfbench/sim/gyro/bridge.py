@@ -91,7 +91,7 @@ class NoisePath:
         key: what its random numbers come from.
     """
 
-    __slots__ = ("_end", "_key", "_levels", "_noisy", "_shaken", "_spans", "_start", "_waveforms", "_whole")
+    __slots__ = ("_end", "_key", "_noisy", "_shaken", "_spans", "_start", "_waveforms", "_whole")
 
     def __init__(
         self,
@@ -108,7 +108,6 @@ class NoisePath:
         self._shaken = shaken
         self._key = key
         self._start = start
-        self._levels = max(0, math.ceil(math.log2(duration_s / LONGEST_S))) if duration_s > 0.0 else 0
         self._end = start if end is None else end
         self._whole = None if end is None else _Span(start, end, integral_v_s, duration_s)
         self._spans: dict[tuple[int, int], _Span] = {}
@@ -148,16 +147,17 @@ class NoisePath:
         """Return which of the times lie in which part, and where in it."""
         if self._whole is None:
             return []
-        parts = 2**self._levels
+        level = max(0, math.ceil(math.log2(self._whole.duration_s / LONGEST_S)))
+        parts = 2**level
         length = self._whole.duration_s / parts
         index = np.clip((times_s / length).astype(np.intp), 0, parts - 1)
         each = [(index == part, int(part)) for part in np.unique(index)]
-        return [(held, self._waveform(part), times_s[held] - part * length) for held, part in each]
+        return [(held, self._waveform(level, part), times_s[held] - part * length) for held, part in each]
 
-    def _waveform(self, part: int) -> _Waveform:
+    def _waveform(self, level: int, part: int) -> _Waveform:
         if part not in self._waveforms:
-            span = self._span(self._levels, part)
-            self._waveforms[part] = _drawn(self._noisy, span, self._random(self._levels, part, 1))
+            span = self._span(level, part)
+            self._waveforms[part] = _drawn(self._noisy, span, self._random(level, part, 1))
         return self._waveforms[part]
 
     def _span(self, level: int, index: int) -> _Span:

@@ -26,12 +26,10 @@ if TYPE_CHECKING:
 
 
 class _Interval(Struct, frozen=True):
-    """Effect of an interval: turns of lines, rests of free motions; the integrals of both, V s each."""
+    """Effect of an interval on a chain at rest, a column a line: on each eigenmode, V, and the integral, V s."""
 
-    turned: NDArray[np.complex128]
-    left: NDArray[np.complex128]
-    lines_v_s: NDArray[np.complex128]
-    free_v_s: NDArray[np.complex128]
+    modal: NDArray[np.complex128]
+    integral: NDArray[np.complex128]
 
 
 class Shaking:
@@ -56,14 +54,15 @@ class Shaking:
             return None
         turned = rate.shaking_deg_s * np.exp(1j * (self._speeds_rad_s * start_s))
         sizes, over = np.concatenate((turned, turned.conj())), self.interval(duration_s)
-        free = -(self.forced @ sizes)
-        modal = self.forced @ (sizes * over.turned) + free * over.left
-        integral_v_s = float((over.lines_v_s @ sizes + over.free_v_s @ free).real)
+        modal = over.modal @ sizes
         gathered = np.concatenate((modal.real, modal.imag))
-        return Shaken(self, sizes, rate.shaking_deg_s, free, gathered, integral_v_s)
+        return Shaken(self, sizes, rate.shaking_deg_s, gathered, float((over.integral @ sizes).real))
 
     def interval(self, duration_s: float) -> _Interval:
-        """Return the effect of an interval, to 1 ns, on lines and eigenmodes; kept, since plans repeat theirs."""
+        """Return the effect of an interval, to 1 ns; kept, since plans repeat theirs.
+
+        The lines turn; the free motions that keep the chain at rest at the start decay.
+        """
         key = round(duration_s * 1e9)
         if key not in self._intervals:
             make_room(self._intervals)
@@ -73,7 +72,7 @@ class Shaking:
             decayed = np.asarray(np.expm1(self.chain.eigenmodes * (key * 1e-9)), complex)
             free = self.chain.to_filtered * decayed / self.chain.eigenmodes
             self._intervals[key] = _Interval(
-                both + 1.0, np.asarray(decayed + 1.0, complex), self._shown * both / self.exponents, free
+                self.forced * (both - decayed[:, None]), self._shown * both / self.exponents - free @ self.forced
             )
         return self._intervals[key]
 
@@ -90,14 +89,13 @@ class Shaking:
 class Shaken(Struct, frozen=True, dict=True):
     """Response of a chain at rest to flutter: modes `forced exp(exponents t)` less its free motion.
 
-    `sizes` are those of the lines at its start, `free` those of the free motions. `gathered` is what they come to, Re
-    modal and Im modal, and `integral_v_s` what they put into the integral.
+    `sizes` are those of the lines at its start. `gathered` is what they come to, Re modal and Im modal, and
+    `integral_v_s` what they put into the integral.
     """
 
     by: Shaking
     sizes: NDArray[np.complex128]
     shaking_deg_s: float
-    free: NDArray[np.complex128]
     gathered: NDArray[np.float64]
     integral_v_s: float
 
@@ -116,7 +114,8 @@ class Shaken(Struct, frozen=True, dict=True):
         return self._sum(turning_with(self.by.chain))
 
     def _sum(self, weights: NDArray[np.complex128]) -> ExponentialSum:
-        sizes = np.concatenate((weights * self.free, (weights @ self.by.forced) * self.sizes))
+        free = -(self.by.forced @ self.sizes)
+        sizes = np.concatenate((weights * free, (weights @ self.by.forced) * self.sizes))
         return ExponentialSum(0j, 0j, sizes, np.concatenate((self.by.chain.eigenmodes, self.by.exponents)))
 
     def filtered(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
