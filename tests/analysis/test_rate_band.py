@@ -160,16 +160,19 @@ def test_a_tone_in_the_dip_between_the_modes_keeps_no_fit_from_ending(seed: int)
 
 
 def test_the_noise_of_a_tone_is_that_at_it_and_not_beside_it() -> None:
-    """White force noise through the sense mode and a flat part, read two hertz either side of each tone."""
-    drive, split, q = 3488.9, 24.8, 1224.0
+    """White force noise through both sense modes and a flat part, read two hertz either side of each tone."""
+    drive, split, q, in_phase, share = 3488.9, 24.8, 1224.0, 147.0, 0.8
     f = np.concatenate([np.geomspace(3.0, 20.0, 12), np.linspace(21.0, 28.0, 15), np.geomspace(30.0, 60.0, 8)])
 
     def noise(at: np.ndarray) -> np.ndarray:
-        own = drive - split
-        bands = [np.abs(1.0 / (own**2 - s**2 + 1j * s * own / q)) ** 2 for s in (drive + at, drive - at)]
+        own, other = drive - split, drive - in_phase
+        bands = [
+            np.abs(1.0 / (own**2 - s**2 + 1j * s * own / q) + share / (other**2 - s**2 + 1j * s * other / q)) ** 2
+            for s in (drive + at, drive - at)
+        ]
         return np.asarray(1e-4**2 * (0.1 + (bands[0] + bands[1]) * (2.0 * drive * split) ** 2 / 40.0))
 
-    gains = response(f, split, q, 0.8, 0.02) + np.sqrt(noise(f)) * np.random.default_rng(3).standard_normal(f.size)
+    gains = response(f, split, q, share, 0.02) + np.sqrt(noise(f)) * np.random.default_rng(3).standard_normal(f.size)
     tones = []
     for at, gain in zip(f.tolist(), gains.tolist(), strict=True):
         lines = at + np.array([-2.5, -1.5, 1.5, 2.5])

@@ -386,11 +386,9 @@ def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats
 
     It was read beside each tone and counts at the tone: near the peak these are not the same.
     """
-    f = np.array([tone.frequency_hz for tone in tones])
-    passed = _passed(f, parameters, known)
-    beside = np.array(
-        [float(_passed(np.array(t.noise_hz or (t.frequency_hz,)), parameters, known).mean()) for t in tones]
-    )
+    f, shape = np.array([tone.frequency_hz for tone in tones]), _shape(parameters)
+    passed = _passed(f, shape, known)
+    beside = np.array([float(_passed(np.array(t.noise_hz or (t.frequency_hz,)), shape, known).mean()) for t in tones])
     least = passed.min()
     passed, beside = passed / least, beside / least
     variance = np.array([tone.u_amplitude**2 for tone in tones])
@@ -409,10 +407,14 @@ def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats
     return np.asarray(np.sqrt(smooth))
 
 
-def _passed(f: Floats, parameters: Floats, known: Known) -> Floats:
-    """Return the response of the anti-phase mode to a white force noise, both side bands, in any unit."""
-    own = known.drive_hz - parameters[0]
-    sides = [1.0 / (own**2 - s**2 + 1j * s * own / parameters[1]) for s in (known.drive_hz + f, f - known.drive_hz)]
+def _passed(f: Floats, shape: Floats, known: Known) -> Floats:
+    """Return the power of both modes' response to a white force noise, both side bands by themselves, in any unit."""
+    split, q, share, in_phase_split, _ = shape
+    modes = ((1.0, known.drive_hz - split), (share, known.drive_hz - in_phase_split))
+    sides = [
+        sum(part / (own**2 - side**2 + 1j * side * own / q) for part, own in modes)
+        for side in (known.drive_hz + f, f - known.drive_hz)
+    ]
     return np.asarray(np.abs(sides[0]) ** 2 + np.abs(sides[1]) ** 2)
 
 
