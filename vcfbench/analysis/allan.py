@@ -7,21 +7,16 @@ that of the record: a record in deg/s gives deg/s. :mod:`vcfbench.analysis.noise
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.phase_noise import PhaseNoise, correlated_squares
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 BIAS_INSTABILITY_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)
 """Floor of the Allan deviation over the bias instability B, 0.66428."""

@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from vcfbench.analysis.allan import read_off
-from vcfbench.analysis.sampling import block_means
+from vcfbench.analysis.allan import AllanPoint, read_off
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.sampling import Sampling, block_means
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from vcfbench.analysis.allan import AllanPoint
-    from vcfbench.analysis.sampling import Sampling
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,23 +8,17 @@ the tests check it by Monte Carlo (JCGM 101). Lack of fit is no uncertainty and 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from msgspec import Struct
 from uncertainties import ufloat, umath
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _ONLY_DERIVATIVES = 1.0
 """Uncertainty of a quantity in a model: any but 0, because only its derivatives are read."""

@@ -9,19 +9,14 @@ the time between, with one coefficient, which is found from those combinations.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 CHOPPED = (0, 1, -1, -1, 1, 0)
 """The order of a block: signs of the level of each window."""

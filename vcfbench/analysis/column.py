@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from msgspec import Struct
 
-if TYPE_CHECKING:
-    from vcfbench.analysis.symmetry import Pair
+from vcfbench.analysis.symmetry import Pair
 
 
 class Quantity(Struct, frozen=True):

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from vcfbench.analysis.arrays import Floats
 
 
-def recursive_residuals(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def recursive_residuals(values: Floats, covariance: Floats) -> Floats:
     """Return the distance of each result after the first from its prediction by those before, in units of its u, (n,).
 
     The prediction is their best mean, and the unit holds its uncertainty, so that a common part cancels. While
@@ -31,7 +28,7 @@ def recursive_residuals(values: NDArray[np.float64], covariance: NDArray[np.floa
     return np.asarray((y[1:] - a[1:] * mean) / np.sqrt(1.0 + a[1:] ** 2 / known))
 
 
-def cusum(deviations: NDArray[np.float64], reference: float = 0.5) -> NDArray[np.float64]:
+def cusum(deviations: Floats, reference: float = 0.5) -> Floats:
     """Return the larger of the upper and the lower cumulative sum after each deviation, both in standard deviations.
 
     Tabular CUSUM, NIST/SEMATECH e-Handbook 6.3.2.3: S = max(0, S + z - k), and likewise of -z; `reference` is k, half

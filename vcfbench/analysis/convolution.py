@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from vcfbench.analysis.budget import Distribution
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.budget import Distribution, Result, Source
 from vcfbench.analysis.tails import t_quantile
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from numpy.typing import NDArray
-
-    from vcfbench.analysis.budget import Result, Source
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _CELLS = 3**8
 """An odd number, so that one is in the middle, and one that suits the Fourier transform."""

@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.model_fit import fit_model
 from vcfbench.errors import ConfigError
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 Complexes: TypeAlias = "NDArray[np.complex128]"
 
 _WINDOW_S = 2e-3

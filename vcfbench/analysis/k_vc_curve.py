@@ -8,20 +8,16 @@ ISO 6143 for calibration gases. k1 is K_Vc for small signals, k2 and k3 are the 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.tails import chi_square_tail
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _ROUNDS = 50
 _SETTLED = 1e-6

@@ -9,21 +9,16 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.analysis.sine_fit import fit_sine
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 ORDERS = (1, 2, 3)
 FLICKER_FLOOR = 2.0 * math.log(2.0) / math.pi

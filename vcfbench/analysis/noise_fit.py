@@ -8,27 +8,19 @@ Points of one curve come from one record: their covariances enter the stated unc
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, Noise
+from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, AllanPoint, Noise
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.model_fit import not_negative
 from vcfbench.analysis.phase_noise import PhaseNoise, correlated_squares
-from vcfbench.analysis.sampling import deviation_factor
+from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from vcfbench.analysis.allan import AllanPoint
-    from vcfbench.analysis.sampling import Sampling
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _ROUNDS = 4
 _CONFIDENCE = 0.95

@@ -6,19 +6,12 @@ definition: no two rates on one side of zero, no rate of 10 deg/s or more, a slo
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
-
 import numpy as np
 from msgspec import Struct
+from numpy.typing import ArrayLike
 
-from vcfbench.analysis.regression import checked_points, slope
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from vcfbench.analysis.regression import LineFit
-
-Floats: TypeAlias = "NDArray[np.float64]"
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.regression import LineFit, checked_points, slope
 
 READING_FLOOR_DEG_S = 10.0
 """The least rate that counts for `reading`, deg/s."""

@@ -12,19 +12,15 @@ The factors are such that the Allan variances are 3 Q^2/tau^2, N^2/tau, (2 ln 2/
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
+from vcfbench.analysis.arrays import Floats
 
 _SINGLY = 16384
 """So many lags are summed one by one; beyond, the smooth stretches between corners by Gauss's rule."""

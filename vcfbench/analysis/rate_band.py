@@ -8,21 +8,16 @@ gyroscope is free: share and place of the in-phase mode, phase of the demodulato
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.model_fit import ModelFit, fit_model, not_negative, propagated
 from vcfbench.analysis.sine_fit import fit_sine
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _BINS = range(2, 9)
 """Lines of the spectrum either side of a tone that its noise is read from."""

@@ -6,18 +6,14 @@ Notation: `rate_deg_s` is the applied rate, `output_v` the mean output at each r
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import ArrayLike
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _LARGEST = 1e100
 """Far above all physical values; squares and products of smaller ones neither overflow nor vanish."""

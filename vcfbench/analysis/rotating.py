@@ -9,20 +9,15 @@ delta.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.sine_fit import fit_sine
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _ROUNDS = 30
 _SETTLED = 1e-9

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
-from vcfbench.analysis.regression import fit_line
+from vcfbench.analysis.regression import LineFit, fit_line
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.analysis.regression import LineFit
 
 _LEAST_RATES = 3
 """Through two rates every line goes: its residuals say nothing."""

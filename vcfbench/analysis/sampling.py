@@ -10,17 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vcfbench.analysis.allan import Noise
+from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _SUMMED = 1024
 """Most readings a cluster with summed covariances; beyond, noise folded in by dead time falls as white noise."""

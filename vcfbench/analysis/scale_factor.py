@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from msgspec import Struct, to_builtins
 from msgspec.structs import asdict
+from numpy.typing import ArrayLike
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column import CalibrationColumn, CubicFit, Nonlinearity, Quantity, TypeA
 from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
 from vcfbench.analysis.regression import (
@@ -23,14 +25,8 @@ from vcfbench.analysis.regression import (
 from vcfbench.analysis.symmetry import Pair, sign_pairs
 from vcfbench.errors import ConfigError
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-
 SCALE_FACTOR_UNIT = "V/(deg/s)"
 BIAS_UNIT = "V"
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 
 class ScaleFactorResult(Struct, frozen=True):

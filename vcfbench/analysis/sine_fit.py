@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError, MeasurementError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 _ROUNDS = 30
 _SETTLED = 1e-9

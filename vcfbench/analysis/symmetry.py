@@ -6,15 +6,11 @@ and the even part (y(+w) + y(-w)) / 2, which holds exactly those.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from msgspec import Struct
+from numpy.typing import ArrayLike
 
 from vcfbench.analysis.regression import checked_points
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 
 class Pair(Struct, frozen=True):

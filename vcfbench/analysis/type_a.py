@@ -9,20 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from vcfbench.analysis.noise_fit import Coefficients, Term
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term
+from vcfbench.analysis.sampling import Sampling
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from vcfbench.analysis.noise_fit import NoiseFit
-    from vcfbench.analysis.sampling import Sampling
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,14 +7,23 @@ All frequencies have one amplitude and one range, so that what generator and met
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from msgspec import Meta
 
 from vcfbench import steps
-from vcfbench.analysis.rate_band import Known, fit_rate_band, foreseen_tone, response_phase_deg, split_guess_hz
+from vcfbench.analysis.rate_band import (
+    Known,
+    RateBand,
+    Tone,
+    fit_rate_band,
+    foreseen_tone,
+    response_phase_deg,
+    split_guess_hz,
+)
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
@@ -30,18 +39,11 @@ from vcfbench.procedures.shared.tones import (
     sampled_every_s,
     stands_off_mains,
 )
+from vcfbench.records.devices import Characteristics
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text
-from vcfbench.steps.measured import Foreseen
-from vcfbench.steps.step import answer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from vcfbench.analysis.rate_band import RateBand, Tone
-    from vcfbench.records.devices import Characteristics
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Routine
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.steps.measured import Foreseen, Measured
+from vcfbench.steps.step import Routine, answer
 
 _TIME_BASE = 20e-6
 """33220A: frequency within 20 ppm a year (data sheet, unverified), rectangular."""

@@ -8,12 +8,13 @@ pair of faults that shows the same signs.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import combinations
 from operator import xor
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from msgspec import Meta, structs
 
@@ -25,18 +26,13 @@ from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.levels import both_signs, ready_v_vc_meter
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words
 from vcfbench.steps.drive_check import check_drive
-from vcfbench.steps.step import LOOK_AT_SIGNALS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from vcfbench.records.schema import Point
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine
 
 AT_REST, TURNED, DRIVEN = 1, 2, 3
 """The steps, as in its points: at rest, on the table, with V_Vc."""

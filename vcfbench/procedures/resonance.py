@@ -8,9 +8,10 @@ holds it at resonance.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 from msgspec import Meta, structs
 
@@ -26,17 +27,12 @@ from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.routines import at_rest, energised, rails_of, v_vc_level_again
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
+from vcfbench.records.devices import Characteristics
 from vcfbench.reports.document import Column, Report, Table, Text
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.steps.measured import Measured
 from vcfbench.steps.scope import scale_v_per_div
-from vcfbench.steps.step import Effect, Step, StepResult, answer
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.records.devices import Characteristics
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Context, Routine
+from vcfbench.steps.step import Context, Effect, Routine, Step, StepResult, answer
 
 _SENSE_RECORD, _DRIVE_RECORD = (0.05, 20_000), (0.02, 50_000)
 """Time base (s/div) and points of the records: half a second and a fifth."""

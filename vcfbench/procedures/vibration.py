@@ -8,9 +8,10 @@ the same run, and from the closed form of the modes; both are compared at each f
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
@@ -18,7 +19,7 @@ from msgspec import Meta
 from vcfbench import steps
 from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.modulation import flicker_share
-from vcfbench.analysis.rate_band import split_response
+from vcfbench.analysis.rate_band import Tone, split_response
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -30,13 +31,8 @@ from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.analysis.rate_band import Tone
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Routine
 
 _STATIC = 1
 """The step of its points: V_Vc direct."""

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vcfbench.records.plain import field_names
 from vcfbench.reports.digits import stated_cells
 from vcfbench.reports.document import Column, Report, Table, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
 
 _UNITS = (
     *(("_v_per_deg_s", "V/(deg/s)"), ("_deg_s_per_v", "(deg/s)/V"), ("_deg_sqrt_h", "deg/sqrt(h)")),

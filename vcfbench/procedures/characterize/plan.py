@@ -8,9 +8,10 @@ the power come. What the bench cannot do is left out, and it is said why.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, Self, cast
 
 from msgspec import Meta, Struct, structs, to_builtins
 from msgspec import field as key
@@ -22,25 +23,17 @@ from vcfbench.models import data_sheet_of, driver_of, find_model
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.layers import meter_worth
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import AnyProcedure, Procedure, Provenance
 from vcfbench.procedures.shared.kept_characteristics import Keeps
-from vcfbench.records.devices import Characteristics, together
+from vcfbench.records.devices import Characteristics, NewEntry, together
+from vcfbench.reports.document import Report
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, setting_keys
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station
 from vcfbench.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
-from vcfbench.steps.step import Step
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Context, Step, StepResult
 from vcfbench.typed import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from typing import Self
-
-    from vcfbench.procedures.procedure import AnyProcedure, Provenance
-    from vcfbench.records.devices import NewEntry
-    from vcfbench.reports.document import Report
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Context, StepResult
 
 _CERTIFIES = "kvc"
 _OFF_S = 10.0

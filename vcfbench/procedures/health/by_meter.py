@@ -7,24 +7,20 @@ from __future__ import annotations
 
 import math
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING
 
 from vcfbench import steps
 from vcfbench.analysis.rate_band import Known, NearSplit, fit_near_split, split_response
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bandwidth import tones_of
 from vcfbench.procedures.shared.known.k_vc_change import ASSUMED
+from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.shared.routines import rails_of, v_vc_level_again, v_vc_on
 from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
+from vcfbench.records.devices import Characteristics
 from vcfbench.specifications import AC_VOLTS_U
-from vcfbench.steps.step import answer
-
-if TYPE_CHECKING:
-    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-    from vcfbench.records.devices import Characteristics
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Routine, answer
 
 _OF_SPLIT, _SINE_V, _SAMPLES = (0.1, 0.6, 0.94, 1.0, 1.06, 1.4), 0.1, 512
 """Frequencies of the sines over the split that was, their peak, and readings of each."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, Literal
+from collections.abc import Iterator
+from typing import Final, Literal
 
 from msgspec import Struct, structs
 
@@ -13,9 +14,6 @@ from vcfbench.procedures.shared.known.k_vc_since import charging_warning
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.reports.document import Column, Table, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 AMPLITUDES_WORTH_PPM = 1000.0
 """A ratio of amplitudes that is known to less than this corrects K_Vc; else it is worse than nothing."""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
 from statistics import fmean, variance
-from typing import TYPE_CHECKING
 
 from msgspec import Struct, structs
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.rotating import Rotation, reference_phase
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.by_meter import carrier_over_drive, found_by_sines
@@ -16,18 +17,13 @@ from vcfbench.procedures.health.modes import Modes, middle_of, modes_of
 from vcfbench.procedures.health.plan import CaptureFar, level_v
 from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
 from vcfbench.procedures.resonance import SenseDecay
+from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.procedures.shared.arrays import Floats
-    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-    from vcfbench.steps.measured import Measured
+from vcfbench.steps.measured import Measured
 
 _SKEW_S = 1e-10
 """DSO7104B: delay of a channel, either way (unverified), rectangular."""

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from statistics import fmean
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.resonance import RingingMode, SenseDecay
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 class Modes(Struct, frozen=True):

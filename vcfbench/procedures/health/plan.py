@@ -11,27 +11,22 @@ from __future__ import annotations
 import cmath
 import math
 from statistics import fmean
-from typing import TYPE_CHECKING
 
 from vcfbench import steps
 from vcfbench.analysis.rotating import fit_rotation
-from vcfbench.interfaces import AveragesWaveforms
+from vcfbench.interfaces import AveragesWaveforms, Oscilloscope
 from vcfbench.procedures.health.by_meter import split_by_meter
 from vcfbench.procedures.health.modes import Modes, modes_of
 from vcfbench.procedures.health.way import way_of
 from vcfbench.procedures.phase.results import CaptureSense
 from vcfbench.procedures.resonance import CaptureDecay, RingingMode, SenseDecay
+from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.routines import rails_of, v_vc_level_again, v_vc_on
+from vcfbench.records.devices import Characteristics
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.parts import Node
 from vcfbench.steps.drive_check import one_two_five
-from vcfbench.steps.step import answer
-
-if TYPE_CHECKING:
-    from vcfbench.interfaces import Oscilloscope
-    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-    from vcfbench.records.devices import Characteristics
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.station.parts import Node
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine, answer
 
 _LEVEL_V = 0.7
 _LARGEST_V = 10.0

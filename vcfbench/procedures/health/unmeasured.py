@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from collections.abc import Collection, Iterator, Mapping
+from typing import Final
 
 from msgspec import structs
 
 from vcfbench.procedures.shared.budget import phases
+from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_change import ASSUMED, k_vc_change
 from vcfbench.procedures.shared.measurand import UncertaintyPart
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
-
-    from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 
 NOT_MEASURED: Final = "not measured"
 AMPLITUDES: Final = "carrier over drive, amplitudes"

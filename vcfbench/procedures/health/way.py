@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import SamplesVoltage, SetsSine, lacking
-
-if TYPE_CHECKING:
-    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-    from vcfbench.station.parts import Node
+from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
+from vcfbench.station.parts import Node
 
 HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
 AC_WANTED: Final = "whether a person moves the multimeter to drive and carrier, for the ratio of their AC volts"

@@ -9,7 +9,7 @@ from msgspec import Meta, structs, to_builtins
 from vcfbench.procedures.health.way import AC_WANTED, HEALTH
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates
-from vcfbench.station.bounds import Rate  # noqa: TC001 - msgspec reads it
+from vcfbench.station.bounds import Rate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

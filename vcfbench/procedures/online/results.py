@@ -29,8 +29,8 @@ from vcfbench.steps import ModulatedRecord, SampleModulated
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.procedures.online.settings import OnlineSettings
-    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.steps.measured import Measured
 
 _U_SHARE = 0.05

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 from msgspec import Meta
 
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings, level_for
-from vcfbench.station.bounds import Rate  # noqa: TC001 - msgspec reads it
+from vcfbench.station.bounds import Rate
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import rate_words
 

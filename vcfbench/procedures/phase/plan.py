@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import fields
 from statistics import fmean
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from msgspec import structs
 
@@ -20,12 +20,9 @@ from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.records.devices import Characteristics, Measured
+from vcfbench.station.parts import Node
 from vcfbench.steps.drive_check import one_two_five
-from vcfbench.steps.step import answer
-
-if TYPE_CHECKING:
-    from vcfbench.station.parts import Node
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine, answer
 
 _Amplitudes: TypeAlias = tuple[float, float, float]
 _LARGEST_V = 10.0

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
-from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, quantity_row
+from vcfbench.procedures.phase.results import CaptureSense, Phases, sense_phasor
+from vcfbench.procedures.phase.settings import PhaseSettings
+from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, quantity_row
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text
 from vcfbench.steps import SineRecords
-
-if TYPE_CHECKING:
-    from vcfbench.procedures.phase.results import Phases
-    from vcfbench.procedures.phase.settings import PhaseSettings
-    from vcfbench.procedures.shared.measurand import Measurand
-    from vcfbench.steps.measured import Measured
+from vcfbench.steps.measured import Measured
 
 NOT_HELD = (
     "The uncertainties hold the scatter of the records and, against the drive signal, the skew of the oscilloscope's "

@@ -10,22 +10,17 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean, stdev, variance
-from typing import TYPE_CHECKING
 
 from vcfbench.analysis.rotating import Rotation, reference_phase
 from vcfbench.errors import MeasurementError
+from vcfbench.procedures.phase.settings import PhaseSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.steps import CaptureSines, Rotations, SineRecord, SineRecords
+from vcfbench.steps import CaptureSines, RotationRecord, Rotations, SineRecord, SineRecords
+from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import LOOK_AT_SIGNALS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from vcfbench.procedures.phase.settings import PhaseSettings
-    from vcfbench.steps import RotationRecord
-    from vcfbench.steps.measured import Measured
 
 _LARGEST_SCATTER_DEG = 5.0
 """Largest scatter of the demodulator's phase between records: mere noise scatters by 52 deg, a gyroscope by 0.01."""

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Final
+from collections.abc import Iterator
+from typing import Annotated, Final
 
 from msgspec import Meta
 
 from vcfbench.procedures.shared.kept_characteristics import KeptSettings
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import rate_words
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 LEAST_CYCLES: Final = 3
 

@@ -8,7 +8,7 @@ against drift, with bias and scale factor taken each time (by V_Vc of both signs
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from msgspec import structs
 
@@ -17,7 +17,14 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.power.results import RailDraw, RailsDrawn, RailsLogged, power_report, power_results
+from vcfbench.procedures.power.results import (
+    PowerResult,
+    RailDraw,
+    RailsDrawn,
+    RailsLogged,
+    power_report,
+    power_results,
+)
 from vcfbench.procedures.power.settings import Order, PowerSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
@@ -26,12 +33,8 @@ from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_sc
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.records.devices import Characteristics
-from vcfbench.steps.step import Effect, Reading, Step
-
-if TYPE_CHECKING:
-    from vcfbench.procedures.power.results import PowerResult
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.step import Context, Routine
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.steps.step import Context, Effect, Reading, Routine, Step
 
 _QUICK_NPLC = 1.0
 _ROUND_S = 0.05

@@ -3,31 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from statistics import NormalDist, fmean, stdev
-from typing import TYPE_CHECKING
+from typing import Self
 
-from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
+from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.errors import ConfigError
 from vcfbench.models import data_sheet_of
-from vcfbench.procedures.shared.known.scale_factor import scale_factor_used
+from vcfbench.procedures.power.settings import PowerSettings
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_used
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
+from vcfbench.station.settings import Sources
 from vcfbench.steps import Acquire, Window
-from vcfbench.steps.step import Reading, StepResult
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from typing import Self
-
-    from vcfbench.analysis.chopped import BlockNoise
-    from vcfbench.procedures.power.settings import PowerSettings
-    from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
-    from vcfbench.station.settings import Sources
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Step
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Reading, Step, StepResult
 
 _A_STATE = 3
 """Windows on one setting of the rails: at rest, at the rate, at the opposite rate."""

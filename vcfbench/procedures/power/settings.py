@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Literal
 
 from msgspec import Meta, structs
 
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings
 from vcfbench.station.invalid_value import InvalidValue
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 Order = Literal["together", "positive", "negative"]
 Varied = Literal["positive", "negative", "both"]

@@ -39,10 +39,10 @@ from vcfbench.steps.measured import Foreseen
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.procedure import Provenance
     from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
-    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.records.schema import Point
     from vcfbench.steps.measured import Measured
 

@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from vcfbench.procedures.health.way import AC_WANTED, HEALTH
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.station.bounds import Rate  # noqa: TC001 - msgspec reads it
+from vcfbench.station.bounds import Rate
 from vcfbench.station.invalid_value import InvalidValue
 
 if TYPE_CHECKING:

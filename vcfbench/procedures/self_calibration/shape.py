@@ -15,7 +15,7 @@ import numpy as np
 from vcfbench.analysis.chopped import polynomial_through_zero
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.shared.arrays import Floats
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.records.devices import Characteristics
 
 OUTPUT_CURVE = "the output's curve since the certificate"

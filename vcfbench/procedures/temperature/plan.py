@@ -8,9 +8,9 @@ measured where there is an oscilloscope. In the end the air is off, or the perso
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from statistics import fmean
-from typing import TYPE_CHECKING
 
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
@@ -31,18 +31,16 @@ from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
-from vcfbench.procedures.temperature.results import AtTemperature, temperature_report, temperature_results
+from vcfbench.procedures.temperature.results import (
+    AtTemperature,
+    TemperatureResult,
+    temperature_report,
+    temperature_results,
+)
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
 from vcfbench.records.devices import Characteristics, Measured
-from vcfbench.steps.step import answer
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.procedures.temperature.results import TemperatureResult
-    from vcfbench.records.schema import Point
-    from vcfbench.steps.step import Routine
-
+from vcfbench.records.schema import Point
+from vcfbench.steps.step import Routine, answer
 
 _DRIVE_RECORDS = 8
 _SIGMAS = 3.0

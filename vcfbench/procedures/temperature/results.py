@@ -3,36 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 
-from vcfbench.analysis.chopped import CHOPPED, Block, block_noise
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.errors import ConfigError
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.shared.known.levels import generator_sheet
-from vcfbench.procedures.shared.known.scale_factor import scale_factor_used
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import meter_error
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
+from vcfbench.procedures.temperature.settings import TemperatureSettings
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import Done, SineRecords, SineResponse, TemperatureReading
-from vcfbench.steps.step import Step
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from vcfbench.analysis.chopped import BlockNoise
-    from vcfbench.procedures.shared.arrays import Floats
-    from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
-    from vcfbench.procedures.temperature.settings import TemperatureSettings
-    from vcfbench.records.schema import Point
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Context
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Context, Step
 
 _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""

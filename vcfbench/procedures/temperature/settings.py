@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Iterator
+from typing import Annotated
 
 from msgspec import Meta, structs
 
 from vcfbench.procedures.bandwidth import BandwidthSettings
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings
 from vcfbench.station.invalid_value import InvalidValue
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 STEADY_MEANS = 3
 """So many means in a row must stand still."""

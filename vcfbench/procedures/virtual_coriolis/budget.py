@@ -29,7 +29,7 @@ from vcfbench.procedures.shared.sweep.windows import sweep_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.procedures.shared.arrays import Floats
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.procedures.shared.budget.known_levels import KnownLevels
     from vcfbench.procedures.shared.budget.statement import Statement
     from vcfbench.procedures.virtual_coriolis.matching import Matching

@@ -22,7 +22,7 @@ from vcfbench.procedures.virtual_coriolis.budget import MEANINGS, four_step_valu
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from vcfbench.procedures.shared.arrays import Floats
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.procedures.shared.budget.known_levels import KnownLevels
     from vcfbench.procedures.shared.budget.statement import Statement
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching

@@ -22,8 +22,8 @@ from vcfbench.procedures.shared.sweep.schedule import KvcBy
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.analysis.k_vc_curve import KVcCurve
-    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
     from vcfbench.records.schema import Point
 

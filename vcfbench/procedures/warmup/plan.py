@@ -7,8 +7,9 @@ three of them in a row agree and their slope is below the bias instability a min
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 from msgspec import Meta
 
@@ -20,19 +21,12 @@ from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_report, warmup_results
+from vcfbench.records.schema import Point
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.steps.measured import Foreseen
-from vcfbench.steps.step import Reading, StepResult, answer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from typing import Self
-
-    from vcfbench.records.schema import Point
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.station.settings import Sources
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Context, Routine, Step
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import Sources
+from vcfbench.steps.measured import Foreseen, Measured
+from vcfbench.steps.step import Context, Reading, Routine, Step, StepResult, answer
 
 _QUICK_NPLC = 1.0
 _QUICK_INTERVAL_S = 0.1

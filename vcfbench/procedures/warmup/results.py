@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients
 from vcfbench.analysis.sampling import Sampling
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
 from vcfbench.procedures.shared.sweep.window_noise import Flicker
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.procedures.shared.arrays import Floats
-    from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.measured import Measured
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.steps.measured import Measured
 
 _SIGMAS = 3.0
 _FLOOR = 0.6643

@@ -8,10 +8,11 @@ So there are three modes: the record as it stands, the same corrected for its de
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from datetime import timedelta
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
@@ -19,22 +20,15 @@ from vcfbench import steps
 from vcfbench.analysis.sampling import Sampling, block_means
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, Provenance
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept_characteristics import KeptSettings, conditions_of
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
+from vcfbench.records.devices import NewEntry
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.steps.measured import Foreseen
-from vcfbench.steps.step import answer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.procedures.procedure import Provenance
-    from vcfbench.records.devices import NewEntry
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.measured import Foreseen, Measured
+from vcfbench.steps.step import Routine, answer
 
 _LEAST_READINGS = 200
 """Fewer have no averaging times for four coefficients."""

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from vcfbench.analysis import allan
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.bias_stability import BiasStability, bias_stability
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term, fit_noise, fit_shown_noise
 from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.analysis.type_a import u_of_combination
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
+from vcfbench.procedures.shared.sweep.window_noise import Flicker
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Axis, Cell, Column, Figure, Report, Series, Table, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
-    from vcfbench.procedures.shared.sweep.window_noise import Flicker
-    from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.settings import ProcedureSettings
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
@@ -180,14 +176,14 @@ def foreseen_zero(
 
 
 def zero_results(
-    volts: NDArray[np.float64],
-    times_s: NDArray[np.float64],
+    volts: Floats,
+    times_s: Floats,
     sampling: Sampling,
     scale: ScaleFactor,
     mode: str,
     *,
     settings: ProcedureSettings,
-    raw: tuple[NDArray[np.float64], int] | None = None,
+    raw: tuple[Floats, int] | None = None,
     u_bandwidth_hz: float = 0.0,
 ) -> ZeroResult:
     """Return the results of the record of `volts`, one mean every ``sampling.interval_s``.
@@ -258,7 +254,7 @@ def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: 
     return replace(fit, terms={**fit.terms, Term.ANGLE_RANDOM_WALK: wider})
 
 
-def _noise_bandwidth(readings: NDArray[np.float64], a_mean: int, fit: NoiseFit) -> Measurand | None:
+def _noise_bandwidth(readings: Floats, a_mean: int, fit: NoiseFit) -> Measurand | None:
     """Return the noise bandwidth of one reading, Hz: half the mean square of differences over an interval, over 2 N^2.
 
     Readings so far apart share nothing of what the split lets through; of flicker the difference holds some per cent.
@@ -322,7 +318,7 @@ def _walk_as_it_stands(curve: Sequence[allan.AllanPoint], samples: int, interval
     return fit_noise(curve, samples, Sampling.without_gaps(interval_s), _ALWAYS).coefficients.angle_random_walk
 
 
-def _dead_share(times_s: NDArray[np.float64], means: int, sampling: Sampling) -> float:
+def _dead_share(times_s: Floats, means: int, sampling: Sampling) -> float:
     """Return the part of the record that no reading saw; between bursts without gaps the times tell it."""
     if not sampling.gapless:
         return 1.0 - sampling.aperture_s / sampling.interval_s
@@ -361,7 +357,7 @@ def _stability(found: BiasStability) -> Stability:
 
 
 def _stated(
-    volts: NDArray[np.float64], sampling: Sampling, scale: ScaleFactor, settings: ProcedureSettings, fit: NoiseFit
+    volts: Floats, sampling: Sampling, scale: ScaleFactor, settings: ProcedureSettings, fit: NoiseFit
 ) -> tuple[Measurand, Measurand, Measurand]:
     """Return mean output (V), bias (deg/s) and trend ((deg/h)/h) with all that is known to make them uncertain."""
     known, per_deg_s = settings.station.sources, abs(scale.value)
@@ -382,7 +378,7 @@ def _stated(
     return output, bias, _trend(volts / scale.value, sampling, settings, fit)
 
 
-def _trend(rates: NDArray[np.float64], sampling: Sampling, settings: ProcedureSettings, fit: NoiseFit) -> Measurand:
+def _trend(rates: Floats, sampling: Sampling, settings: ProcedureSettings, fit: NoiseFit) -> Measurand:
     """Return the slope of the least-squares line, (deg/h)/h, through means: noise alone bends it, and the warm-up."""
     edges = np.linspace(0, rates.size, _WINDOWS + 1).round().astype(int)
     means = np.array([rates[a:b].mean() for a, b in pairwise(edges.tolist())])
@@ -410,7 +406,7 @@ def _flicker(fit: NoiseFit, settings: ProcedureSettings) -> Flicker:
 
 
 def _noise_parts(
-    fit: NoiseFit, sampling: Sampling, windows: tuple[NDArray[np.float64], ...], factor: float
+    fit: NoiseFit, sampling: Sampling, windows: tuple[Floats, ...], factor: float
 ) -> Iterator[UncertaintyPart]:
     """Yield the contribution of each noise but flicker to a sum of means, `windows` (begins, ends, weights).
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.analysis.budget import Source
-    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import Sources
 

@@ -14,7 +14,7 @@ from vcfbench.procedures.shared.sweep.window_noise import OutputSum
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from vcfbench.procedures.shared.arrays import Floats
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.procedures.shared.sweep.windows import Sweep
     from vcfbench.station.settings import ProcedureSettings, Sources
 

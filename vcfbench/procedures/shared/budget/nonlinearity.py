@@ -17,8 +17,8 @@ from vcfbench.procedures.shared.sweep.window_noise import OutputSum, WindowNoise
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.analysis.budget import Model
-    from vcfbench.procedures.shared.arrays import Floats
     from vcfbench.procedures.shared.budget.known_levels import KnownLevels
     from vcfbench.procedures.shared.budget.line import Line
     from vcfbench.procedures.shared.budget.statement import StatedValue, Statement

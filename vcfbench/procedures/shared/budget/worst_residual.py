@@ -16,7 +16,7 @@ from msgspec import Struct
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from vcfbench.procedures.shared.arrays import Floats
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.procedures.shared.budget.line import Line
 
 Places: TypeAlias = "NDArray[np.intp]"

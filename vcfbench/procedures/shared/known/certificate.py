@@ -22,7 +22,7 @@ from vcfbench.station.acceptance import Acceptance, Verdict
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.procedures.shared.arrays import Floats
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.procedures.shared.known.device import KnownDevice, Reference
     from vcfbench.records.devices import KvcCurve, Measured
     from vcfbench.station.settings import Limit

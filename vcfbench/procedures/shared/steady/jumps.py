@@ -25,7 +25,7 @@ from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.procedures.shared.arrays import Floats
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.procedures.shared.steady.walk import Seen, Walk
 
 _ORDERS = 3

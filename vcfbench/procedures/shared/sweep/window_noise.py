@@ -18,7 +18,7 @@ from vcfbench.procedures.shared.sweep.windows import window_times
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.procedures.shared.arrays import Floats
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
 

@@ -19,7 +19,7 @@ from vcfbench.procedures.shared.sweep.schedule import ZERO_DRIVEN, ZERO_TABLE, S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from vcfbench.procedures.shared.arrays import Floats
+    from vcfbench.analysis.arrays import Floats
     from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
 
