@@ -132,7 +132,7 @@ def test_the_head_is_moved_by_a_person_only_and_faults_end_the_wait() -> None:
 
 def test_what_it_refuses_is_told_though_it_has_no_error_queue() -> None:
     with open_bench(with_chamber()) as bench:
-        chamber = bench.chamber._instrument  # type: ignore[attr-defined]  # past the bench's limits
+        chamber = bench.chamber.driver  # type: ignore[attr-defined]  # past the bench's limits
         with pytest.raises(InstrumentError, match="execution error"):
             chamber.set_temperature(200.0, 60.0)
         chamber.check_errors()
@@ -141,7 +141,7 @@ def test_what_it_refuses_is_told_though_it_has_no_error_queue() -> None:
 def test_its_sensor_at_the_device_is_read_where_there_is_one() -> None:
     with open_bench(with_chamber()) as bench:
         assert bench.chamber.device_temperature_c() is None
-        session = bench.chamber._instrument.session  # type: ignore[attr-defined]
+        session = bench.chamber.driver.session  # type: ignore[attr-defined]
         session.write("DSNS 1")
         assert bench.chamber.device_temperature_c() == pytest.approx(bench.chamber.air_temperature_c(), abs=1.0)
 

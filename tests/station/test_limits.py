@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vcfbench.errors import LimitError
-from vcfbench.station.limits import LimitChecks, LimitedGenerator, LimitedRateTable, LimitedSupply
+from vcfbench.station.limits import LimitChecks, LimitedChamber, LimitedGenerator, LimitedRateTable, LimitedSupply
 from vcfbench.station.parts import Limits, RailWiring
 
 LIMITS = Limits(
@@ -119,3 +119,17 @@ def test_the_supply_gets_what_the_rails_bear(setting: tuple[str, float, float]) 
     supply = driver("power")
     LimitedSupply(supply, CHECKS).configure_output(*setting)
     supply.configure_output.assert_called_once_with(*setting)
+
+
+def test_no_setting_passes_by_the_limits() -> None:
+    """Members that set a value are compared with a limit here, but for the window of a chamber's settled temperature."""
+    kinds = (LimitedRateTable, LimitedChamber, LimitedGenerator, LimitedSupply)
+    passed_on = {name for kind in kinds for name, member in vars(kind).items() if isinstance(member, property)}
+    setting = {name for name in passed_on if name.startswith(("set_", "configure_"))}
+    assert setting == {"set_settled"}
+    assert {"enable", "disable", "make_safe", "command_safe", "name", "resource"} <= passed_on
+
+
+def test_what_no_protocol_has_is_not_passed_on() -> None:
+    limited = LimitedSupply(Mock(spec=["apply"]), CHECKS)
+    assert not hasattr(limited, "apply")

@@ -1,32 +1,22 @@
 """The limits of a bench, and instruments that refuse a command beyond them before anything is sent.
 
-Each instrument wraps a driver and is one itself; what is not limited goes straight through.
+Each instrument wraps a driver and has the members of its protocol; those that no limit is about go straight through.
 """
 
 from __future__ import annotations
 
 from contextlib import contextmanager
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
 from vcfbench.errors import LimitError
+from vcfbench.interfaces import FunctionGenerator, PowerSupply, RateTable, TemperatureChamber
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.clock import Deadline
-    from vcfbench.interfaces import (
-        FunctionGenerator,
-        Identity,
-        Instrument,
-        PowerSupply,
-        RateTable,
-        Regulation,
-        SafeReport,
-        TemperatureChamber,
-        UnprovedCommand,
-    )
     from vcfbench.station.description import BenchDescription
     from vcfbench.station.parts import Limits, RailWiring
 
@@ -98,45 +88,20 @@ def driver_of(instrument: Any) -> Any:
 
 
 class _Limited:
-    """Members that every wrapped instrument passes on."""
+    """An instrument within limits: passes on the members of its `protocol`, but for those that a subclass defines.
 
-    def __init__(self, instrument: Instrument) -> None:
-        self._instrument = instrument
+    A driver's member beyond its protocol is not there: nothing is passed on that nobody has compared with a limit.
+    """
 
-    @property
-    def driver(self) -> Instrument:
-        """Driver behind the limits."""
-        return self._instrument
+    def __init__(self, driver: Any, checks: LimitChecks) -> None:
+        self.driver = driver
+        self._checks = checks
 
-    @property
-    def name(self) -> str:
-        """The role on this bench."""
-        return self._instrument.name
-
-    @property
-    def resource(self) -> str:
-        """The resource string it was opened with."""
-        return self._instrument.resource
-
-    def identify(self) -> Identity:
-        """Ask for the identity."""
-        return self._instrument.identify()
-
-    def check_errors(self) -> None:
-        """Read the error queue until it is empty."""
-        self._instrument.check_errors()
-
-    def command_safe(self) -> UnprovedCommand:
-        """Send the stop or off words at once, without waiting for an answer."""
-        return self._instrument.command_safe()
-
-    def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Bring the instrument to its safe state."""
-        return self._instrument.make_safe(deadline)
-
-    def close(self) -> None:
-        """Give the connection back."""
-        self._instrument.close()
+    def __init_subclass__(cls, protocol: type) -> None:
+        """Add what is passed on."""
+        for name in {each for base in protocol.__mro__ for each in vars(base) if not each.startswith("_")}:
+            if name not in vars(cls):
+                setattr(cls, name, property(attrgetter(f"driver.{name}")))
 
     @contextmanager
     def _nothing_sent(self) -> Iterator[None]:
@@ -144,180 +109,69 @@ class _Limited:
         try:
             yield
         except LimitError as error:
-            error.instrument, error.resource, error.hint = self.name, self.resource, "nothing was sent"
+            error.instrument, error.resource = self.driver.name, self.driver.resource
+            error.hint = "nothing was sent"
             raise
 
 
-class LimitedRateTable(_Limited):
+class LimitedRateTable(_Limited, protocol=RateTable):
     """A rate table within the bench's rate and acceleration."""
-
-    def __init__(self, table: RateTable, checks: LimitChecks) -> None:
-        super().__init__(table)
-        self._table = table
-        self._checks = checks
-
-    def enable(self) -> None:
-        """Zero the demand, then close the servo."""
-        self._table.enable()
-
-    def disable(self) -> None:
-        """Open the servo."""
-        self._table.disable()
 
     def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
         """Ramp to `rate_deg_s`; LimitError beyond the limits of rate and acceleration."""
         with self._nothing_sent():
             self._checks.rate(rate_deg_s)
             self._checks.acceleration(acceleration_deg_s2)
-        self._table.set_rate(rate_deg_s, acceleration_deg_s2)
+        self.driver.set_rate(rate_deg_s, acceleration_deg_s2)
 
     def stop(self, acceleration_deg_s2: float) -> None:
         """Ramp to rest; LimitError beyond the limit of acceleration."""
         with self._nothing_sent():
             self._checks.acceleration(acceleration_deg_s2)
-        self._table.stop(acceleration_deg_s2)
-
-    def at_rate(self) -> bool:
-        """Tell whether the demanded rate is reached."""
-        return self._table.at_rate()
-
-    def rate_deg_s(self) -> float:
-        """Read back the rate."""
-        return self._table.rate_deg_s()
-
-    def angle_deg(self) -> float:
-        """Read back the angle."""
-        return self._table.angle_deg()
-
-    def fault(self) -> str | None:
-        """Return the latched fault in words, or None."""
-        return self._table.fault()
+        self.driver.stop(acceleration_deg_s2)
 
 
-class LimitedChamber(_Limited):
+class LimitedChamber(_Limited, protocol=TemperatureChamber):
     """A chamber within the bench's temperatures and ramp."""
-
-    def __init__(self, chamber: TemperatureChamber, checks: LimitChecks) -> None:
-        super().__init__(chamber)
-        self._chamber = chamber
-        self._checks = checks
 
     def set_temperature(self, temperature_c: float, ramp_k_min: float) -> float:
         """Go to `temperature_c`; LimitError beyond the limits of temperature and ramp."""
         with self._nothing_sent():
             self._checks.temperature(temperature_c, ramp_k_min)
-        return self._chamber.set_temperature(temperature_c, ramp_k_min)
-
-    def set_settled(self, window_k: float, soak_s: float) -> None:
-        """Say when it counts as at temperature."""
-        self._chamber.set_settled(window_k, soak_s)
-
-    def at_temperature(self) -> bool:
-        """Tell whether the temperature is reached and has been held."""
-        return self._chamber.at_temperature()
-
-    def air_temperature_c(self) -> float:
-        """Read the temperature of the air."""
-        return self._chamber.air_temperature_c()
-
-    def device_temperature_c(self) -> float | None:
-        """Read the temperature at the device, None without a sensor."""
-        return self._chamber.device_temperature_c()
-
-    def enable_flow(self) -> None:
-        """Let air flow."""
-        self._chamber.enable_flow()
-
-    def disable_flow(self) -> None:
-        """Stop the air."""
-        self._chamber.disable_flow()
-
-    def flow_enabled(self) -> bool:
-        """Tell whether air flows."""
-        return self._chamber.flow_enabled()
-
-    def fault(self) -> str | None:
-        """Return the fault in words, or None."""
-        return self._chamber.fault()
+        return self.driver.set_temperature(temperature_c, ramp_k_min)  # type: ignore[no-any-return]
 
 
-class LimitedGenerator(_Limited):
+class LimitedGenerator(_Limited, protocol=FunctionGenerator):
     """A function generator whose voltage stays within the bench's V_Vc, peak, into an open circuit."""
-
-    def __init__(self, generator: FunctionGenerator, checks: LimitChecks) -> None:
-        super().__init__(generator)
-        self._generator = generator
-        self._checks = checks
 
     def configure_dc(self, voltage_v: float) -> float:
         """Select DC at `voltage_v`; LimitError beyond the limit."""
         with self._nothing_sent():
             self._checks.v_vc(voltage_v)
-        return self._generator.configure_dc(voltage_v)
+        return self.driver.configure_dc(voltage_v)  # type: ignore[no-any-return]
 
     def set_dc(self, voltage_v: float) -> float:
         """Change the DC level; LimitError beyond the limit."""
         with self._nothing_sent():
             self._checks.v_vc(voltage_v)
-        return self._generator.set_dc(voltage_v)
+        return self.driver.set_dc(voltage_v)  # type: ignore[no-any-return]
 
     def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
         """Select a sine; LimitError when its peak, offset included, is beyond the limit."""
         with self._nothing_sent():
             self._checks.v_vc(abs(amplitude_vpp) / 2.0 + abs(offset_v), "peak voltage")
-        self._generator.configure_sine(frequency_hz, amplitude_vpp, offset_v)
-
-    def enable_output(self) -> None:
-        """Close the output relay."""
-        self._generator.enable_output()
-
-    def disable_output(self) -> None:
-        """Open the output relay."""
-        self._generator.disable_output()
-
-    def output_enabled(self) -> bool:
-        """Tell whether the output relay is closed."""
-        return self._generator.output_enabled()
+        self.driver.configure_sine(frequency_hz, amplitude_vpp, offset_v)
 
 
-class LimitedSupply(_Limited):
+class LimitedSupply(_Limited, protocol=PowerSupply):
     """A supply whose rail outputs stay within the window of the rails and the limit of their current.
 
     Outputs that feed no rail may only be set to 0 V.
     """
-
-    def __init__(self, supply: PowerSupply, checks: LimitChecks) -> None:
-        super().__init__(supply)
-        self._supply = supply
-        self._checks = checks
 
     def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
         """Set level and current limit of `output`; LimitError outside the limits, 0 V is always allowed."""
         with self._nothing_sent():
             self._checks.rail(output, voltage_v)
             self._checks.rail_current(output, current_limit_a)
-        self._supply.configure_output(output, voltage_v, current_limit_a)
-
-    def enable_outputs(self) -> None:
-        """Switch all outputs on."""
-        self._supply.enable_outputs()
-
-    def disable_outputs(self) -> None:
-        """Switch all outputs off."""
-        self._supply.disable_outputs()
-
-    def outputs_enabled(self) -> bool:
-        """Tell whether the outputs are on."""
-        return self._supply.outputs_enabled()
-
-    def measure_voltage_v(self, output: str) -> float:
-        """Read back the voltage at the terminals, V."""
-        return self._supply.measure_voltage_v(output)
-
-    def measure_current_a(self, output: str) -> float:
-        """Read back the current, A."""
-        return self._supply.measure_current_a(output)
-
-    def regulation(self, output: str) -> Regulation:
-        """Tell how `output` is regulated now."""
-        return self._supply.regulation(output)
+        self.driver.configure_output(output, voltage_v, current_limit_a)
