@@ -27,7 +27,7 @@ def test_every_public_name_has_its_entry() -> None:
 def test_signatures_fields_and_words_are_there() -> None:
     page = " ".join(PAGE.read_text(encoding="utf-8").split())
     assert "run( procedure: str |" in page
-    assert "- `samples: Samples = 10`: readings a mean" in page
+    assert "- `samples: bounds.Samples = 10`: readings a mean" in page
     assert "- `k_vc: Quantity`: Rate that one volt of V_Vc stands for." in page
     assert "`Run.readings: tuple[RawReading, ...]` Every raw reading, in the order of time" in page
     assert "- [`LimitError`](#class-limiterror): a step would leave a limit of the bench" in page

@@ -269,7 +269,7 @@ class FakeTable(FakeInstrument):
 
 
 class FakeBench:
-    """What :class:`vcfbench.steps.step.OpenBench` asks for; `calls` holds (bench time, instrument, call)."""
+    """What steps ask :class:`vcfbench.Bench` for; `calls` holds (bench time, instrument, call)."""
 
     def __init__(self, gyro: Gyro | None = None) -> None:
         self.clock = VirtualClock()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vcfbench.bench.simulated_operator import simulated_operator
 from vcfbench.errors import PlanError
 from vcfbench.steps import AskOperator
+from vcfbench.steps.operator import simulated_operator
 from vcfbench.steps.step import nobody
 
 if TYPE_CHECKING:

@@ -12,33 +12,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from vcfbench.errors import ConfigError
-from vcfbench.station.bounds import (
-    ADDRESS_PATTERN,
-    LINE_PATTERN,
-    NAME_PATTERN,
-    BaudRate,
-    BiasCoefficient,
-    BiasInstability,
-    BiasPerDegree,
-    GeneratorRanges,
-    Horizon,
-    Kelvins,
-    Latitude,
-    LevelError,
-    LevelOffset,
-    MeterAge,
-    Misalignment,
-    Pause,
-    PhaseLimit,
-    PpmPerDegree,
-    PpmPerYear,
-    RoomWindow,
-    ScaleFactorCoefficient,
-    Seconds,
-    StepsPerDegree,
-    TableRateError,
-    WarmUpTime,
-)
+from vcfbench.station import bounds
 from vcfbench.station.layering import shared_settings
 from vcfbench.station.parts import (
     AcceptanceLimits,
@@ -52,22 +26,22 @@ from vcfbench.station.parts import (
 )
 from vcfbench.station.settings import ProcedureSettings
 
-Name = Annotated[str, Meta(pattern=NAME_PATTERN)]
-Dialect = Annotated[str, Meta(min_length=1, max_length=4096, pattern=LINE_PATTERN)]
+Name = Annotated[str, Meta(pattern=bounds.NAME_PATTERN)]
+Dialect = Annotated[str, Meta(min_length=1, max_length=4096, pattern=bounds.LINE_PATTERN)]
 """Which languages there are is checked beside the description: other packages may bring theirs."""
 
-Text = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
-Model = Annotated[str, Meta(pattern=NAME_PATTERN)]
+Text = Annotated[str, Meta(min_length=1, max_length=200, pattern=bounds.LINE_PATTERN)]
+Model = Annotated[str, Meta(pattern=bounds.NAME_PATTERN)]
 """Which models a role takes is checked beside the description: other packages may bring theirs."""
 
-Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=LINE_PATTERN)]
+Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=bounds.LINE_PATTERN)]
 Errors = Literal["none", "drawn"] | dict[str, Any]
 
 
 class SerialSettings(BenchFileTable, frozen=True, kw_only=True):
     """The line of an instrument on a serial port (``ASRL``); instruments on other interfaces ignore it."""
 
-    baud_rate: BaudRate = 9600
+    baud_rate: bounds.BaudRate = 9600
     data_bits: Annotated[int, Meta(ge=7, le=8)] = 8
     parity: Literal["none", "even", "odd"] = "none"
     stop_bits: Annotated[int, Meta(ge=1, le=2)] = 2
@@ -94,10 +68,10 @@ class _VisaRole(_Calibrated, frozen=True, kw_only=True):
     """An instrument reached through VISA."""
 
     resource: Resource
-    timeout_s: Seconds = 5.0
+    timeout_s: bounds.Seconds = 5.0
     serial_number: Text | None = None
     serial: SerialSettings | None = None
-    serial_pause_s: Pause | None = None
+    serial_pause_s: bounds.Pause | None = None
     like: Model | None = None
     """The model whose words it speaks, where its own is not known; its identity must still be that of `model`."""
 
@@ -142,12 +116,12 @@ class RateTableRole(_Calibrated, frozen=True, kw_only=True):
 
     dialect: Dialect
     resource: Resource
-    timeout_s: Seconds = 2.0
+    timeout_s: bounds.Seconds = 2.0
     axis: Annotated[int, Meta(ge=1, le=6)] = 1
     axis_sign: Literal[1, -1] = 1
-    baud_rate: BaudRate | None = None
+    baud_rate: bounds.BaudRate | None = None
     reply_header: Literal["auto", "none", "u32le2", "u32be2"] = "auto"
-    steps_per_deg: StepsPerDegree | None = None
+    steps_per_deg: bounds.StepsPerDegree | None = None
 
 
 class Wiring(BenchFileTable, frozen=True, kw_only=True):
@@ -162,9 +136,9 @@ class Wiring(BenchFileTable, frozen=True, kw_only=True):
 class Site(BenchFileTable, frozen=True, kw_only=True):
     """Site of the bench: for the Earth's rate, the voltmeter's integration time, and the room's temperature."""
 
-    latitude_deg: Latitude
+    latitude_deg: bounds.Latitude
     mains_hz: Literal[50, 60] = 50
-    ambient_c: RoomWindow | None = None
+    ambient_c: bounds.RoomWindow | None = None
 
 
 class Laboratory(BenchFileTable, frozen=True, kw_only=True):
@@ -221,28 +195,28 @@ class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     measured and did not (Q, modes, phases, feed-through). Without it each counts as far as ageing goes (assumed).
     """
 
-    meter_age_days: MeterAge | None = None
-    v_vc_meter_age_days: MeterAge | None = None
-    table_rate_error: TableRateError | None = None
-    generator_error: LevelError | None = None
-    generator_offset_v: LevelOffset | None = None
-    generator_ranges_v: GeneratorRanges | None = None
-    bias_instability_deg_h: BiasInstability | None = None
-    horizon_h: Horizon = 24.0
-    temperature_k: Kelvins | None = None
-    scale_factor_ppm_k: ScaleFactorCoefficient | None = None
-    bias_deg_h_k: BiasCoefficient | None = None
-    warm_up_k: Kelvins | None = None
-    warm_up_time_s: WarmUpTime | None = None
-    misalignment_deg: Misalignment | None = None
-    carrier_phase_deg: PhaseLimit | None = None
-    demodulator_phase_deg: PhaseLimit | None = None
-    k_vc_ppm_carrier_deg: PpmPerDegree = 1000.0
-    k_vc_ppm_demodulator_deg: PpmPerDegree = 0.0
-    scale_factor_ppm_demodulator_deg: PpmPerDegree = 1000.0
-    bias_deg_s_demodulator_deg: BiasPerDegree | None = None
-    k_vc_drift_ppm_per_year: PpmPerYear | None = None
-    k_vc_not_measured_ppm: PpmPerYear | None = None
+    meter_age_days: bounds.MeterAge | None = None
+    v_vc_meter_age_days: bounds.MeterAge | None = None
+    table_rate_error: bounds.TableRateError | None = None
+    generator_error: bounds.LevelError | None = None
+    generator_offset_v: bounds.LevelOffset | None = None
+    generator_ranges_v: bounds.GeneratorRanges | None = None
+    bias_instability_deg_h: bounds.BiasInstability | None = None
+    horizon_h: bounds.Horizon = 24.0
+    temperature_k: bounds.Kelvins | None = None
+    scale_factor_ppm_k: bounds.ScaleFactorCoefficient | None = None
+    bias_deg_h_k: bounds.BiasCoefficient | None = None
+    warm_up_k: bounds.Kelvins | None = None
+    warm_up_time_s: bounds.WarmUpTime | None = None
+    misalignment_deg: bounds.Misalignment | None = None
+    carrier_phase_deg: bounds.PhaseLimit | None = None
+    demodulator_phase_deg: bounds.PhaseLimit | None = None
+    k_vc_ppm_carrier_deg: bounds.PpmPerDegree = 1000.0
+    k_vc_ppm_demodulator_deg: bounds.PpmPerDegree = 0.0
+    scale_factor_ppm_demodulator_deg: bounds.PpmPerDegree = 1000.0
+    bias_deg_s_demodulator_deg: bounds.BiasPerDegree | None = None
+    k_vc_drift_ppm_per_year: bounds.PpmPerYear | None = None
+    k_vc_not_measured_ppm: bounds.PpmPerYear | None = None
 
 
 class SimulationErrors(BenchFileTable, frozen=True, kw_only=True):
@@ -288,7 +262,7 @@ class Simulation(BenchFileTable, frozen=True, kw_only=True):
 class Served(BenchFileTable, frozen=True, kw_only=True):
     """A simulated bench in another process (``vcfbench sim serve``): real wires to it, and its clock is there."""
 
-    control: Annotated[str, Meta(pattern=ADDRESS_PATTERN)]
+    control: Annotated[str, Meta(pattern=bounds.ADDRESS_PATTERN)]
 
     def address(self) -> tuple[str, int]:
         """Return host and port of the control port."""

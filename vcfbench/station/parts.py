@@ -5,27 +5,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct
 
 from vcfbench.errors import LimitError
-from vcfbench.station.bounds import (
-    Acceleration,
-    Current,
-    DriftWindow,
-    EnWindow,
-    LargestPpm,
-    LeastRail,
-    NoiseWindow,
-    OutputDrift,
-    OutputSlopeWindow,
-    OutputWindow,
-    PercentWindow,
-    PositiveRail,
-    PpmWindow,
-    RateLimit,
-    RateWindow,
-    SlopeWindow,
-    Temperature,
-    TemperatureRamp,
-    VVcLimit,
-)
+from vcfbench.station import bounds
 
 Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative"]
 SupplyOutput = Literal["P6V", "P25V", "N25V"]
@@ -91,15 +71,15 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
     Those of an instrument that the bench has are there; those of one that it has not may be None.
     """
 
-    max_rate_deg_s: RateLimit | None = None
-    max_acceleration_deg_s2: Acceleration | None = None
-    max_v_vc_v: VVcLimit | None = None
-    min_rail_v: LeastRail | None = None
-    max_rail_v: PositiveRail | None = None
-    max_rail_current_a: Current | None = None
-    min_temperature_c: Temperature | None = None
-    max_temperature_c: Temperature | None = None
-    max_ramp_k_min: TemperatureRamp | None = None
+    max_rate_deg_s: bounds.RateLimit | None = None
+    max_acceleration_deg_s2: bounds.Acceleration | None = None
+    max_v_vc_v: bounds.VVcLimit | None = None
+    min_rail_v: bounds.LeastRail | None = None
+    max_rail_v: bounds.PositiveRail | None = None
+    max_rail_current_a: bounds.Current | None = None
+    min_temperature_c: bounds.Temperature | None = None
+    max_temperature_c: bounds.Temperature | None = None
+    max_ramp_k_min: bounds.TemperatureRamp | None = None
 
     def of(self, key: LimitKey) -> float:
         """Return the limit called `key`; LimitError where the station has none, for then nothing is allowed."""
@@ -112,12 +92,12 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
 class Expected(BenchFileTable, frozen=True, kw_only=True):
     """Expected values of this gyroscope: a run with others is ended. Each window ``[low, high]``."""
 
-    scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
-    bias_v: OutputWindow | None = None
-    k_vc_deg_s_per_v: SlopeWindow | None = None
-    reading_noise_v: NoiseWindow | None = None
-    zero_drift_v: OutputDrift | None = None
-    nonlinearity_ppm: LargestPpm | None = None
+    scale_factor_v_per_deg_s: bounds.OutputSlopeWindow | None = None
+    bias_v: bounds.OutputWindow | None = None
+    k_vc_deg_s_per_v: bounds.SlopeWindow | None = None
+    reading_noise_v: bounds.NoiseWindow | None = None
+    zero_drift_v: bounds.OutputDrift | None = None
+    nonlinearity_ppm: bounds.LargestPpm | None = None
 
 
 class AcceptanceLimits(BenchFileTable, frozen=True, kw_only=True):
@@ -127,12 +107,12 @@ class AcceptanceLimits(BenchFileTable, frozen=True, kw_only=True):
     """
 
     guard_band: Literal["none", "U95"] = "none"
-    scale_factor_v_per_deg_s: OutputSlopeWindow | None = None
-    bias_v: OutputWindow | None = None
-    bias_deg_s: RateWindow | None = None
-    nonlinearity_ppm: PpmWindow | None = None
-    reading_noise_v: NoiseWindow | None = None
-    k_vc_deg_s_per_v: SlopeWindow | None = None
-    scale_factor_error_percent: PercentWindow | None = None
-    drift_ppm: DriftWindow | None = None
-    e_n: EnWindow | None = None
+    scale_factor_v_per_deg_s: bounds.OutputSlopeWindow | None = None
+    bias_v: bounds.OutputWindow | None = None
+    bias_deg_s: bounds.RateWindow | None = None
+    nonlinearity_ppm: bounds.PpmWindow | None = None
+    reading_noise_v: bounds.NoiseWindow | None = None
+    k_vc_deg_s_per_v: bounds.SlopeWindow | None = None
+    scale_factor_error_percent: bounds.PercentWindow | None = None
+    drift_ppm: bounds.DriftWindow | None = None
+    e_n: bounds.EnWindow | None = None

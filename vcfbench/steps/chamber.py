@@ -8,9 +8,10 @@ from msgspec import Struct
 
 from vcfbench.clock import sleep
 from vcfbench.steps.operator import AskOperator
-from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
+from vcfbench.steps.step import Effect, Step, StepResult, problem
 
 if TYPE_CHECKING:
+    from vcfbench.bench.bench import Bench
     from vcfbench.station.limits import LimitChecks
     from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context
@@ -48,13 +49,12 @@ class SetTemperature(Step, Struct, frozen=True):
     def within(self, limits: LimitChecks) -> None:
         limits.temperature(self.temperature_c, self.ramp_k_min)
 
-    def perform(self, context: Context) -> Done:
-        chamber = context.bench.chamber
+    def command(self, bench: Bench) -> None:
+        chamber = bench.chamber
         chamber.set_temperature(self.temperature_c, self.ramp_k_min)
         chamber.set_settled(self.window_k, self.soak_s)
         if not chamber.flow_enabled():
             chamber.enable_flow()
-        return Done()
 
 
 class AwaitTemperature(Step, Struct, frozen=True):
@@ -108,14 +108,11 @@ class StopFlow(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "temperature"
+    instruction: ClassVar[str] = "air off"
     overhead_s: ClassVar[float] = 0.2
 
-    def describe(self) -> str:
-        return "air off"
-
-    def perform(self, context: Context) -> Done:
-        context.bench.chamber.disable_flow()
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.chamber.disable_flow()
 
 
 def set_air_by_hand(temperature_c: float, takes_s: float = 900.0) -> AskOperator:

@@ -24,10 +24,11 @@ if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
     from contextlib import AbstractContextManager
 
+    from vcfbench.bench.bench import Bench
     from vcfbench.records.schema import Point
     from vcfbench.steps import Window
     from vcfbench.steps.replay import TakenOver
-    from vcfbench.steps.step import OpenBench, Operator, Plan, Reading, Routine, Step, StepResult
+    from vcfbench.steps.step import Operator, Plan, Reading, Routine, Step, StepResult
 
 _T = TypeVar("_T")
 
@@ -203,7 +204,7 @@ class Executor:
 
     def __init__(
         self,
-        bench: OpenBench,
+        bench: Bench,
         journal: StepJournal,
         observers: Sequence[Observer] = (),
         operator: Operator = nobody,

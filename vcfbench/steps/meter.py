@@ -12,7 +12,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.interfaces import ReadsAcVoltage
 from vcfbench.records.schema import Point, fits_one_chunk
 from vcfbench.steps.scatter import NoiseSeen
-from vcfbench.steps.step import Done, Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.step import Effect, Reading, Step, StepResult, problem
 from vcfbench.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
 from vcfbench.steps.table import read_rate
 from vcfbench.steps.tally import Tally
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Self
 
+    from vcfbench.bench.bench import Bench
     from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.station.settings import Sources
     from vcfbench.steps.step import Context
@@ -101,9 +102,8 @@ class ConfigureMeter(Step, Struct, frozen=True):
     def describe(self) -> str:
         return f"multimeter: DC {self.range_v:g} V range, {self.nplc:g} power-line cycles, autozero on"
 
-    def perform(self, context: Context) -> Done:
-        context.bench.multimeter.configure_dc_voltage(self.range_v, self.nplc)
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.multimeter.configure_dc_voltage(self.range_v, self.nplc)
 
 
 class OutputSeen(StepResult, Struct, frozen=True):

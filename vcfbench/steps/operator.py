@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 from msgspec import Struct
 
-from vcfbench.steps.step import Effect, Request, Step, StepResult
+from vcfbench.steps.step import Effect, Operator, Request, Step, StepResult
 
 if TYPE_CHECKING:
+    from vcfbench.bench.bench import Bench
     from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.steps.step import Context
 
@@ -64,3 +65,21 @@ def move_leads(meter: str, node: str) -> AskOperator:
     """Return the step that has the leads of `meter`, a role, put on `node` of the PCB."""
     words = f"move the leads of the {meter.replace('_', ' ')} to the {_NAMES.get(node, node)}"
     return AskOperator(words, adjustments=((f"{meter}.input.node", node),))
+
+
+def simulated_operator(bench: Bench) -> Operator | None:
+    """Return the operator of a simulated `bench`, served ones too; None on a real one.
+
+    A person's actions are done to the world, and take their time.
+    """
+    adjust = bench.adjust
+    if adjust is None:
+        return None
+
+    def done(request: Request) -> str:
+        for name, value in request.adjustments.items():
+            adjust(name, value)
+        bench.clock.sleep_until(bench.clock.now() + request.takes_s)
+        return "done to the simulated bench"
+
+    return done

@@ -9,6 +9,7 @@ from msgspec import Struct
 from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
 
 if TYPE_CHECKING:
+    from vcfbench.bench.bench import Bench
     from vcfbench.interfaces import FunctionGenerator
     from vcfbench.station.limits import LimitChecks
     from vcfbench.station.linear_gyro import LinearGyro
@@ -22,6 +23,31 @@ class VvcSetting(StepResult, Struct, frozen=True):
 
     def describe(self) -> str:
         return f"reads {self.v_vc_v:+.6g} V"
+
+
+class SetVvc(Step, Struct, frozen=True):
+    """Set V_Vc; the result is the level read back."""
+
+    effect: ClassVar[Effect] = Effect.SETS
+    subject: ClassVar[str] = "V_Vc"
+    overhead_s: ClassVar[float] = 0.05
+
+    v_vc_v: float
+
+    def describe(self) -> str:
+        return f"V_Vc = {self.v_vc_v:+.6g} V"
+
+    def within(self, limits: LimitChecks) -> None:
+        limits.v_vc(self.v_vc_v)
+
+    def perform(self, context: Context) -> VvcSetting:
+        source = context.bench.rate_source
+        return VvcSetting(context.believable(lambda: source.set_dc(self.v_vc_v)))
+
+    def predict(self, gyro: LinearGyro) -> VvcSetting:
+        """Predict that the level is taken as it is."""
+        gyro.v_vc_v = self.v_vc_v
+        return VvcSetting(self.v_vc_v)
 
 
 class ConfigureGenerator(Step, Struct, frozen=True):
@@ -53,33 +79,11 @@ class ConfigureGenerator(Step, Struct, frozen=True):
         return VvcSetting(self.v_vc_v)
 
 
-class SetVvc(Step, Struct, frozen=True):
-    """Set V_Vc; the result is the level read back."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "V_Vc"
-    overhead_s: ClassVar[float] = 0.05
-
-    v_vc_v: float
-
-    def describe(self) -> str:
-        return f"V_Vc = {self.v_vc_v:+.6g} V"
-
-    def within(self, limits: LimitChecks) -> None:
-        limits.v_vc(self.v_vc_v)
-
-    def perform(self, context: Context) -> VvcSetting:
-        source = context.bench.rate_source
-        return VvcSetting(context.believable(lambda: source.set_dc(self.v_vc_v)))
-
-    def predict(self, gyro: LinearGyro) -> VvcSetting:
-        """Predict that the level is taken as it is."""
-        gyro.v_vc_v = self.v_vc_v
-        return VvcSetting(self.v_vc_v)
-
-
 class SetSine(Step, Struct, frozen=True):
-    """Let V_Vc be a sine about 0 V; the output switch stays as it is. `amplitude_v` is its peak."""
+    """Let V_Vc be a sine about 0 V, which the generator reads back; its output switch stays as it is.
+
+    `amplitude_v` is its peak.
+    """
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "V_Vc"
@@ -89,19 +93,26 @@ class SetSine(Step, Struct, frozen=True):
     amplitude_v: float
 
     def describe(self) -> str:
-        return f"V_Vc = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
+        return f"{self.subject} = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
 
     def within(self, limits: LimitChecks) -> None:
         limits.v_vc(self.amplitude_v, "peak voltage")
 
-    def perform(self, context: Context) -> Done:
-        """Select it; the generator reads it back."""
-        context.bench.rate_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.rate_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
 
     def predict(self, gyro: LinearGyro) -> Done:
         gyro.v_vc_v = 0.0
         return Done()
+
+
+class SetVibration(SetSine, frozen=True):
+    """Let the second generator, which is added to V_Vc, put out a sine about 0 V; its output switch stays as it is."""
+
+    subject: ClassVar[str] = "virtual vibration"
+
+    def command(self, bench: Bench) -> None:
+        bench.vibration_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
 
 
 class EnableVvc(Step, Struct, frozen=True):
@@ -109,13 +120,11 @@ class EnableVvc(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "generator output"
+    instruction: ClassVar[str] = "generator output on"
     overhead_s: ClassVar[float] = 0.05
 
-    def describe(self) -> str:
-        return "generator output on"
-
-    def perform(self, context: Context) -> Done:
-        return _switched(context.bench.rate_source, on=True)
+    def command(self, bench: Bench) -> None:
+        _switch(bench.rate_source, on=True)
 
     def predict(self, gyro: LinearGyro) -> Done:
         gyro.v_vc_on = True
@@ -127,31 +136,15 @@ class DisableVvc(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "generator output"
+    instruction: ClassVar[str] = "generator output off, the PCB holds V_Vc at 0 V"
     overhead_s: ClassVar[float] = 0.05
 
-    def describe(self) -> str:
-        return "generator output off, the PCB holds V_Vc at 0 V"
-
-    def perform(self, context: Context) -> Done:
-        return _switched(context.bench.rate_source, on=False)
+    def command(self, bench: Bench) -> None:
+        _switch(bench.rate_source, on=False)
 
     def predict(self, gyro: LinearGyro) -> Done:
         """Predict that V_Vc acts no more."""
         gyro.v_vc_on = False
-        return Done()
-
-
-class SetVibration(SetSine, frozen=True):
-    """Let the second generator, which is added to V_Vc, put out a sine about 0 V; its output switch stays as it is."""
-
-    subject: ClassVar[str] = "virtual vibration"
-
-    def describe(self) -> str:
-        return f"virtual vibration = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
-
-    def perform(self, context: Context) -> Done:
-        """Select it; the generator reads it back."""
-        context.bench.vibration_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
         return Done()
 
 
@@ -160,13 +153,11 @@ class EnableVibration(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "vibration output"
+    instruction: ClassVar[str] = "output of the vibration generator on"
     overhead_s: ClassVar[float] = 0.05
 
-    def describe(self) -> str:
-        return "output of the vibration generator on"
-
-    def perform(self, context: Context) -> Done:
-        return _switched(context.bench.vibration_source, on=True)
+    def command(self, bench: Bench) -> None:
+        _switch(bench.vibration_source, on=True)
 
 
 class DisableVibration(Step, Struct, frozen=True):
@@ -174,19 +165,16 @@ class DisableVibration(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "vibration output"
+    instruction: ClassVar[str] = "output of the vibration generator off"
     overhead_s: ClassVar[float] = 0.05
 
-    def describe(self) -> str:
-        return "output of the vibration generator off"
-
-    def perform(self, context: Context) -> Done:
-        return _switched(context.bench.vibration_source, on=False)
+    def command(self, bench: Bench) -> None:
+        _switch(bench.vibration_source, on=False)
 
 
-def _switched(source: FunctionGenerator, *, on: bool) -> Done:
+def _switch(source: FunctionGenerator, *, on: bool) -> None:
     """Switch an output; MeasurementError when it does not read back so."""
     (source.enable_output if on else source.disable_output)()
     if source.output_enabled() is not on:
         words = ("on", "off") if on else ("off", "on")
         raise problem(source, "the output was switched {} but reads back {}".format(*words))
-    return Done()

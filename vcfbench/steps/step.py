@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
 from enum import Enum
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeVar
 
 from msgspec import Struct, field, to_builtins
 from msgspec.structs import replace
@@ -23,16 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Self
 
-    from vcfbench.clock import Clock
-    from vcfbench.interfaces import (
-        FunctionGenerator,
-        Instrument,
-        Multimeter,
-        Oscilloscope,
-        PowerSupply,
-        RateTable,
-        TemperatureChamber,
-    )
+    from vcfbench.bench.bench import Bench
+    from vcfbench.interfaces import Instrument
     from vcfbench.records.schema import Point
     from vcfbench.station.limits import LimitChecks
     from vcfbench.station.linear_gyro import LinearGyro
@@ -59,49 +51,6 @@ class Effect(Enum):
     MEASURES = "measures"
     CHECKS = "checks"
     NOTHING = "nothing"
-
-
-class OpenBench(Protocol):
-    """Bench as procedures see it: its instruments by role, and its clock.
-
-    Asking for an instrument that the bench has not is a ConfigError that says what its bench file lacks.
-    """
-
-    @property
-    def clock(self) -> Clock:
-        """Bench time."""
-
-    @property
-    def power(self) -> PowerSupply:
-        """The supply of the PCB's rails."""
-
-    @property
-    def rate_source(self) -> FunctionGenerator:
-        """The generator of V_Vc."""
-
-    @property
-    def vibration_source(self) -> FunctionGenerator:
-        """The second generator, added to V_Vc."""
-
-    @property
-    def multimeter(self) -> Multimeter:
-        """The voltmeter of the output."""
-
-    @property
-    def v_vc_meter(self) -> Multimeter:
-        """The second voltmeter, on V_Vc."""
-
-    @property
-    def chamber(self) -> TemperatureChamber:
-        """The temperature chamber."""
-
-    @property
-    def oscilloscope(self) -> Oscilloscope:
-        """The oscilloscope on drive and carrier."""
-
-    @property
-    def rate_table(self) -> RateTable:
-        """The table."""
 
 
 class Request(Struct, frozen=True):
@@ -153,7 +102,7 @@ class Context(Struct):
     signal breaks off.
     """
 
-    bench: OpenBench
+    bench: Bench
     hear: Callable[[Reading], None]
     readings: list[Reading] = field(default_factory=list)
     asked_again: list[str] = field(default_factory=list)
@@ -295,7 +244,8 @@ class Done(StepResult, Struct, frozen=True):
 class Step:
     """Common base of all steps; each kind is its own frozen dataclass or msgspec struct.
 
-    `subject` names what is set, waited for, checked or measured, ``"table rate"``.
+    `subject` names what is set, waited for, checked or measured, ``"table rate"``. A step with a result has a
+    `perform`; one that is only done has a `command`, and an `instruction` where its description is always the same.
     """
 
     __slots__ = ()
@@ -303,6 +253,7 @@ class Step:
     kinds: ClassVar[dict[str, type[Step]]] = {}
     effect: ClassVar[Effect] = Effect.NOTHING
     subject: ClassVar[str] = ""
+    instruction: ClassVar[str] = ""
     overhead_s: ClassVar[float] = 0.0
     """Estimated time of the communication with the instruments, beside the physical time."""
     waits_for_person: ClassVar[bool] = False
@@ -315,7 +266,7 @@ class Step:
 
     def describe(self) -> str:
         """Describe the action of the step, as the work instruction would."""
-        raise NotImplementedError
+        return self.instruction
 
     def perform(self, context: Context) -> StepResult:
         """Do the step on the bench of `context`. Only the executor calls this.
@@ -323,6 +274,11 @@ class Step:
         Raises:
             BenchError: the instrument, the wire or the bench did not let it be done.
         """
+        self.command(context.bench)
+        return Done()
+
+    def command(self, bench: Bench) -> None:
+        """Do a step that has no result; errors as of `perform`."""
         raise NotImplementedError
 
     def predict(self, gyro: LinearGyro) -> StepResult:

@@ -9,9 +9,10 @@ from msgspec import Struct
 
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.interfaces import Regulation
-from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
+from vcfbench.steps.step import Effect, Step, StepResult, problem
 
 if TYPE_CHECKING:
+    from vcfbench.bench.bench import Bench
     from vcfbench.interfaces import PowerSupply
     from vcfbench.station.limits import LimitChecks
     from vcfbench.station.linear_gyro import LinearGyro
@@ -59,9 +60,8 @@ class ConfigureRail(Step, Struct, frozen=True):
         limits.rail(self.output, self.voltage_v)
         limits.rail_current(self.output, self.current_limit_a)
 
-    def perform(self, context: Context) -> Done:
-        context.bench.power.configure_output(self.output, self.voltage_v, self.current_limit_a)
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.power.configure_output(self.output, self.voltage_v, self.current_limit_a)
 
 
 class EnableSupply(Step, Struct, frozen=True):
@@ -69,14 +69,11 @@ class EnableSupply(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "supply outputs"
+    instruction: ClassVar[str] = "supply outputs on"
     overhead_s: ClassVar[float] = 0.05
 
-    def describe(self) -> str:
-        return "supply outputs on"
-
-    def perform(self, context: Context) -> Done:
-        context.bench.power.enable_outputs()
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.power.enable_outputs()
 
 
 class DisableSupply(Step, Struct, frozen=True):
@@ -84,14 +81,11 @@ class DisableSupply(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "supply outputs"
+    instruction: ClassVar[str] = "supply outputs off"
     overhead_s: ClassVar[float] = 0.05
 
-    def describe(self) -> str:
-        return "supply outputs off"
-
-    def perform(self, context: Context) -> Done:
-        context.bench.power.disable_outputs()
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.power.disable_outputs()
 
 
 class CheckRails(Step, Struct, frozen=True):

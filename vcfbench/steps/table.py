@@ -8,10 +8,11 @@ from msgspec import Struct
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.errors import InterlockError
-from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
+from vcfbench.steps.step import Effect, Step, StepResult, problem
 from vcfbench.steps.wait import Settle
 
 if TYPE_CHECKING:
+    from vcfbench.bench.bench import Bench
     from vcfbench.interfaces import RateTable
     from vcfbench.station.limits import LimitChecks
     from vcfbench.station.linear_gyro import LinearGyro
@@ -36,18 +37,15 @@ class EnableTable(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "table servo"
+    instruction: ClassVar[str] = "table enabled, at rest"
     overhead_s: ClassVar[float] = 0.1
 
     @property
     def sets(self) -> tuple[str, ...]:
         return (self.subject, SetRate.subject)
 
-    def describe(self) -> str:
-        return "table enabled, at rest"
-
-    def perform(self, context: Context) -> Done:
-        context.bench.rate_table.enable()
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.rate_table.enable()
 
 
 class DisableTable(Step, Struct, frozen=True):
@@ -55,18 +53,15 @@ class DisableTable(Step, Struct, frozen=True):
 
     effect: ClassVar[Effect] = Effect.SETS
     subject: ClassVar[str] = "table servo"
+    instruction: ClassVar[str] = "table disabled"
     overhead_s: ClassVar[float] = 0.1
 
     @property
     def sets(self) -> tuple[str, ...]:
         return (self.subject, SetRate.subject)
 
-    def describe(self) -> str:
-        return "table disabled"
-
-    def perform(self, context: Context) -> Done:
-        context.bench.rate_table.disable()
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.rate_table.disable()
 
 
 class SetRate(Step, Struct, frozen=True):
@@ -97,9 +92,8 @@ class SetRate(Step, Struct, frozen=True):
         limits.rate(self.rate_deg_s)
         limits.acceleration(self.acceleration_deg_s2)
 
-    def perform(self, context: Context) -> Done:
-        context.bench.rate_table.set_rate(self.rate_deg_s, self.acceleration_deg_s2)
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.rate_table.set_rate(self.rate_deg_s, self.acceleration_deg_s2)
 
 
 class AwaitRate(Step, Struct, frozen=True):

@@ -10,13 +10,14 @@ from msgspec.structs import replace
 from vcfbench.interfaces import BeginsReadings
 from vcfbench.records.schema import Point
 from vcfbench.steps.meter import Acquire, ConfigureMeter, Window
-from vcfbench.steps.step import Done, Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.step import Effect, Reading, Step, StepResult, problem
 from vcfbench.steps.tally import Tally
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Self
 
+    from vcfbench.bench.bench import Bench
     from vcfbench.interfaces import Multimeter
     from vcfbench.station.linear_gyro import LinearGyro
     from vcfbench.station.settings import Sources
@@ -32,9 +33,8 @@ class ConfigureVvcMeter(ConfigureMeter, frozen=True):
     def describe(self) -> str:
         return f"meter on V_Vc: DC {self.range_v:g} V range, {self.nplc:g} power-line cycles, autozero on"
 
-    def perform(self, context: Context) -> Done:
-        context.bench.v_vc_meter.configure_dc_voltage(self.range_v, self.nplc)
-        return Done()
+    def command(self, bench: Bench) -> None:
+        bench.v_vc_meter.configure_dc_voltage(self.range_v, self.nplc)
 
 
 class PairedReading(Reading, frozen=True):

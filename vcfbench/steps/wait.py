@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, ClassVar
 from msgspec import Struct
 
 from vcfbench.clock import sleep
-from vcfbench.steps.step import Done, Effect, Step
+from vcfbench.steps.step import Effect, Step
 
 if TYPE_CHECKING:
-    from vcfbench.steps.step import Context
+    from vcfbench.bench.bench import Bench
 
 
 class Note(Step, Struct, frozen=True):
@@ -22,10 +22,8 @@ class Note(Step, Struct, frozen=True):
         """Return the heading."""
         return self.text
 
-    def perform(self, context: Context) -> Done:
+    def command(self, bench: Bench) -> None:
         """Do nothing."""
-        del context
-        return Done()
 
 
 class NotChecked(Step, Struct, frozen=True):
@@ -35,18 +33,14 @@ class NotChecked(Step, Struct, frozen=True):
     reason: str
 
     def describe(self) -> str:
-        """Name the check left out, and the reason."""
         return f"NOT CHECKED: {self.not_checked}"
 
     @property
     def not_checked(self) -> str:
-        """The check left out, and the reason."""
         return f"{self.what}: {self.reason}"
 
-    def perform(self, context: Context) -> Done:
+    def command(self, bench: Bench) -> None:
         """Do nothing."""
-        del context
-        return Done()
 
 
 class Settle(Step, Struct, frozen=True):
@@ -61,10 +55,9 @@ class Settle(Step, Struct, frozen=True):
         """Say how long and why."""
         return f"wait {self.seconds:g} s: {self.reason}"
 
-    def perform(self, context: Context) -> Done:
+    def command(self, bench: Bench) -> None:
         """Wait."""
-        sleep(context.bench.clock, self.seconds)
-        return Done()
+        sleep(bench.clock, self.seconds)
 
     @property
     def physical_s(self) -> float:
