@@ -15,14 +15,23 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
-from simrack.clock import Clock as Clock
-from simrack.clock import ScaledClock as ScaledClock
-from simrack.clock import VirtualClock as VirtualClock
-from simrack.clock import WallClock as WallClock
-from simrack.clock import sleep as sleep
+from simrack.clock import Clock, ScaledClock, VirtualClock, WallClock, sleep
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+__all__ = [
+    "Clock",
+    "Deadline",
+    "PacedClock",
+    "ScaledClock",
+    "VirtualClock",
+    "WallClock",
+    "sleep",
+    "start_thread",
+    "utc_now",
+    "within",
+]
 
 
 def utc_now() -> datetime:

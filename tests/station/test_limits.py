@@ -122,7 +122,7 @@ def test_the_supply_gets_what_the_rails_bear(setting: tuple[str, float, float]) 
 
 
 def test_no_setting_passes_by_the_limits() -> None:
-    """Members that set a value are compared with a limit here, but for the window of a chamber's settled temperature."""
+    """Members that set a value are compared with a limit here, but for the window of a settled temperature."""
     kinds = (LimitedRateTable, LimitedChamber, LimitedGenerator, LimitedSupply)
     passed_on = {name for kind in kinds for name, member in vars(kind).items() if isinstance(member, property)}
     setting = {name for name in passed_on if name.startswith(("set_", "configure_"))}
