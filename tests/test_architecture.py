@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("vcfbench", "pyvisa_vcfbench", "simrack/simrack", "simrack/pyvisa_simrack")
 FLOORS = [
-    {"cli", "testing", "__main__"},
+    {"cli", "__main__"},
+    {"validation"},
+    {"testing"},
     {"page", "studies"},
     {"runs"},
     {"archive"},

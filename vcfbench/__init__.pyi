@@ -134,5 +134,7 @@ from vcfbench.steps.step import StepResult as StepResult
 from vcfbench.studies.conduct import study as study
 from vcfbench.studies.result import StudyResult as StudyResult
 from vcfbench.studies.result import load_study as load_study
+from vcfbench.validation.validate import Validation as Validation
+from vcfbench.validation.validate import validate as validate
 
 __version__: str

@@ -39,6 +39,7 @@ COMMANDS = {
     "runs": "List, show and export records.",
     "page": "Show runs and devices in a browser.",
     "bench": "Make, show and check a bench.",
+    "validate": "Validate the program on this machine.",
     "sim": "Show the simulated bench, make one, serve it.",
 }
 """Modules of this package, in the order of the help: each has an `app` with commands of its own, or one by its name.

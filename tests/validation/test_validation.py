@@ -1,0 +1,203 @@
+"""The validation passes on a sound program, and names each mistake that is planted into it."""
+
+from __future__ import annotations
+
+import json
+import math
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import pytest
+from typer.testing import CliRunner
+
+import vcfbench.analysis.allan
+import vcfbench.analysis.budget
+import vcfbench.analysis.regression
+import vcfbench.archive.verified
+import vcfbench.drivers.hp34401a
+from vcfbench.cli.main import app
+from vcfbench.reports.text import text_of
+from vcfbench.validation import benches, installation, numbers
+from vcfbench.validation.check import Checked, made
+from vcfbench.validation.validate import Validation, validate, validation_report, write_validation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from vcfbench.validation.check import Check
+
+
+def exhaustive(*values: object) -> object:
+    return pytest.param(*values, marks=pytest.mark.exhaustive)
+
+
+def failed(checks: Sequence[Check], names: Sequence[str]) -> list[str]:
+    asked = [each for each in checks if each.name in names]
+    assert len(asked) == len(names)
+    return [each.name for each in (made("an area", check) for check in asked) if each.verdict == "FAIL"]
+
+
+def test_installation_and_arithmetic_are_sound() -> None:
+    found = [made("an area", each) for each in (*installation.CHECKS, *numbers.CHECKS)]
+    assert [(each.name, each.came) for each in found if each.verdict == "FAIL"] == []
+
+
+@pytest.mark.parametrize("name", ["limits", "wires", "resumption", "seals", exhaustive("faults")])
+def test_simulated_benches_are_sound(name: str) -> None:
+    checks = [each for each in benches.checks(30) if each.name == name]
+    assert len(checks) == 1
+    assert [(each.name, each.came) for each in (made("", c) for c in checks) if each.verdict != "PASS"] == []
+
+
+@pytest.mark.exhaustive
+def test_u95_holds_the_truth() -> None:
+    checks = [each for each in benches.checks(30) if each.name.startswith("U95")]
+    assert len(checks) == 5
+    assert [(each.name, each.came) for each in (made("", c) for c in checks) if each.verdict != "PASS"] == []
+
+
+def broken_fit(patch: pytest.MonkeyPatch) -> None:
+    slope = vcfbench.analysis.regression.slope
+    patch.setattr(vcfbench.analysis.regression, "slope", lambda x, y: slope(x, y) * (1.0 + 1e-8))
+
+
+def wrong_constant(patch: pytest.MonkeyPatch) -> None:
+    widths = vcfbench.analysis.budget._HALF_WIDTHS
+    patch.setattr(vcfbench.analysis.budget, "_HALF_WIDTHS", dict.fromkeys(widths, math.sqrt(6.0)))
+
+
+def wrong_allan(patch: pytest.MonkeyPatch) -> None:
+    deviation = numbers.deviation
+    patch.setattr(numbers, "deviation", lambda record, factor, kind: deviation(record[:-1], factor, kind))
+
+
+def one_sided(patch: pytest.MonkeyPatch) -> None:
+    quantile = numbers.t_quantile
+    patch.setattr(numbers, "t_quantile", lambda tail, dof: quantile(2.0 * tail, dof))
+
+
+def no_correlations(patch: pytest.MonkeyPatch) -> None:
+    evaluate = vcfbench.analysis.budget.evaluate
+    patch.setattr(
+        vcfbench.analysis.budget, "evaluate", lambda sources, model, _=None, **rest: evaluate(sources, model, **rest)
+    )
+
+
+def sum_in_place_of_root(patch: pytest.MonkeyPatch) -> None:
+    patch.setattr(numbers, "e_n", lambda one, u_one, two, u_two: abs(one - two) / (u_one + u_two))
+
+
+@pytest.mark.parametrize(
+    ("plant", "names"),
+    [
+        (broken_fit, ["straight line"]),
+        (wrong_constant, ["data-sheet limits"]),
+        (wrong_allan, ["Allan deviation"]),
+        (one_sided, ["Student's t"]),
+        (no_correlations, ["correlated sources", "another calculator"]),
+        (sum_in_place_of_root, ["agreement"]),
+    ],
+)
+def test_mistake_in_the_arithmetic_is_named(
+    plant: Callable[[pytest.MonkeyPatch], None], names: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if "another calculator" in names:
+        pytest.importorskip("GTC")
+    assert failed(numbers.CHECKS, names) == []
+    plant(monkeypatch)
+    assert failed(numbers.CHECKS, [each.name for each in numbers.CHECKS]) == names
+
+
+def test_old_numpy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    version = installation.version
+    monkeypatch.setattr(installation, "version", lambda name: "1.20.3" if name == "numpy" else version(name))
+    found = made("", installation.CHECKS[0])
+    assert (found.verdict, found.came) == ("FAIL", "numpy>=1.26: 1.20.3 is installed")
+
+
+def test_changed_file_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    class Installed:
+        hash = type("Hash", (), {"mode": "sha256", "value": "47DEQpj8HBSa-_TImW-5JCeuQeRkm5NMpJWZG3hSuFU"})
+        suffix = ".py"
+
+        def locate(self) -> Path:
+            return tmp_path / "changed.py"
+
+        def __str__(self) -> str:
+            return "vcfbench/changed.py"
+
+    monkeypatch.setattr(installation, "distribution", lambda _: type("D", (), {"files": [Installed()]}))
+    (tmp_path / "changed.py").write_text("")
+    assert made("", installation.CHECKS[1]).verdict == "PASS"
+    (tmp_path / "changed.py").write_text("K = 2\n")
+    found = made("", installation.CHECKS[1])
+    assert (found.verdict, found.came) == ("FAIL", "changed: vcfbench/changed.py, vcfbench/changed.py")
+
+
+def test_seals_that_are_not_checked_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(vcfbench.archive.verified._Check, "findings", lambda _: iter(()))
+    assert failed(benches.checks(), ["seals"]) == ["seals"]
+
+
+def test_flipped_sign_of_the_meter_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = vcfbench.drivers.hp34401a.Hp34401A.begun_reading_v
+    monkeypatch.setattr(vcfbench.drivers.hp34401a.Hp34401A, "begun_reading_v", lambda meter: -read(meter))
+    names = [f"U95 of turntable, {value}" for value in ("scale factor", "bias")]
+    assert failed(benches.checks(2), names) == names
+
+
+def test_uncertainty_of_half_the_size_is_named() -> None:
+    """Errors as they are, over half the u."""
+    calibrations = benches.Calibrations(100)
+    errors = [(place + 0.5) / 50.0 - 1.0 for place in range(100)]  # of a rectangle, whose s is 1
+    row = "k_vc"
+    calibrations.kept = [{f"{row}.z": e * 3.0**0.5, f"{row}.covered": abs(e) < 0.95} for e in errors]
+    assert calibrations.covered(row).passed
+    calibrations.kept = [{f"{row}.z": 2.0 * e * 3.0**0.5, f"{row}.covered": abs(e) < 0.475} for e in errors]
+    found = calibrations.covered(row)
+    assert (found.passed, found.came) == (False, "48; mean +0.00, s 2.01")
+
+
+def validation(*checks: Checked) -> Validation:
+    began = datetime(2026, 11, 27, 9, 0, tzinfo=UTC)
+    return Validation(checks, {"numpy": "2.0"}, "bench-pc", "A. Person", began, 12.0)
+
+
+PASSED = Checked("Arithmetic", "sum", "One and one?", "by hand", "2", "2", "PASS", 0.1)
+FAILED = Checked("Arithmetic", "product", "Two by two?", "by hand", "4", "5", "FAIL", 0.1)
+
+
+def test_document_says_what_was_asked_what_came_who_and_when(tmp_path: Path) -> None:
+    found = validation(PASSED, FAILED)
+    assert (found.passed, found.failed) == (False, ("product",))
+    text = text_of(validation_report(found))
+    assert "FAILED: product." in text
+    for word in ("A. Person", "2026-11-27", "bench-pc", "Two by two?", "by hand", "numpy"):
+        assert word in text
+    assert validation(PASSED).passed
+    (written,) = write_validation(found, tmp_path / "v.html")
+    assert "FAILED: product." in written.read_text()
+
+
+def test_command_prints_each_check_and_its_exit_code_says_whether_all_passed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(benches, "checks", lambda _: ())
+    cli = CliRunner()
+    good = cli.invoke(app, ["validate", "-o", str(tmp_path / "v.md")])
+    assert good.exit_code == 0
+    assert "PASS         straight line: 1.00211681802" in good.stdout
+    assert (tmp_path / "v.md").exists()
+    broken_fit(monkeypatch)
+    bad = cli.invoke(app, ["validate", "--json", "--by", "A. Person"])
+    said = json.loads(bad.stdout)
+    assert (bad.exit_code, said["passed"], said["by"]) == (1, False, "A. Person")
+    assert [each["name"] for each in said["checks"] if each["verdict"] == "FAIL"] == ["straight line"]
+
+
+def test_own_bench_is_checked_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(benches, "checks", lambda _: ())
+    own = [each for each in validate("paper").checks if each.area == "Own bench"]
+    assert [(each.verdict, each.name) for each in own] == [("PASS", "paper")]
+    assert "multimeter: well" in own[0].came

@@ -1,0 +1,56 @@
+"""``vcfbench validate``: what has a known answer is asked on the laboratory's own machine; one document."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotation when it runs
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from msgspec import to_builtins
+
+from vcfbench.cli.answer import print_json
+from vcfbench.cli.options import Json_, Quiet_, Yes_, output_option  # typer reads them
+from vcfbench.validation.benches import RUNS
+from vcfbench.validation.validate import validate as validated
+from vcfbench.validation.validate import write_validation
+
+if TYPE_CHECKING:
+    from vcfbench.validation.check import Checked
+
+
+def validate(
+    bench: Annotated[
+        Path | None, typer.Option("--bench", metavar="FILE", help="Bench file of your own bench: checked too.")
+    ] = None,
+    output: Annotated[
+        Path | None, output_option("Where the document goes: .html, .pdf or .md; without it none is written.")
+    ] = None,
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Who validates; without it the user.")] = "",
+    runs: Annotated[
+        int, typer.Option("--runs", min=30, max=10_000, help="Calibrations that are held against the truth.")
+    ] = RUNS,
+    *,
+    json: Json_ = False,
+    quiet: Quiet_ = False,
+    yes: Yes_ = False,
+) -> None:
+    """Validate the program on this machine: numbers, uncertainties, faults, seals, wires, and your own bench.
+
+    The document helps to fulfil ISO/IEC 17025:2017, 7.11.2. Exit code 1: a check has failed.
+    """
+
+    def shown(each: Checked) -> None:
+        if not (json or quiet):
+            typer.echo(f"{each.verdict:11}  {each.name}: {each.came if each.verdict != 'PASS' else each.expected}")
+
+    found = validated(bench, by=by, runs=runs, trust=yes, shown=shown)
+    written = () if output is None else write_validation(found, output)
+    if json:
+        print_json({**to_builtins(found), "passed": found.passed, "document": list(map(str, written))})
+    else:
+        counted = f"{sum(each.verdict == 'PASS' for each in found.checks)} of {len(found.checks)} checks passed"
+        typer.echo(f"{'PASS' if found.passed else 'FAIL'}: {counted} in {found.took_s:.0f} s")
+        for each in written:
+            typer.echo(f"document: {each}")
+    if not found.passed:
+        raise typer.Exit(1)

@@ -1,0 +1,218 @@
+"""Checks on simulated benches: uncertainties against the truth, faults, limits, seals, resumption, wires."""
+
+from __future__ import annotations
+
+import math
+import random
+import shutil
+import tempfile
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from statistics import fmean, stdev
+from typing import TYPE_CHECKING, Any, Final
+
+from scipy.stats import binom
+
+from vcfbench.archive.recorded import load_run
+from vcfbench.archive.verified import verify_run
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.runs.conduct import run
+from vcfbench.runs.resumed import resume
+from vcfbench.safety.control import RunControl
+from vcfbench.steps.executor import StepFinished
+from vcfbench.studies.metrics import metrics_of
+from vcfbench.testing.benches import serve_simulated, simulated
+from vcfbench.validation.check import Check, Found, same
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from vcfbench.steps.executor import Event
+    from vcfbench.testing.benches import ServedLab
+
+RUNS: Final = 100
+_SEED: Final = 20_180_000
+_VALUES: Final = ("k_vc", "turntable.scale_factor", "turntable.bias", "virtual.scale_factor", "virtual.bias")
+_CHANCE: Final = 1e-4
+"""Probability that a sound program has too many, or too few, of one value."""
+_SHORT: Final = {"rates_deg_s": [100, 50, 0, -50, -100], "samples": 4, "warm_up_s": 0.0}
+"""A sweep of a minute and a half of bench time."""
+_FAULTS: Final = (
+    ("a contact of the output jumps by half a volt", {"instrument": "multimeter", "kind": "offset", "offset": 0.5}),
+    ("the multimeter's connection breaks", {"instrument": "multimeter", "kind": "unreachable"}),
+    ("the multimeter is overloaded", {"instrument": "multimeter", "kind": "overload"}),
+    ("the table jams", {"instrument": "rate_table", "kind": "jam"}),
+    ("the supply limits the current", {"instrument": "power", "kind": "current_limit"}),
+)
+_AT_S: Final = 30.0
+"""Bench time at which a fault begins: the table turns, rails and drive are on."""
+
+
+class Calibrations:
+    """Four-step calibrations on benches whose instruments and table are drawn from their data sheets."""
+
+    def __init__(self, runs: int) -> None:
+        self._runs = runs
+        self.kept: list[dict[str, Any]] = []
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the metrics of each, measured when they are first asked for."""
+        for seed in range(_SEED + len(self.kept), _SEED + self._runs):
+            draw = random.Random(seed)  # noqa: S311  # no secret
+            table = {
+                "rate_error": draw.uniform(-1e-5, 1e-5),
+                "ripple_phase_rad": [draw.uniform(-math.pi, math.pi) for _ in range(2)],
+            }
+            bench = simulated("lab", errors="drawn", overrides={"table": table})
+            found = run("virtual-coriolis", bench, seed=seed, runs=None, settings={"samples": 4, "warm_up_s": 1800.0})
+            self.kept.append(metrics_of(found, bench, _VALUES))
+        return self.kept
+
+    def covered(self, value: str) -> Found:
+        """Compare how often U95 of a value held the truth, and how errors over u scatter, with what they should."""
+        rows = self.rows()
+        low, high = map(int, binom.interval(1.0 - 2.0 * _CHANCE, self._runs, 0.95))
+        z = [row[f"{value}.z"] for row in rows]
+        covered, mean, width = sum(row[f"{value}.covered"] for row in rows), fmean(z), stdev(z)
+        off, wide = 4.0 / math.sqrt(self._runs), 4.0 / math.sqrt(2.0 * self._runs)  # four standard deviations
+        return Found(
+            f"{low} to {high} of {self._runs} within U95; errors over u: mean 0 +- {off:.2f}, s 1 +- {wide:.2f}",
+            f"{covered}; mean {mean:+.2f}, s {width:.2f}",
+            passed=low <= covered <= high and abs(mean) <= off and abs(width - 1.0) <= wide,
+        )
+
+
+@contextmanager
+def _folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="validation-") as name:
+        yield Path(name)
+
+
+def _state(lab: ServedLab) -> str:
+    """Return what is really there, whatever instruments say."""
+    names = ("applied_rate_deg_s", "node.v_vc", "rail.positive.voltage_v", "rail.negative.voltage_v")
+    rate, v_vc, positive, negative = (abs(float(lab.ask("get", name=name))) for name in names)
+    live = [
+        *([f"the table turns at {rate:.3g} deg/s"] if rate > 0.05 else []),
+        *([f"V_Vc is {v_vc:.3g} V"] if v_vc > 0.01 else []),
+        *(["the rails are on"] if max(positive, negative) > 0.5 else []),
+    ]
+    return ", ".join(live) or "at rest and off"
+
+
+def _faults() -> Found:
+    came, wrong = [], []
+    with serve_simulated("paper", seed=_SEED) as lab:
+        for words, fault in _FAULTS:
+            lab.reset(_SEED)
+            lab.fault(**fault, at_s=_AT_S)
+            try:
+                run("turntable", lab.on_wires(), runs=None, settings=_SHORT)
+                ended = "results were given"
+            except BenchError as error:
+                ended = type(error).__name__
+            came.append(f"{words}: {ended}, {_state(lab)}")
+            if ended == "results were given" or _state(lab) != "at rest and off":
+                wrong.append(words)
+    return Found("no result, and the bench at rest and off, after each", "; ".join(came), passed=not wrong)
+
+
+def _wires() -> Found:
+    with serve_simulated("paper", seed=_SEED) as lab:
+        over = run("turntable", lab.on_wires(), runs=None, settings=_SHORT)
+        left = _state(lab)
+    inside = run("turntable", "paper", seed=_SEED, runs=None, settings=_SHORT)
+    outputs = [[f"{point.output_v:.7f}" for point in each.points] for each in (inside, over)]
+    return same(f"{', '.join(outputs[0])} V; at rest and off", f"{', '.join(outputs[1])} V; {left}")
+
+
+def _limits() -> Found:
+    above = {**_SHORT, "rates_deg_s": [100, 0, -5000]}
+    with serve_simulated("paper", seed=_SEED) as lab:
+        try:
+            run("turntable", lab.on_wires(), runs=None, settings=above)
+            ended = "it was measured"
+        except ConfigError as error:
+            ended = f"refused ({error.what})"
+        return Found("refused, at rest and off", f"{ended}, {_state(lab)}", passed=ended.startswith("refused"))
+
+
+class _StopsAfter:
+    """Observer that stops a run after some points."""
+
+    def __init__(self, points: int, control: RunControl) -> None:
+        self._left, self._control = points, control
+
+    def handle(self, event: Event) -> None:
+        """Count the points."""
+        if isinstance(event, StepFinished) and event.result.recorded_point is not None:
+            self._left -= 1
+            if self._left == 0:
+                self._control.stop()
+
+
+def _resumed() -> Found:
+    with _folder() as folder:
+        control = RunControl()
+        try:
+            stopping = [_StopsAfter(3, control)]
+            run("turntable", seed=_SEED, runs=folder, settings=_SHORT, control=control, observers=stopping)
+        except BenchError:
+            pass
+        broken = load_run("last", folder)
+        whole = resume("last", runs=folder)
+        kept = [point.output_v for point in broken.points] == [point.output_v for point in whole.points[:3]]
+    return same(
+        "3 points kept, 5 at the end, complete",
+        f"{len(broken.points) if kept else 0} points kept, {len(whole.points)} at the end, {whole.status.value}",
+    )
+
+
+def _seals(flips: int = 40) -> Found:
+    with _folder() as folder:
+        record = run("turntable", seed=_SEED, runs=folder, settings=_SHORT).directory
+        assert record is not None  # noqa: S101  # it was asked to record
+        sound = verify_run(record).verdict
+        files = [record / name for name in ("journal.jsonl", "points.csv", "result.json")]
+        draw, unseen = random.Random(_SEED), 0  # noqa: S311  # no secret
+        for _ in range(flips):
+            file = draw.choice(files)
+            data = bytearray(file.read_bytes())
+            place = draw.randrange(len(data))
+            whole = bytes(data)
+            data[place] ^= 1 << draw.randrange(8)
+            file.write_bytes(data)
+            unseen += verify_run(record).verdict != "FAIL"
+            file.write_bytes(whole)
+        cut = folder / "cut"
+        shutil.copytree(record, cut)
+        lines = (cut / "journal.jsonl").read_bytes().splitlines(keepends=True)
+        (cut / "journal.jsonl").write_bytes(b"".join(lines[:-1]))
+        truncated = verify_run(cut).verdict
+    return same(
+        f"as it was PASS, of {flips} single bits turned 0 unseen, without its last line FAIL",
+        f"as it was {sound}, of {flips} single bits turned {unseen} unseen, without its last line {truncated}",
+    )
+
+
+def checks(runs: int = RUNS) -> tuple[Check, ...]:
+    """Return the checks on simulated benches in their order; `runs` calibrations are held against the truth."""
+    calibrations = Calibrations(runs)
+    source = "closed form of the simulated gyroscope (docs/theory.md), which neither instruments nor analysis use"
+    return (
+        *(
+            Check(
+                f"U95 of {value.replace('_', ' ').replace('.', ', ')}",
+                f"Does it hold the truth in 95 % of {runs} calibrations, on benches drawn from the data sheets?",
+                source,
+                partial(calibrations.covered, value),
+            )
+            for value in _VALUES
+        ),
+        Check("faults", "Is a number given that cannot be true, or the bench left on?", "docs/safety.md", _faults),
+        Check("limits", "Is a rate above the limit refused before anything moves?", "docs/safety.md", _limits),
+        Check("wires", "Does the bench give the same over TCP as in this process?", "the run in this process", _wires),
+        Check("resumption", "Is a run that was broken off kept, and gone on with?", "docs/records.md", _resumed),
+        Check("seals", "Is a record that was changed by one bit recognised?", "docs/records.md", _seals),
+    )

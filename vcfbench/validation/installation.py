@@ -1,0 +1,82 @@
+"""Checks of the installation: versions of what it rests on, and whether its files are those that were installed."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import platform
+from importlib.metadata import PackageNotFoundError, distribution, version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from packaging.requirements import Requirement
+
+from vcfbench.validation.check import Check, Found
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_OURS = ("vcfbench", "simrack")
+
+
+def requirements() -> Iterator[Requirement]:
+    """Yield what both distributions need, extras apart."""
+    for name in _OURS:
+        for line in distribution(name).requires or ():
+            requirement = Requirement(line)
+            if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+                yield requirement
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that the program works with here, by name."""
+    needed = sorted({each.name for each in requirements()} | set(_OURS))
+    sums = {f"{name}, SHA-256 of its files": fingerprint(name) for name in _OURS}
+    return {"Python": platform.python_version(), **{name: version(name) for name in needed}, **sums}
+
+
+def fingerprint(name: str) -> str:
+    """Return the SHA-256 over the names and contents of all Python files of a package, as they are on this machine."""
+    spec, total = find_spec(name), hashlib.sha256()
+    root = Path(spec.origin).parent if spec is not None and spec.origin else Path()
+    for path in sorted(root.rglob("*.py")):
+        total.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return total.hexdigest()
+
+
+def _packages() -> Found:
+    asked = {str(each): each for each in requirements() if each.name not in _OURS}
+    wrong = []
+    for words, each in asked.items():
+        try:
+            there = version(each.name)
+        except PackageNotFoundError:
+            there = "nothing"
+        if there == "nothing" or not each.specifier.contains(there, prereleases=True):
+            wrong.append(f"{words}: {there} is installed")
+    return Found(f"{len(asked)} packages as required", "; ".join(wrong) or f"{len(asked)} as required", not wrong)
+
+
+def _files() -> Found:
+    expected = "each file with the SHA-256 that it was installed with"
+    wrong, count = [], 0
+    for name in _OURS:
+        for file in distribution(name).files or ():
+            if file.hash is None or file.suffix != ".py":
+                continue
+            count += 1
+            path = Path(str(file.locate()))
+            digest = hashlib.new(file.hash.mode, path.read_bytes()).digest() if path.is_file() else b""
+            if base64.urlsafe_b64encode(digest).rstrip(b"=").decode() != file.hash.value:
+                wrong.append(str(file))
+    if not count:
+        return Found(expected, "installed from a working tree, which has no sums", passed=None)
+    return Found(expected, "changed: " + ", ".join(wrong[:5]) if wrong else f"{count} files unchanged", not wrong)
+
+
+CHECKS = (
+    Check("packages", "Are the packages that it needs installed, none too old?", "metadata of the package", _packages),
+    Check("files", "Is the program as it was installed?", "RECORD of the wheel (PEP 376)", _files),
+)
+"""Checks of the installation, in their order."""
