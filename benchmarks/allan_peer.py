@@ -18,13 +18,13 @@ CHILD = """
 import resource, sys, time
 import numpy as np
 name, samples = sys.argv[1], int(sys.argv[2])
-from vcfbench.analysis.allan import Estimator, _deviation_of_phase, _phase, allan_deviation, averaging_factors
+from vcfbench.analysis.allan import _deviation, allan_deviation, averaging_factors
 import allantools
 record = np.random.default_rng(1).standard_normal(samples)
 factors = averaging_factors(samples)
 def ours():
-    phase = _phase(record)
-    return [_deviation_of_phase(phase, factor, Estimator.OVERLAPPING) for factor in factors]
+    phase = np.concatenate([[0.0], np.cumsum(record - record.mean())])
+    return [_deviation(phase, factor) for factor in factors]
 def curve():
     return [point.deviation for point in allan_deviation(record, 1.0)]
 def theirs():

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vcfbench.analysis.csv_table import parse_table
+from vcfbench.analysis.regression import sign_pairs
 from vcfbench.analysis.scale_factor import characterise
-from vcfbench.analysis.symmetry import sign_pairs
 
 FEW, MANY = 3_000, 30_000
 

@@ -138,13 +138,6 @@ def test_four_pairs_for_four_coefficients_leave_nothing_to_test() -> None:
     assert curve.coefficients == pytest.approx(TRUTH, abs=1e-7)
 
 
-def test_a_curve_goes_into_json_and_comes_back() -> None:
-    import json  # noqa: PLC0415 - nothing else here needs it
-
-    curve = fitted(np.random.default_rng(5))
-    assert json.loads(json.dumps(curve.as_json()))["coefficients"] == list(curve.coefficients)
-
-
 def test_outside_what_was_matched_the_curve_says_nothing() -> None:
     curve = fitted(np.random.default_rng(6))
     for volts in (1.6, -1.6, math.nan):

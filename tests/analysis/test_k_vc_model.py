@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.integrate import solve_ivp
 
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
@@ -124,7 +125,7 @@ def aged(device: Device, what: str) -> Device:
 def changed(after: Device) -> Mapping[str, float]:
     """Return what would be measured of `after`; shares and feed-through are held."""
     held = ("in_phase_share", "comb_mismatch", "v_vc_feedthrough")
-    return {name: value for name, value in asdict(measured(after)).items() if name not in held}
+    return {name: value for name, value in structs.asdict(measured(after)).items() if name not in held}
 
 
 DEVICES = {
@@ -172,7 +173,7 @@ RICH = Device(
 def test_a_change_is_that_of_the_equations_of_motion(after: Device) -> None:
     """However large, with everything at once that is in them."""
     true = k_vc(after) / k_vc(RICH) * RICH.force(1) / after.force(1)  # the anti-phase combs are what nobody sees
-    now = asdict(measured(after))
+    now = structs.asdict(measured(after))
     if RICH.pick_off == after.pick_off and RICH.combs == after.combs:
         now = {name: now[name] for name in now if name not in {"in_phase_share", "comb_mismatch"}}
         if RICH.through == after.through:

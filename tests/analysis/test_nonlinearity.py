@@ -12,8 +12,7 @@ from scipy.optimize import linprog
 
 from tests.analysis.paper import RATE, TURNTABLE, VIRTUAL
 from vcfbench.analysis.nonlinearity import DEFINITIONS, best_straight_line, nonlinearity_ppm
-from vcfbench.analysis.regression import fit_line
-from vcfbench.analysis.symmetry import sign_pairs
+from vcfbench.analysis.regression import fit_line, sign_pairs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

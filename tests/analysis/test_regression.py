@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.analysis.paper import RATE, TURNTABLE, VIRTUAL
-from vcfbench.analysis.regression import durbin_watson, fit_line, fit_polynomial, sign_runs
+from vcfbench.analysis.regression import durbin_watson, fit_line, fit_polynomial, line_so_far, sign_runs
 from vcfbench.errors import ConfigError
 
 
@@ -136,7 +136,25 @@ def test_points_that_make_no_line_are_refused(rate: list[float], output: list[fl
 
 def test_a_line_and_its_coverage_factor_load_no_scipy() -> None:
     """It takes as long to load as all the rest of what a calibration needs."""
-    code = "import sys; from vcfbench.analysis.regression import fit_line as fit; "
+    code = "import sys; from vcfbench.analysis.regression import line_so_far, fit_line as fit; "
     code += "print(fit([0, 1, 2], [0, 1, 2.1]).coverage_factor > 12, 'scipy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
     assert done.stdout.split() == ["True", "False"]
+
+
+@pytest.mark.parametrize("rates", [(), (1.0,), (1.0, 2.0), (1.0, 2.0, 1.0, 2.0), (5.0, 5.0, 5.0)])
+def test_fewer_than_three_rates_have_no_line(rates: tuple[float, ...]) -> None:
+    assert line_so_far(rates, [0.1 * rate for rate in rates]) is None
+
+
+def test_it_is_the_line_of_the_results() -> None:
+    rates, outputs = [200.0, 100.0, 0.0, -100.0], [-2.51, -1.24, 0.012, 1.27]
+    line = line_so_far(rates, outputs)
+    assert line is not None
+    expected = fit_line(rates, outputs)
+    assert (line.scale_factor, line.bias) == (expected.scale_factor, expected.bias)
+    assert list(line.residuals_v) == list(expected.residuals_v)
+
+
+def test_what_is_no_measurement_has_no_line() -> None:
+    assert line_so_far([0.0, 1.0, 2.0], [0.0, float("nan"), 1.0]) is None

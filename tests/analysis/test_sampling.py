@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.analysis.noise import OVERSAMPLED
-from vcfbench.analysis.allan import Estimator, Noise, deviation
+from vcfbench.analysis.allan import Noise, allan_deviation
 from vcfbench.analysis.sampling import Sampling, block_means, deviation_factor
 from vcfbench.errors import ConfigError
 
@@ -62,10 +62,10 @@ def test_factors_beyond_the_summed_ones_go_on_smoothly_to_one(noise: Noise) -> N
 def test_white_noise_read_with_dead_time_and_without() -> None:
     """Eight values of white noise a second: one of them alone, and the mean of all; 4 sigma of 1e5 readings."""
     white = np.random.default_rng(5).standard_normal(OVERSAMPLED * 100_000)
-    gapless = deviation(block_means(white, OVERSAMPLED), 4, Estimator.OVERLAPPING)
-    gapped = deviation(white[::OVERSAMPLED], 4, Estimator.OVERLAPPING)
+    (gapless,) = allan_deviation(block_means(white, OVERSAMPLED), 1.0, [4])
+    (gapped,) = allan_deviation(white[::OVERSAMPLED], 1.0, [4])
     expected = deviation_factor(Sampling(1.0, 1.0 / OVERSAMPLED), Noise.WHITE)
-    assert gapped / gapless == pytest.approx(expected, rel=4 * 0.006)
+    assert gapped.deviation / gapless.deviation == pytest.approx(expected, rel=4 * 0.006)
 
 
 @pytest.mark.parametrize("noise", list(Noise))

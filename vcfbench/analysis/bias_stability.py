@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike
 
-from vcfbench.analysis.allan import AllanPoint, read_off
+from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, AllanPoint
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.sampling import Sampling, block_means
 from vcfbench.errors import ConfigError
 
 
-@dataclass(frozen=True, slots=True)
-class BiasStability:
+class BiasStability(Struct, frozen=True):
     """One static record; unit of the record (deg/s), `slope_per_s` in that a second. None: the record is too short."""
 
     sd_1_s: float | None
@@ -40,10 +38,6 @@ class BiasStability:
     bias_instability: float
     """Floor / 0.6643, the B of IEEE 952 as read off; the fitted one is in `noise_fit`."""
 
-    def as_json(self) -> dict[str, Any]:
-        """Return plain values ready for JSON."""
-        return asdict(self)
-
 
 def bias_stability(record: ArrayLike, sampling: Sampling, curve: Sequence[AllanPoint]) -> BiasStability:
     """Return every definition for a `record` so sampled, and its Allan `curve`.
@@ -55,7 +49,6 @@ def bias_stability(record: ArrayLike, sampling: Sampling, curve: Sequence[AllanP
     if values.size < 3:
         raise ConfigError(f"bias stability needs at least three readings, got {values.size}")
     tens = _means(values, sampling, 10.0)
-    read = read_off(list(curve))
     lowest = min(curve, key=lambda point: point.deviation)
     times = sampling.interval_s * (np.arange(values.size) - (values.size - 1) / 2.0)
     return BiasStability(
@@ -65,11 +58,11 @@ def bias_stability(record: ArrayLike, sampling: Sampling, curve: Sequence[AllanP
         sd_10_s_detrended=_sd_about_line(tens),
         peak_to_peak_10_s=float(np.ptp(tens)) if tens.size > 1 else None,
         slope_per_s=float(times @ values / (times @ times)),
-        floor=read.floor,
-        floor_tau_s=read.floor_tau_s,
+        floor=lowest.deviation,
+        floor_tau_s=lowest.tau_s,
         floor_low=lowest.low,
         floor_high=lowest.high,
-        bias_instability=read.bias_instability,
+        bias_instability=lowest.deviation / BIAS_INSTABILITY_FACTOR,
     )
 
 

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from msgspec import Struct
-from uncertainties import ufloat, umath
+from uncertainties import ufloat
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.tails import t_quantile
@@ -24,7 +24,7 @@ _ONLY_DERIVATIVES = 1.0
 """Uncertainty of a quantity in a model: any but 0, because only its derivatives are read."""
 
 Model: TypeAlias = Callable[[Mapping[str, Any]], Mapping[str, Any]]
-"""From the quantities by name to the results by name, with + - * / ** and this module's functions."""
+"""From the quantities by name to the results by name, with + - * / ** and functions that take uncertain numbers."""
 Correlations: TypeAlias = Mapping[tuple[str, str], float]
 """Correlation coefficients of pairs of sources; pairs that are not named are uncorrelated."""
 
@@ -153,8 +153,16 @@ def evaluate(
     check_sources(sources, pairs)
     quantities = {source.name: ufloat(source.value, _ONLY_DERIVATIVES) for source in sources}
     outputs = model(quantities)
-    slopes = np.array([_slopes(output, sources, quantities) for output in outputs.values()])
-    covariance, groups = _covariance(sources, pairs), correlated_groups(sources, pairs)
+    slopes = np.zeros((len(outputs), len(sources)))  # 0 for a source without uncertainty
+    for row, output in enumerate(outputs.values()):
+        found = {} if isinstance(output, int | float) else output.derivatives
+        slopes[row] = [found.get(quantities[each.name], 0.0) if each.u > 0.0 else 0.0 for each in sources]
+    places = {source.name: place for place, source in enumerate(sources)}
+    matrix = np.eye(len(sources))
+    for (first, second), coefficient in pairs.items():
+        matrix[places[first], places[second]] = matrix[places[second], places[first]] = coefficient
+    u_source = np.array([source.u for source in sources])
+    covariance, groups = u_source[:, None] * matrix * u_source, correlated_groups(sources, pairs)
     results = []
     for (name, output), slope in zip(outputs.items(), slopes, strict=True):
         u, lines = _contributions(sources, slope, covariance)
@@ -162,7 +170,8 @@ def evaluate(
         share = {line.source: line.share for line in lines}
         terms = math.fsum(math.fsum(share[source.name] for source in group) ** 2 / group[0].dof for group in groups)
         dof = 1.0 / terms if terms > 0.0 else math.inf
-        results.append(Result(name, _value(output), u, dof, confidence, coverage_factor(dof, confidence), lines))
+        value = float(output if isinstance(output, int | float) else output.nominal_value)
+        results.append(Result(name, value, u, dof, confidence, coverage_factor(dof, confidence), lines))
     return Budget(tuple(sources), tuple(results), _correlation(slopes @ covariance @ slopes.T))
 
 
@@ -209,27 +218,6 @@ def correlated_groups(sources: Sequence[Source], correlations: Correlations) -> 
     return list(groups.values())
 
 
-def _value(output: Any) -> float:
-    return float(output if isinstance(output, int | float) else output.nominal_value)
-
-
-def _slopes(output: Any, sources: Sequence[Source], quantities: Mapping[str, Any]) -> list[float]:
-    """Return the derivatives of one result by the sources; 0 for a source without uncertainty."""
-    if isinstance(output, int | float):
-        return [0.0] * len(sources)
-    found = output.derivatives
-    return [float(found.get(quantities[source.name], 0.0)) if source.u > 0.0 else 0.0 for source in sources]
-
-
-def _covariance(sources: Sequence[Source], correlations: Correlations) -> Floats:
-    places = {source.name: place for place, source in enumerate(sources)}
-    matrix = np.eye(len(sources))
-    for (first, second), coefficient in correlations.items():
-        matrix[places[first], places[second]] = matrix[places[second], places[first]] = coefficient
-    u = np.array([source.u for source in sources])
-    return np.asarray(u[:, None] * matrix * u)
-
-
 def _correlation(covariance: Floats) -> Floats:
     """Return the coefficients of a covariance; a result without variance is correlated with itself only."""
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -251,35 +239,3 @@ def _contributions(
         for source, slope, share in zip(sources, slopes, shares, strict=True)
     ]
     return math.sqrt(variance), tuple(sorted(lines, key=lambda line: -abs(line.u)))
-
-
-def _applied(name: str, value: Any) -> Any:
-    """Apply a function to floats and arrays by NumPy, to uncertain numbers by their derivative."""
-    if isinstance(value, float | int | np.ndarray):
-        return getattr(np, name)(value)
-    return getattr(umath, name)(value)
-
-
-def sin(value: Any) -> Any:
-    """Return the sine, for models."""
-    return _applied("sin", value)
-
-
-def cos(value: Any) -> Any:
-    """Return the cosine, for models."""
-    return _applied("cos", value)
-
-
-def exp(value: Any) -> Any:
-    """Return the exponential, for models."""
-    return _applied("exp", value)
-
-
-def log(value: Any) -> Any:
-    """Return the natural logarithm, for models."""
-    return _applied("log", value)
-
-
-def sqrt(value: Any) -> Any:
-    """Return the square root, for models."""
-    return _applied("sqrt", value)

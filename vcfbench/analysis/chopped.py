@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.arrays import Floats
@@ -29,8 +29,7 @@ _NOT_CONTRADICTED = 1.645
 """Standard uncertainties above an estimate that 95 % of the true values lie below."""
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(Struct, frozen=True):
     """The mean outputs (V) of six windows in the order of :data:`CHOPPED`."""
 
     outputs_v: tuple[float, ...]
@@ -52,8 +51,7 @@ class Block:
         return float(plus), float(minus)
 
 
-@dataclass(frozen=True, slots=True)
-class BlockNoise:
+class BlockNoise(Struct, frozen=True):
     """The noise of the windows of a run; all by itself, independent of how a line fits.
 
     `white_v` is the standard deviation of one window's mean that the scatter of its readings explains. `flicker_v2` is

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from vcfbench.analysis.symmetry import Pair
-
 
 class Quantity(Struct, frozen=True):
     """A measured value with its combined standard uncertainty `u`, both in `unit`."""
@@ -69,6 +67,16 @@ class CubicFit(Struct, frozen=True):
     """Residual standard deviation, V; None when no degree of freedom is left."""
     max_span_ppm: float
     """Largest residual over the span of the line, ppm."""
+
+
+class Pair(Struct, frozen=True):
+    """Chopped scale factor and even part of the points at +`rate_deg_s` and -`rate_deg_s`."""
+
+    rate_deg_s: float
+    scale_factor: float
+    """Chopped scale factor, V/(deg/s)."""
+    even_v: float
+    """Half the sum of the two outputs, V."""
 
 
 class CalibrationColumn(Struct, frozen=True, kw_only=True):

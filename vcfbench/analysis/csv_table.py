@@ -10,9 +10,10 @@ import csv
 import io
 import math
 import re
-from dataclasses import dataclass
 from textwrap import shorten
 from typing import NoReturn
+
+from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 
@@ -33,8 +34,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True)
-class Series:
+class Series(Struct, frozen=True):
     """One output against the rate; `u_output_v` is the standard uncertainty of each output where the file tells it."""
 
     rate_deg_s: tuple[float, ...]
@@ -100,8 +100,9 @@ def _rows(text: str, name: str) -> list[tuple[int, list[str]]]:
 
 def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
     where = f"{name}, line {line}"
-    if len(header) <= 1:
-        _refuse_separator(where, "".join(header))
+    joined = "".join(header) if len(header) <= 1 else ""
+    if word := "semicolons" if ";" in joined else "tabs" if "\t" in joined else "":
+        raise ConfigError(f"{where}: the columns are separated by {word}; save with commas and decimal points")
     if tuple(header) in (POINT_COLUMNS, (*POINT_COLUMNS, *V_VC_COLUMNS)):
         return tuple(header)
     if not header or header[0] != RATE_COLUMN:
@@ -123,15 +124,9 @@ def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
 
 def _set_point(line: int, row: list[str], name: str) -> tuple[int, list[str]]:
     """Return a row without its measured V_Vc, to which no line is fitted: two numbers, or two empty cells."""
-    columns = (*POINT_COLUMNS, *V_VC_COLUMNS)
-    _values(line, [cell or "0" for cell in row] if row[len(POINT_COLUMNS) :] == ["", ""] else row, columns, name)
+    columns, empty = (*POINT_COLUMNS, *V_VC_COLUMNS), row[len(POINT_COLUMNS) :] == ["", ""]
+    _values(line, [cell or "0" for cell in row] if empty else row, columns, name)
     return line, row[: len(POINT_COLUMNS)]
-
-
-def _refuse_separator(where: str, header: str) -> None:
-    for separator, word in ((";", "semicolons"), ("\t", "tabs")):
-        if separator in header:
-            raise ConfigError(f"{where}: the columns are separated by {word}; save with commas and decimal points")
 
 
 def _values(line: int, row: list[str], header: tuple[str, ...], name: str) -> tuple[float, ...]:

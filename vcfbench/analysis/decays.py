@@ -7,10 +7,10 @@ that their noise stays independent. Then a decay is a complex exponential, and w
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from vcfbench.analysis.arrays import Floats
@@ -30,8 +30,7 @@ _NEAR_HZ = 3.0
 _LEAST_RELEASED = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Decay:
+class Decay(Struct, frozen=True):
     """A mode that decays: natural frequency, quality factor, amplitude at the first sample in its unit."""
 
     frequency_hz: float

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.arrays import Floats
@@ -24,8 +23,7 @@ _SETTLED = 1e-6
 """A change of every coefficient by less than that of its uncertainty is none."""
 
 
-@dataclass(frozen=True, slots=True)
-class Curvature:
+class Curvature(Struct, frozen=True):
     """The modulator's own curve: it acts as ``V + second_per_v V^2 + third_per_v2 V^3``."""
 
     second_per_v: float
@@ -34,8 +32,7 @@ class Curvature:
     u_third_per_v2: float
 
 
-@dataclass(frozen=True, slots=True)
-class KVcCurve:
+class KVcCurve(Struct, frozen=True):
     """A fitted curve; its uncertainty is that of the measured pairs, whether or not the curve fits."""
 
     coefficients: tuple[float, ...]
@@ -100,10 +97,6 @@ class KVcCurve:
             gradient[1], gradient[place] = -k[place] / k[1] ** 2, 1.0 / k[1]
             found += [float(k[place] / k[1]), math.sqrt(gradient @ covariance @ gradient)]
         return Curvature(*found)
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain values ready for JSON."""
-        return asdict(self)
 
     def _powers(self, v_vc_v: ArrayLike) -> Floats:
         v = np.atleast_1d(np.asarray(v_vc_v, dtype=np.float64))

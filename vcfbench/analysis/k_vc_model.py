@@ -10,13 +10,14 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 _TURN = 2.0 * math.pi
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gyroscope:
+class Gyroscope(Struct, frozen=True, kw_only=True):
     """Measurable parameters of a gyroscope that K_Vc depends on; the drive is held at its resonance."""
 
     drive_hz: float
@@ -42,12 +43,11 @@ class Gyroscope:
     """Amplitude of the carrier, likewise."""
 
 
-QUANTITIES = tuple(field.name for field in fields(Gyroscope))
+QUANTITIES = Gyroscope.__struct_fields__
 """The names of all that K_Vc depends on."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Mode:
+class _Mode(Struct, frozen=True):
     """1/(P + jR) of a sense mode at the drive frequency, and its derivatives by drive frequency, split and Q."""
 
     answer: complex
@@ -74,8 +74,7 @@ def _modes(of: Gyroscope) -> tuple[_Mode, _Mode]:
     return _mode(of.drive_hz, of.split_hz, of.q_anti_phase), in_phase
 
 
-@dataclass(frozen=True, slots=True)
-class _Structure:
+class _Structure(Struct, frozen=True):
     """Weight of the in-phase mode for a rate, and feed-through; they do not depend on frequencies and losses."""
 
     weight: float
@@ -99,8 +98,7 @@ def _structure(of: Gyroscope, weight: float | None = None) -> _Structure:
     return _Structure(weight, of.v_vc_feedthrough * answered)
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
+class _Seen(Struct, frozen=True):
     """Demodulated responses to V_Vc and to a rate, in one unit, and the turns of their phasors."""
 
     by_v_vc: complex

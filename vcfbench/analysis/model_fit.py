@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError
@@ -19,8 +19,7 @@ _ROUNDS = 50
 _HALVINGS = 20
 
 
-@dataclass(frozen=True, slots=True)
-class ModelFit:
+class ModelFit(Struct, frozen=True):
     """Parameters, their covariance, and the chi-square of the residuals."""
 
     parameters: Floats

@@ -10,9 +10,9 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from vcfbench.analysis.arrays import Floats
@@ -31,8 +31,7 @@ _MOST_OFF = 0.01
 below a millisecond."""
 
 
-@dataclass(frozen=True, slots=True)
-class Demodulated:
+class Demodulated(Struct, frozen=True):
     """One record. Phasors are those of a cosine, the averaging over each reading divided out.
 
     `phase_rad` is that of the fundamental at the middle of the first reading. `phasors` are those of the three orders

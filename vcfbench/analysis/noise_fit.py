@@ -3,16 +3,19 @@
 sigma^2(tau) = 3 Q^2/tau^2 + N^2/tau + (2 ln 2/pi) B^2 + K^2 tau/3 + R^2 tau^2/2 is linear in the squares, so these are
 fitted by least squares, none below zero, each point weighted by its equivalent degrees of freedom under that noise.
 Points of one curve come from one record: their covariances enter the stated uncertainties.
+
+Under such noise the scatter of readings over the root of their number is too small for the u of a mean: flicker leaves
+as much in the mean of an hour as in that of ten seconds (Witt and Reymann 2000). :func:`u_of_combination` has it.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
+from msgspec import Struct, structs
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, AllanPoint, Noise
@@ -49,8 +52,7 @@ _LAWS = {
 _USUAL = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK, Term.RATE_RAMP)
 
 
-@dataclass(frozen=True, slots=True)
-class Coefficients:
+class Coefficients(Struct, frozen=True):
     """Noise coefficients of the whole curve; unit of the record (deg/s) and seconds."""
 
     quantisation: float = 0.0
@@ -66,15 +68,7 @@ class Coefficients:
 
     def squares(self) -> Floats:
         """Return Q^2, N^2, B^2, K^2, R^2."""
-        return np.square(
-            [
-                self.quantisation,
-                self.angle_random_walk,
-                self.bias_instability,
-                self.rate_random_walk,
-                self.rate_ramp,
-            ]
-        )
+        return np.square(structs.astuple(self))
 
     def variance(self, tau_s: ArrayLike) -> Floats:
         """Return sigma^2(tau) of a gapless record."""
@@ -97,8 +91,7 @@ class Coefficients:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseTerm:
+class NoiseTerm(Struct, frozen=True):
     """One fitted coefficient, of the gapless noise."""
 
     value: float
@@ -110,8 +103,7 @@ class NoiseTerm:
     """Standard uncertainty of its square if that were 0."""
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseFit:
+class NoiseFit(Struct, frozen=True):
     """The coefficients that describe a curve; those that were not asked for are 0."""
 
     coefficients: Coefficients
@@ -195,9 +187,9 @@ def fit_shown_noise(
         ratios = {term: wider[term].terms[term].value ** 2 / wider[term].terms[term].u_square_if_0 for term in left}
         best = max(left, key=lambda term: ratios[term])
         if ratios[best] < _SHOWN:
-            hidden = {term: replace(wider[term].terms[term], value=0.0, u=None) for term in left}
+            hidden = {term: structs.replace(wider[term].terms[term], value=0.0, u=None) for term in left}
             terms = {**fit.terms, **hidden}
-            return replace(fit, terms={term: terms[term] for term in Term if term in terms})
+            return structs.replace(fit, terms={term: terms[term] for term in Term if term in terms})
         chosen.append(best)
         left.remove(best)
         fit = wider[best]
@@ -228,8 +220,7 @@ def _coefficients(squares: Floats, places: list[int]) -> Coefficients:
     return Coefficients(*every.tolist())
 
 
-@dataclass(frozen=True, slots=True)
-class _Estimator:
+class _Estimator(Struct, frozen=True):
     """Weighted estimator of the squared coefficients from the points of a curve, and their covariance."""
 
     design: Floats
@@ -288,3 +279,39 @@ def _columns(tau_s: Floats) -> Floats:
     tau = np.atleast_1d(tau_s)
     flat = np.full_like(tau, BIAS_INSTABILITY_FACTOR**2)
     return np.column_stack([3.0 / tau**2, 1.0 / tau, flat, tau / 3.0, tau**2 / 2.0])
+
+
+class TypeAUncertainty(Struct, frozen=True):
+    """A standard uncertainty in the unit of the record, and its effective degrees of freedom."""
+
+    u: float
+    dof: float
+
+
+def u_of_combination(
+    fit: NoiseFit, sampling: Sampling, begin_s: ArrayLike, end_s: ArrayLike, weights: ArrayLike
+) -> TypeAUncertainty:
+    """Return the uncertainty of ``sum weights * mean``, each mean over `begin_s` to `end_s`, correlations included.
+
+    The weights must add up to 0: a slope, a difference, a mean less its zeros. Then slow noise has a finite share. The
+    order of the windows counts: a drift goes into a slope of rising rates and not into one of alternating signs.
+
+    Raises:
+        ConfigError: the weights do not add up to 0, or a window does not last.
+    """
+    begin, end, weight = (np.asarray(values, dtype=np.float64) for values in (begin_s, end_s, weights))
+    if begin.ndim != 1 or not begin.shape == end.shape == weight.shape or not (end > begin).all():
+        raise ConfigError("windows need a begin, a later end and a weight each")
+    if abs(float(weight.sum())) > 1e-9 * float(np.abs(weight).sum()):
+        raise ConfigError(f"the weights must add up to 0, not to {float(weight.sum()):g}: no mean of slow noise exists")
+    times = np.concatenate([end, begin]) / sampling.interval_s
+    shares = np.concatenate([weight, -weight]) / np.tile((end - begin) / sampling.interval_s, 2)
+    lags = times[:, None] - times
+    # What a coefficient of 1 contributes; the ramp is no noise but a line of slope 1, with phases of t^2 / 2
+    squares = []
+    for name in Coefficients.__struct_fields__[:-1]:
+        unit = Coefficients(**{name: 1.0}).phase_noise(sampling)
+        squares.append(float(shares @ unit.covariance(lags.ravel()).reshape(lags.shape) @ shares))
+    squares.append(float(shares @ (lags[0] ** 2 / 2.0)) ** 2 * sampling.interval_s**2)
+    variance, dof = fit.combined(np.array(squares))
+    return TypeAUncertainty(math.sqrt(variance), dof)

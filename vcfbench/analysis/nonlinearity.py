@@ -7,7 +7,6 @@ definition: no two rates on one side of zero, no rate of 10 deg/s or more, a slo
 from __future__ import annotations
 
 import numpy as np
-from msgspec import Struct
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.arrays import Floats
@@ -46,31 +45,26 @@ def nonlinearity_ppm(rate_deg_s: ArrayLike, output_v: ArrayLike, fit: LineFit) -
     gain = abs(fit.scale_factor)
     largest = float(np.abs(residuals).max())
     full_scale = gain * float(np.abs(rate).max())
-    ratios = {
+    counted = np.abs(rate) >= (1.0 - _OFF) * READING_FLOOR_DEG_S
+    reading = float((np.abs(residuals[counted]) / np.abs(rate[counted])).max()) if counted.any() else None
+    rounded = round(fit.scale_factor, PAPER_DECIMALS)
+    rounded_v = float(np.abs(output - rounded * rate - round(fit.bias, PAPER_DECIMALS)).max())
+    best_gain, _, half_band = best_straight_line(rate, output)
+    ratios: dict[str, tuple[float | None, float | None]] = {
         "max_span": (largest, gain * float(np.ptp(rate))),
-        "max_span_rounded": _rounded_line(rate, output, fit),
+        "max_span_rounded": (rounded_v, abs(rounded) * float(np.ptp(rate))),
         "max_fs": (largest, full_scale),
         "max_out": (largest, float(np.abs(output).max())),
         "rms_fs": (float(np.sqrt(np.mean(residuals**2))), full_scale),
         "sd_fs": (fit.s_v, full_scale),
         "pp_fs": (float(np.ptp(residuals)), full_scale),
-        "bsl_fs": _best_line(rate, output),
+        "bsl_fs": (half_band, abs(best_gain) * float(np.abs(rate).max())),
         "endpoint_span": _chord(rate, output),
-        "reading": (_largest_of_reading(rate, residuals), gain),
+        "reading": (reading, gain),
         "asym": _asymmetry(_own_slopes(rate, output)),
         "asym_common": _asymmetry(_common_slopes(rate, output)),
     }
-    return {name: _ppm(*ratio) for name, ratio in ratios.items()}
-
-
-def _ppm(part: float | None, whole: float | None) -> float | None:
-    return None if part is None or not whole else 1e6 * part / whole
-
-
-def _rounded_line(rate: Floats, output: Floats, fit: LineFit) -> tuple[float, float]:
-    scale_factor = round(fit.scale_factor, PAPER_DECIMALS)
-    residuals = output - scale_factor * rate - round(fit.bias, PAPER_DECIMALS)
-    return float(np.abs(residuals).max()), abs(scale_factor) * float(np.ptp(rate))
+    return {name: None if part is None or not whole else 1e6 * part / whole for name, (part, whole) in ratios.items()}
 
 
 def _chord(rate: Floats, output: Floats) -> tuple[float, float]:
@@ -81,11 +75,6 @@ def _chord(rate: Floats, output: Floats) -> tuple[float, float]:
     return float(np.abs(output - output[first] - gain * (rate - rate[first])).max()), abs(gain) * span
 
 
-def _best_line(rate: Floats, output: Floats) -> tuple[float, float]:
-    gain, _, half_band = best_straight_line(rate, output)
-    return half_band, abs(gain) * float(np.abs(rate).max())
-
-
 def best_straight_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> tuple[float, float, float]:
     """Return slope, intercept and half band of the line with the smallest largest residual.
 
@@ -93,49 +82,38 @@ def best_straight_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> tuple[floa
     slopes of the edges of the points' convex hull, so the least width is found exactly, at one of them.
     """
     rate, output = checked_points(rate_deg_s, output_v)
-    lower, upper = _Hull.of(rate, output, 1.0), _Hull.of(rate, output, -1.0)
-    edges = np.concatenate([lower.slopes, upper.slopes])
-    widths = upper.extreme_v(edges) - lower.extreme_v(edges)
+    lower, upper = _lower_hull(rate, output), _lower_hull(rate, -output)
+    edges = np.concatenate([_slopes(lower), -_slopes(upper)])
+    widths = -_least_offset(upper, -edges) - _least_offset(lower, edges)
     gain = float(edges[widths.argmin()])
     offsets = output - gain * rate
     return gain, float(offsets.max() + offsets.min()) / 2.0, float(np.ptp(offsets)) / 2.0
 
 
-class _Hull(Struct, frozen=True):
-    """The lower (`side` 1) or the upper (-1) hull of the points: its corners, and the slopes between them."""
-
-    side: float
-    rate_deg_s: Floats
-    output_v: Floats
-    slopes: Floats
-
-    @classmethod
-    def of(cls, rate: Floats, output: Floats, side: float) -> _Hull:
-        """Find it: Andrew's monotone chain."""
-        order = np.lexsort((side * output, rate))
-        hull: list[tuple[float, float]] = []
-        for x, y in zip(rate[order].tolist(), output[order].tolist(), strict=True):
-            if hull and x == hull[-1][0]:
-                continue  # an inner point of the same rate
-            while len(hull) > 1 and side * _turn(hull[-2], hull[-1], (x, y)) <= 0.0:
-                hull.pop()
-            hull.append((x, y))
-        corner_rate, corner_output = np.array(hull).T
-        return cls(side, corner_rate, corner_output, np.diff(corner_output) / np.diff(corner_rate))
-
-    def extreme_v(self, slope: Floats) -> Floats:
-        """Return the least (upper hull: largest) output - slope * rate, at the corner where the hull turns past it."""
-        corner = np.searchsorted(self.side * self.slopes, self.side * slope)
-        return np.asarray(self.output_v[corner] - slope * self.rate_deg_s[corner])
+def _lower_hull(rate: Floats, output: Floats) -> Floats:
+    """Return the corners of the lower convex hull, rate and output a row, by Andrew's monotone chain."""
+    order = np.lexsort((output, rate))
+    hull: list[tuple[float, float]] = []
+    for x, y in zip(rate[order].tolist(), output[order].tolist(), strict=True):
+        if hull and x == hull[-1][0]:
+            continue  # an inner point of the same rate
+        while len(hull) > 1:
+            (ax, ay), (bx, by) = hull[-2:]
+            if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > 0.0:
+                break
+            hull.pop()
+        hull.append((x, y))
+    return np.array(hull)
 
 
-def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+def _slopes(hull: Floats) -> Floats:
+    return np.asarray(np.diff(hull[:, 1]) / np.diff(hull[:, 0]))
 
 
-def _largest_of_reading(rate: Floats, residuals: Floats) -> float | None:
-    counted = np.abs(rate) >= (1.0 - _OFF) * READING_FLOOR_DEG_S
-    return float((np.abs(residuals[counted]) / np.abs(rate[counted])).max()) if counted.any() else None
+def _least_offset(hull: Floats, slope: Floats) -> Floats:
+    """Return the least output - slope * rate, at the corner where the lower hull turns past each slope."""
+    corner = hull[np.searchsorted(_slopes(hull), slope)]
+    return np.asarray(corner[:, 1] - slope * corner[:, 0])
 
 
 def _own_slopes(rate: Floats, output: Floats) -> tuple[float, float] | None:

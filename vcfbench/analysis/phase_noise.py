@@ -18,7 +18,6 @@ from typing import Final
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
 
@@ -26,8 +25,6 @@ _SINGLY = 16384
 """So many lags are summed one by one; beyond, the smooth stretches between corners by Gauss's rule."""
 _SHORT = 32
 _NODES = 12
-_FINEST = 64
-"""Averages of the phase over more points than that are computed as if over so many, spread evenly."""
 
 
 class PhaseNoise(Struct, frozen=True):
@@ -37,71 +34,32 @@ class PhaseNoise(Struct, frozen=True):
     white: float = 0.0
     flicker: float = 0.0
     random_walk: float = 0.0
-    averaged_over: int = 1
-    """Number of successive phases that each value is the sum of."""
-
-    def averaged(self, count: int) -> PhaseNoise:
-        """Return the same noise as seen in sums of `count` successive phases, which the modified variance uses."""
-        return replace(self, averaged_over=count)
-
-    def spaced(self, factor: int) -> PhaseNoise:
-        """Return the same noise with time in units of `factor` samples."""
-        return PhaseNoise(
-            quantisation=self.quantisation,
-            white=self.white * math.sqrt(factor),
-            flicker=self.flicker * factor,
-            random_walk=self.random_walk * factor**1.5,
-        )
 
     def squares(self) -> Floats:
         """Return Q^2, N^2, B^2, K^2; every covariance is linear in them."""
         return np.square([self.quantisation, self.white, self.flicker, self.random_walk])
 
     def covariance(self, lag: Floats) -> Floats:
-        """Return the generalised autocovariance of the phase (or of its sums) at `lag` samples."""
+        """Return the generalised autocovariance of the phase at `lag` samples."""
         total = np.zeros(lag.shape)
         for square, law in zip(self.squares().tolist(), _LAWS, strict=True):
             if square:
-                total += square * _summed(law, lag, self.averaged_over)
+                total += square * law(np.abs(lag))
         return total
 
 
-def _quantisation(distance: Floats) -> Floats:
-    return np.asarray(distance == 0.0, dtype=np.float64)
-
-
-def _white(distance: Floats) -> Floats:
-    return -0.5 * distance
-
-
-def _flicker(distance: Floats) -> Floats:
-    return distance**2 * np.log(np.maximum(distance, 1e-300)) / (2.0 * math.pi)
-
-
-def _random_walk(distance: Floats) -> Floats:
-    return distance * distance * distance / 12.0
-
-
-_LAWS: Final[tuple[Callable[[Floats], Floats], ...]] = (_quantisation, _white, _flicker, _random_walk)
+_LAWS: Final[tuple[Callable[[Floats], Floats], ...]] = (
+    lambda distance: np.asarray(distance == 0.0, dtype=np.float64),
+    lambda distance: -0.5 * distance,
+    lambda distance: distance**2 * np.log(np.maximum(distance, 1e-300)) / (2.0 * math.pi),
+    lambda distance: distance * distance * distance / 12.0,
+)
 """The autocovariances that the coefficient 1 gives at a distance in samples, in the order of `PhaseNoise.squares`."""
 
 
-def _summed(law: Callable[[Floats], Floats], lag: Floats, count: int) -> Floats:
-    """Return the covariance `law` at `lag` samples for sums of `count` successive phases."""
-    if count == 1:
-        return law(np.abs(lag))
-    if law is _quantisation:  # it has no width: nothing may be spread
-        return np.asarray(np.maximum(0.0, count - np.abs(lag)))
-    few = min(count, _FINEST)
-    stride = count / few
-    offsets = np.arange(1 - few, few)
-    weights = stride**2 * (few - np.abs(offsets))
-    return np.asarray(law(np.abs(lag[:, None] + stride * offsets)) @ weights)
-
-
-def _each_law(lag: Floats, count: int) -> Floats:
-    """Return the covariance of each law at `lag` samples for sums of `count` phases, shape (4, n)."""
-    return np.stack([_summed(law, lag, count) for law in _LAWS])
+def _each_law(lag: Floats) -> Floats:
+    """Return the covariance of each law at `lag` samples, shape (4, n)."""
+    return np.stack([law(np.abs(lag)) for law in _LAWS])
 
 
 class CorrelatedSquares(Struct, frozen=True):
@@ -109,7 +67,6 @@ class CorrelatedSquares(Struct, frozen=True):
 
     mean_first: float
     """Expectation of a squared first difference."""
-    mean_second: float
     covariance: float
     """Covariance of the two means of squares."""
     covariance_of_means: float
@@ -117,19 +74,18 @@ class CorrelatedSquares(Struct, frozen=True):
 
 
 def correlated_squares(
-    noise: PhaseNoise, terms_first: int, first: int, terms_second: int, second: int, *, order: int = 2
+    noise: PhaseNoise, terms_first: int, first: int, terms_second: int, second: int
 ) -> CorrelatedSquares:
-    """Return how the mean squares of two sets of differences of `order` vary together.
+    """Return how the mean squares of two sets of second differences vary together.
 
     The first set are `terms_first` successive differences at the stride `first`, the second likewise. Gaussian: the
     covariance of two squares is twice the square of the covariance.
     """
-    sums = _sums((terms_first, first), (terms_second, second), order, noise.averaged_over)
+    sums = _sums((terms_first, first), (terms_second, second))
     squares = noise.squares()
     scale = float(terms_first) * float(terms_second)
     return CorrelatedSquares(
         mean_first=float(sums.first @ squares),
-        mean_second=float(sums.second @ squares),
         covariance=2.0 * float(squares @ sums.of_products @ squares) / scale,
         covariance_of_means=float(sums.of_each @ squares) / scale,
     )
@@ -140,7 +96,6 @@ class _Sums(Struct, frozen=True):
 
     first: Floats
     """Expectations of a squared first difference, (4,)."""
-    second: Floats
     of_each: Floats
     """Sums of the covariances, (4,)."""
     of_products: Floats
@@ -148,56 +103,41 @@ class _Sums(Struct, frozen=True):
 
 
 @lru_cache(maxsize=4096)
-def _sums(of_first: tuple[int, int], of_second: tuple[int, int], order: int, averaged_over: int) -> _Sums:
+def _sums(of_first: tuple[int, int], of_second: tuple[int, int]) -> _Sums:
     """Return the sums for terms and stride of either set; a fit of the noise asks for the same ones again and again."""
     (terms_first, first), (terms_second, second) = of_first, of_second
-    shifts = _shifts(first, second, order)
+    shifts = _shifts(first, second)
     low, high = 1 - terms_first, terms_second - 1
-    if high - low < _SINGLY:
+    if high - low < _SINGLY:  # all shifted lags are whole and share one table
         lags, counts = np.arange(low, high + 1, dtype=np.float64), np.ones(high - low + 1)
-        covariances = _at_every_lag(low, high, shifts, averaged_over)
+        least = low + min(shifts)
+        table = _each_law(np.arange(least, high + max(shifts) + 1, dtype=np.float64))
+        covariances = np.zeros((4, lags.size))
+        for shift, weight in shifts.items():
+            begin = low + shift - least
+            covariances += weight * table[:, begin : begin + lags.size]
     else:
         lags, counts = _lags(low, high, [-shift for shift in shifts])
         covariances = np.zeros((4, lags.size))
         for shift, weight in shifts.items():
-            covariances += weight * _each_law(lags + shift, averaged_over)
+            covariances += weight * _each_law(lags + shift)
     counts *= np.minimum(np.minimum(terms_first, terms_second), np.minimum(terms_second - lags, terms_first + lags))
+    own = _shifts(first, first)
     return _Sums(
-        first=_variances(first, order, averaged_over),
-        second=_variances(second, order, averaged_over),
+        first=_each_law(np.array(list(own), dtype=np.float64)) @ np.array(list(own.values()), np.float64),
         of_each=covariances @ counts,
         of_products=(covariances * counts) @ covariances.T,
     )
 
 
-def _at_every_lag(low: int, high: int, shifts: dict[int, int], averaged_over: int) -> Floats:
-    """Return the covariances of the differences at each lag; all shifted lags are whole and share one table."""
-    first, last = low + min(shifts), high + max(shifts)
-    table = _each_law(np.arange(first, last + 1, dtype=np.float64), averaged_over)
-    covariances = np.zeros((4, high - low + 1))
-    for shift, weight in shifts.items():
-        begin = low + shift - first
-        covariances += weight * table[:, begin : begin + covariances.shape[1]]
-    return covariances
-
-
-def _shifts(first: int, second: int, order: int) -> dict[int, int]:
-    """Return by how much the phases of two differences are apart, each with the product of their weights."""
-    weights = [(-1) ** i * math.comb(order, i) for i in range(order + 1)]
+def _shifts(first: int, second: int) -> dict[int, int]:
+    """Return by how much the phases of two second differences are apart, each with the product of their weights."""
     shifts: dict[int, int] = {}
-    for i, a in enumerate(weights):
-        for j, b in enumerate(weights):
+    for i, a in enumerate((1, -2, 1)):
+        for j, b in enumerate((1, -2, 1)):
             shift = j * second - i * first
             shifts[shift] = shifts.get(shift, 0) + a * b
     return shifts
-
-
-def _variances(stride: int, order: int, averaged_over: int) -> Floats:
-    """Return the variance of a difference at `stride` for each law with the coefficient 1."""
-    shifts = _shifts(stride, stride, order)
-    return _each_law(np.array(list(shifts), dtype=np.float64), averaged_over) @ np.array(
-        list(shifts.values()), np.float64
-    )
 
 
 @cache  # it is asked for with each of thousands of covariances

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from vcfbench.analysis.arrays import Floats
@@ -40,8 +40,7 @@ _LEAST_SHARE = 0.03
 dependence on their shares is so far from linear that no fit ends there."""
 
 
-@dataclass(frozen=True, slots=True)
-class Tone:
+class Tone(Struct, frozen=True):
     """One sine in a record, the aperture of the samples divided out; amplitudes in the unit of the samples."""
 
     frequency_hz: float
@@ -57,8 +56,7 @@ class Tone:
     """Lines beside the tone from which the noise was read, Hz; none: the tone's own place."""
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
+class Known(Struct, frozen=True):
     """Parameters of a gyroscope known before its response is fitted."""
 
     drive_hz: float
@@ -72,16 +70,14 @@ class Known:
     """Order of the Butterworth filter behind the demodulator; it is divided out."""
 
 
-@dataclass(frozen=True, slots=True)
-class BandPoint:
+class BandPoint(Struct, frozen=True):
     """One point of the rate response, Hz."""
 
     frequency_hz: float
     u_frequency_hz: float
 
 
-@dataclass(frozen=True, slots=True)
-class RateBand:
+class RateBand(Struct, frozen=True):
     """A fitted response; the uncertainties are those of the noise alone."""
 
     split_hz: float
@@ -272,8 +268,7 @@ def response_phase_deg(frequency_hz: float, known: Known, parameters: Floats) ->
     return float(np.degrees(np.angle(passed[0] / passed[1] * filtered)))
 
 
-@dataclass(frozen=True, slots=True)
-class NearSplit:
+class NearSplit(Struct, frozen=True):
     """Split and Q of the anti-phase mode with their covariance; Q and its share relative."""
 
     split_hz: float
@@ -459,8 +454,7 @@ def _stiffness(drive_hz: float, split_hz: float) -> float:
     return (drive_hz - split_hz) ** 2 - drive_hz**2
 
 
-@dataclass(frozen=True, slots=True)
-class _Curve:
+class _Curve(Struct, frozen=True):
     """The relative gain of one gyroscope, and its points."""
 
     drive_hz: float

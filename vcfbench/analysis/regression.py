@@ -6,12 +6,14 @@ Notation: `rate_deg_s` is the applied rate, `output_v` the mean output at each r
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.column import Pair
 from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
 
@@ -143,3 +145,37 @@ def durbin_watson(residuals_v: Floats) -> float | None:
 def sign_runs(residuals_v: Floats) -> int:
     """Return how many runs of equal sign the residuals have, in their order."""
     return 1 + int(np.count_nonzero(np.diff(np.signbit(residuals_v))))
+
+
+def line_so_far(rate_deg_s: Sequence[float], output_v: Sequence[float]) -> LineFit | None:
+    """Return the least-squares line through the points so far, with their residuals; None while there is none.
+
+    Args:
+        rate_deg_s: rates of the points of one calibration, in the order in which they were measured.
+        output_v: their outputs.
+    """
+    if len(set(rate_deg_s)) < 3:  # every line goes through two
+        return None
+    try:
+        return fit_line(rate_deg_s, output_v)
+    except ConfigError:  # values that are no measurement: the results will say so
+        return None
+
+
+def sign_pairs(rate_deg_s: ArrayLike, output_v: ArrayLike) -> list[Pair]:
+    """Return the pairs by falling magnitude; outputs measured repeatedly at one rate are averaged first.
+
+    A pair of rates +w and -w gives the chopped scale factor (y(+w) - y(-w)) / 2w, free of bias and of every even term,
+    and the even part (y(+w) + y(-w)) / 2, which holds exactly those.
+    """
+    rate, output = checked_points(rate_deg_s, output_v)
+    rates = np.array(sorted(set(rate.tolist())))  # np.unique would load numpy.ma
+    place = np.searchsorted(rates, rate)
+    means = np.bincount(place, weights=output) / np.bincount(place)
+    positive = rates[::-1][rates[::-1] > 0.0]
+    opposite = np.searchsorted(rates, -positive)
+    paired = rates[opposite] == -positive
+    plus = means[np.searchsorted(rates, positive[paired])]
+    minus = means[opposite[paired]]
+    columns = (positive[paired], (plus - minus) / (2.0 * positive[paired]), (plus + minus) / 2.0)
+    return [Pair(*values) for values in zip(*(column.tolist() for column in columns), strict=True)]

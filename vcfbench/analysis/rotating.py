@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike, NDArray
 
 from vcfbench.analysis.arrays import Floats
@@ -23,8 +23,7 @@ _ROUNDS = 30
 _SETTLED = 1e-9
 
 
-@dataclass(frozen=True, slots=True)
-class Rotation:
+class Rotation(Struct, frozen=True):
     """One record in which the sense signal has a part that turns against the drive.
 
     `difference_hz` is the frequency of that part less that of the drive. `reference_deg`, -180 to 180, is the phase of
@@ -133,8 +132,7 @@ def reference_phase(rotations: Sequence[Rotation]) -> ReferencePhase:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ReferencePhase:
+class ReferencePhase(Struct, frozen=True):
     """Phase of a demodulator's reference against the drive signal, deg, -90 to 90: half turns are not seen.
 
     `delay_s` is that of the filter behind the demodulator. The uncertainties are the scatter of the records;

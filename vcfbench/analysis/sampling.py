@@ -9,9 +9,9 @@ record (for one reading a cluster: the bias function B2 of Barnes, NBS Technical
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.allan import Noise
@@ -22,8 +22,7 @@ _SUMMED = 1024
 """Most readings a cluster with summed covariances; beyond, noise folded in by dead time falls as white noise."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sampling:
+class Sampling(Struct, frozen=True):
     """Sampling of a record: one reading every `interval_s`, each the mean over `aperture_s`."""
 
     interval_s: float

@@ -6,12 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
-from msgspec import Struct, to_builtins
+from msgspec import Struct, json
 from msgspec.structs import asdict
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.column import CalibrationColumn, CubicFit, Nonlinearity, Quantity, TypeA
+from vcfbench.analysis.column import CalibrationColumn, CubicFit, Nonlinearity, Pair, Quantity, TypeA
 from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
 from vcfbench.analysis.regression import (
     LineFit,
@@ -20,9 +20,9 @@ from vcfbench.analysis.regression import (
     durbin_watson,
     fit_line,
     fit_polynomial,
+    sign_pairs,
     sign_runs,
 )
-from vcfbench.analysis.symmetry import Pair, sign_pairs
 from vcfbench.errors import ConfigError
 
 SCALE_FACTOR_UNIT = "V/(deg/s)"
@@ -64,10 +64,20 @@ class ScaleFactorResult(Struct, frozen=True):
 
     def column(self) -> CalibrationColumn:
         """Return everything that the column is reported with, as plain numbers."""
-        line, zero_v = self.line, self.zero_v
+        line, zero_v, cubic = self.line, self.zero_v, self.polynomial
+
+        def fitted(value: float, unit: str, u_fit: float) -> Quantity:  # nothing but the points is known
+            return Quantity(value, None, unit, u_fit, complete=False, missing=("combined uncertainty",))
+
+        polynomial = None
+        if cubic is not None:
+            span = abs(line.scale_factor) * float(np.ptp(self.rate_deg_s))
+            c0, c1, c2, c3 = cubic.coefficients
+            largest = float(np.abs(cubic.residuals_v).max())
+            polynomial = CubicFit(c0, c1, c2, c3, s_v=cubic.s_v, max_span_ppm=1e6 * largest / span)
         return CalibrationColumn(
-            scale_factor=_of_fit(line.scale_factor, self.u_fit_scale_factor, SCALE_FACTOR_UNIT),
-            bias=_of_fit(line.bias, self.u_fit_bias, BIAS_UNIT),
+            scale_factor=fitted(line.scale_factor, SCALE_FACTOR_UNIT, self.u_fit_scale_factor),
+            bias=fitted(line.bias, BIAS_UNIT, self.u_fit_bias),
             nonlinearity_ppm=Nonlinearity(**self.nonlinearity_ppm),
             asymmetry_ppm=self.asymmetry_ppm,
             bias_deg_s=line.bias_deg_s,
@@ -79,7 +89,7 @@ class ScaleFactorResult(Struct, frozen=True):
             u95_fit_ppm=1e6 * line.coverage_factor * self.u_fit_scale_factor / abs(line.scale_factor),
             covariance=line.covariance,
             type_a=self.type_a,
-            polynomial=None if self.polynomial is None else self._cubic(self.polynomial),
+            polynomial=polynomial,
             pairs=tuple(self.pairs),
             residuals_v=tuple(line.residuals_v.tolist()),
             durbin_watson=durbin_watson(line.residuals_v),
@@ -88,14 +98,8 @@ class ScaleFactorResult(Struct, frozen=True):
 
     def as_json(self) -> dict[str, Any]:
         """Return the column as plain values ready for JSON; full precision, the unit beside or in the name."""
-        found: dict[str, Any] = _lists(to_builtins(self.column(), enc_hook=float))
+        found: dict[str, Any] = json.decode(json.encode(self.column(), enc_hook=float))
         return found
-
-    def _cubic(self, polynomial: Polynomial) -> CubicFit:
-        span = abs(self.line.scale_factor) * float(np.ptp(self.rate_deg_s))
-        left = float(np.abs(polynomial.residuals_v).max())
-        c0, c1, c2, c3 = polynomial.coefficients
-        return CubicFit(c0, c1, c2, c3, s_v=polynomial.s_v, max_span_ppm=1e6 * left / span)
 
 
 def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLike | None = None) -> ScaleFactorResult:
@@ -149,18 +153,6 @@ def scale_factor_error_percent(reference: float, other: float, decimals: int | N
     return 100.0 * (second / first - 1.0) if first else None
 
 
-def _lists(value: Any) -> Any:
-    """Return plain values with a list for each tuple, as JSON has them."""
-    if isinstance(value, dict):
-        return {key: _lists(each) for key, each in value.items()}
-    return list(map(_lists, value)) if isinstance(value, tuple | list) else value
-
-
-def _of_fit(value: float, u_fit: float, unit: str) -> Quantity:
-    """Return a value of which nothing but its points is known."""
-    return Quantity(value, None, unit, u_fit, complete=False, missing=("combined uncertainty",))
-
-
 class Comparison(Struct, frozen=True):
     """Two calibrations of one gyroscope, the second against the first."""
 
@@ -190,6 +182,7 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
     relative = math.hypot(
         reference.u_fit_scale_factor / first.scale_factor, other.u_fit_scale_factor / second.scale_factor
     )
+    both = math.hypot(*(each.line.coverage_factor * each.u_fit_scale_factor for each in (reference, other)))
     error = scale_factor_error_percent(first.scale_factor, second.scale_factor)
     assert error is not None  # noqa: S101 - `characterise` refuses a scale factor of zero
     return Comparison(
@@ -198,17 +191,11 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
             first.scale_factor, second.scale_factor, PAPER_DECIMALS
         ),
         u_fit_scale_factor_error_percent=100.0 * abs(ratio) * relative,
-        e_n=_e_n(reference, other),
+        e_n=abs(second.scale_factor - first.scale_factor) / both if both > 0.0 else None,
         bias_difference_v=second.bias - first.bias,
         zero_difference_v=None if reference.zero_v is None or other.zero_v is None else other.zero_v - reference.zero_v,
         residual_correlation=_residual_correlation(reference, other),
     )
-
-
-def _e_n(first: ScaleFactorResult, second: ScaleFactorResult) -> float | None:
-    expanded = [result.line.coverage_factor * result.u_fit_scale_factor for result in (first, second)]
-    both = math.hypot(*expanded)
-    return abs(second.line.scale_factor - first.line.scale_factor) / both if both > 0.0 else None
 
 
 def _residual_correlation(first: ScaleFactorResult, second: ScaleFactorResult) -> float | None:

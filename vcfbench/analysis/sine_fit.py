@@ -1,4 +1,4 @@
-"""Sines in sampled waveforms: the three- and four-parameter fit of IEEE 1057, and phases between channels.
+"""Sines in sampled waveforms: the four-parameter fit of IEEE 1057, and phases between channels.
 
 The model is ``offset + amplitude * cos(2 pi f t + phase)`` with t = 0 at the first sample. The uncertainties are those
 of least squares with the scatter of the residuals: independent noise of the samples is assumed.
@@ -7,9 +7,9 @@ of least squares with the scatter of the residuals: independent noise of the sam
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.arrays import Floats
@@ -20,8 +20,7 @@ _SETTLED = 1e-9
 """A step of the frequency by less than that of a cycle over the record is none."""
 
 
-@dataclass(frozen=True, slots=True)
-class Sine:
+class Sine(Struct, frozen=True):
     """A fitted sine; amplitude and offset in the unit of the samples."""
 
     frequency_hz: float
@@ -30,7 +29,6 @@ class Sine:
     """At the first sample, of a cosine, in -pi to pi."""
     offset: float
     u_frequency_hz: float
-    """0 where the frequency was given."""
     u_amplitude: float
     u_phase_rad: float
     u_offset: float
@@ -39,8 +37,7 @@ class Sine:
     dof: int
 
 
-@dataclass(frozen=True, slots=True)
-class PhaseDifference:
+class PhaseDifference(Struct, frozen=True):
     """The second of two sines of one frequency against the first."""
 
     phase_deg: float
@@ -53,29 +50,16 @@ class PhaseDifference:
     u_frequency_hz: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Common:
+class _Common(Struct, frozen=True):
     """Channels fitted with one frequency; angles are counted from the middle of the record, where they are surest."""
 
     frequency_hz: float
     cosine: Floats
     sine: Floats
     offset: Floats
+    left: Floats
+    """Residuals, (channels, samples)."""
     rms: Floats
-    covariance: Floats
-    """Covariance of frequency, then cosine, sine and offset of each channel."""
-
-
-def fit_sine_at(samples: ArrayLike, interval_s: float, frequency_hz: float) -> Sine:
-    """Fit amplitude, phase and offset at a known frequency (IEEE 1057, three parameters).
-
-    Raises:
-        ConfigError: fewer than four finite samples, or a frequency that the samples do not tell from a constant.
-    """
-    channels = _checked([samples])
-    times = _times(channels.shape[1], interval_s)
-    fitted = _with_covariance(_at(channels, times, frequency_hz), times, free=False)
-    return _sine(fitted, channels.shape[1], interval_s, parameters=3)
 
 
 def fit_sine(samples: ArrayLike, interval_s: float, start_hz: float | None = None) -> Sine:
@@ -91,7 +75,26 @@ def fit_sine(samples: ArrayLike, interval_s: float, start_hz: float | None = Non
         MeasurementError: no sine that the fit settles on.
     """
     channels = _checked([samples])
-    return _sine(_common(channels, interval_s, start_hz), channels.shape[1], interval_s, parameters=4)
+    fitted, covariance = _common(channels, interval_s, start_hz)
+    count = channels.shape[1]
+    # The phase is carried from the middle of the record to the first sample
+    a, b = float(fitted.cosine[0]), float(fitted.sine[0])
+    amplitude = math.hypot(a, b)
+    lead_s = (count - 1) / 2.0 * interval_s
+    by_phase = np.array([-2.0 * math.pi * lead_s, b / amplitude**2, -a / amplitude**2, 0.0])
+    by_amplitude = np.array([0.0, a / amplitude, b / amplitude, 0.0])
+    return Sine(
+        frequency_hz=fitted.frequency_hz,
+        amplitude=amplitude,
+        phase_rad=math.remainder(math.atan2(-b, a) - 2.0 * math.pi * fitted.frequency_hz * lead_s, 2.0 * math.pi),
+        offset=float(fitted.offset[0]),
+        u_frequency_hz=math.sqrt(covariance[0, 0]),
+        u_amplitude=math.sqrt(by_amplitude @ covariance @ by_amplitude),
+        u_phase_rad=math.sqrt(by_phase @ covariance @ by_phase),
+        u_offset=math.sqrt(covariance[3, 3]),
+        residual_rms=float(fitted.rms[0]),
+        dof=count - 4,
+    )
 
 
 def phase_difference(
@@ -103,7 +106,7 @@ def phase_difference(
         ConfigError: channels of different lengths, or as for :func:`fit_sine`.
     """
     channels = _checked([first, second])
-    fitted = _common(channels, interval_s, start_hz)
+    fitted, covariance = _common(channels, interval_s, start_hz)
     amplitude = np.hypot(fitted.cosine, fitted.sine)
     phase = np.arctan2(-fitted.sine, fitted.cosine)
     gain = float(amplitude[1] / amplitude[0])
@@ -113,16 +116,16 @@ def phase_difference(
         by_phase[1 + 3 * channel : 3 + 3 * channel] = sign * b / square, -sign * a / square
         by_log_gain[1 + 3 * channel : 3 + 3 * channel] = sign * a / square, sign * b / square
     return PhaseDifference(
-        phase_deg=math.degrees(_wrapped(float(phase[1] - phase[0]))),
-        u_phase_deg=math.degrees(math.sqrt(by_phase @ fitted.covariance @ by_phase)),
+        phase_deg=math.degrees(math.remainder(float(phase[1] - phase[0]), 2.0 * math.pi)),
+        u_phase_deg=math.degrees(math.sqrt(by_phase @ covariance @ by_phase)),
         gain=gain,
-        u_gain=gain * math.sqrt(by_log_gain @ fitted.covariance @ by_log_gain),
+        u_gain=gain * math.sqrt(by_log_gain @ covariance @ by_log_gain),
         frequency_hz=fitted.frequency_hz,
-        u_frequency_hz=math.sqrt(fitted.covariance[0, 0]),
+        u_frequency_hz=math.sqrt(covariance[0, 0]),
     )
 
 
-def spectral_peak_hz(samples: Floats, interval_s: float) -> float:
+def _spectral_peak_hz(samples: Floats, interval_s: float) -> float:
     """Return the frequency of the largest line, between the bins by a parabola through a Hann window's logarithms."""
     windowed = (samples - samples.mean()) * np.hanning(samples.size)
     level = np.abs(np.fft.rfft(windowed))
@@ -155,52 +158,40 @@ def _no_sine(why: str) -> MeasurementError:
     )
 
 
-def _times(count: int, interval_s: float) -> Floats:
-    return np.asarray((np.arange(count) - (count - 1) / 2.0) * interval_s)
+def _common(channels: Floats, interval_s: float, start_hz: float | None) -> tuple[_Common, Floats]:
+    """Find the frequency that fits all channels best, by Gauss and Newton from `start_hz` or the spectrum.
 
-
-def _common(channels: Floats, interval_s: float, start_hz: float | None) -> _Common:
-    """Find the frequency that fits all channels best, by Gauss and Newton from `start_hz` or the spectrum."""
+    Returns the fit, and the covariance of the frequency, then cosine, sine and offset of each channel.
+    """
     count = channels.shape[1]
-    times = _times(count, interval_s)
+    times = np.asarray((np.arange(count) - (count - 1) / 2.0) * interval_s)
     strongest = channels[np.ptp(channels, axis=1).argmax()]
-    frequency = spectral_peak_hz(strongest, interval_s) if start_hz is None else start_hz
+    frequency = _spectral_peak_hz(strongest, interval_s) if start_hz is None else start_hz
+    most = 0.5 / (count * interval_s)
     for _ in range(_ROUNDS):
-        # By how much the frequency should change
-        fitted = _at(channels, times, frequency)
-        design, left = _design(fitted, times), _residuals(fitted, channels, times)
+        fitted = _at(channels, times, frequency, 3.0)
         weight = np.repeat(1.0 / _floor(fitted.rms), times.size)
-        rows = design * weight[:, None]
-        step = float(np.linalg.solve(rows.T @ rows, rows.T @ (left.ravel() * weight))[0])
-        most = 0.5 / (count * interval_s)
+        rows = _design(fitted, times) * weight[:, None]
+        step = float(np.linalg.solve(rows.T @ rows, rows.T @ (fitted.left.ravel() * weight))[0])
         frequency += max(-most, min(most, step))
         if abs(step) * count * interval_s < _SETTLED:
-            return _with_covariance(_at(channels, times, frequency, free=True), times, free=True)
+            found = _at(channels, times, frequency, 3.0 + 1.0 / len(channels))
+            design = _design(found, times) / np.repeat(_floor(found.rms), times.size)[:, None]
+            exact = not (found.rms > 0.0).any()
+            covariance = np.zeros((design.shape[1],) * 2) if exact else np.linalg.inv(design.T @ design)
+            return found, np.asarray(covariance, dtype=np.float64)
     raise _no_sine(f"the fit does not settle near {frequency:g} Hz")
 
 
-def _at(channels: Floats, times: Floats, frequency_hz: float, *, free: bool = False) -> _Common:
-    """Fit every channel at `frequency_hz`, without the covariance.
-
-    `free` counts the frequency among what the samples had to determine.
-    """
+def _at(channels: Floats, times: Floats, frequency_hz: float, used: float) -> _Common:
+    """Fit every channel at `frequency_hz`, without the covariance; `used` parameters a channel were determined."""
     basis = _basis(frequency_hz, times)
     found, _, rank, _ = np.linalg.lstsq(basis, channels.T, rcond=1e-9)
     if rank < 3 or not 0.0 < frequency_hz < math.inf:
         raise ConfigError(f"samples over {times[-1] - times[0]:g} s do not tell a sine of {frequency_hz:g} Hz")
     left = channels.T - basis @ found
-    used = 3.0 + (1.0 / len(channels) if free else 0.0)
     rms = np.sqrt(np.sum(left**2, axis=0) / (times.size - used))
-    return _Common(frequency_hz, found[0], found[1], found[2], rms, np.zeros((0, 0)))
-
-
-def _with_covariance(fitted: _Common, times: Floats, *, free: bool) -> _Common:
-    rms, channels = fitted.rms, fitted.rms.size
-    covariance = np.zeros((1 + 3 * channels,) * 2)
-    first = 0 if free else 1
-    design = _design(fitted, times)[:, first:] / np.repeat(_floor(rms), times.size)[:, None]
-    covariance[first:, first:] = np.linalg.inv(design.T @ design) if (rms > 0.0).any() else 0.0
-    return replace(fitted, covariance=covariance)
+    return _Common(frequency_hz, found[0], found[1], found[2], left.T, rms)
 
 
 def _floor(rms: Floats) -> Floats:
@@ -214,11 +205,6 @@ def _basis(frequency_hz: float, times: Floats) -> Floats:
     return np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(times)])
 
 
-def _residuals(fitted: _Common, channels: Floats, times: Floats) -> Floats:
-    basis = _basis(fitted.frequency_hz, times)
-    return np.asarray(channels - (basis @ np.array([fitted.cosine, fitted.sine, fitted.offset])).T)
-
-
 def _design(fitted: _Common, times: Floats) -> Floats:
     """Return the derivatives of all samples by the frequency and by each channel's three parameters."""
     basis = _basis(fitted.frequency_hz, times)
@@ -229,29 +215,3 @@ def _design(fitted: _Common, times: Floats) -> Floats:
         rows[channel, :, 0] = 2.0 * math.pi * times * swing
         rows[channel, :, 1 + 3 * channel : 4 + 3 * channel] = basis
     return np.asarray(rows.reshape(channels * times.size, -1))
-
-
-def _sine(fitted: _Common, count: int, interval_s: float, parameters: int) -> Sine:
-    """Return a single channel with its phase carried from the middle of the record to the first sample."""
-    a, b = float(fitted.cosine[0]), float(fitted.sine[0])
-    amplitude = math.hypot(a, b)
-    lead_s = (count - 1) / 2.0 * interval_s
-    by_phase = np.array([-2.0 * math.pi * lead_s, b / amplitude**2, -a / amplitude**2, 0.0])
-    by_amplitude = np.array([0.0, a / amplitude, b / amplitude, 0.0])
-    covariance = fitted.covariance
-    return Sine(
-        frequency_hz=fitted.frequency_hz,
-        amplitude=amplitude,
-        phase_rad=_wrapped(math.atan2(-b, a) - 2.0 * math.pi * fitted.frequency_hz * lead_s),
-        offset=float(fitted.offset[0]),
-        u_frequency_hz=math.sqrt(covariance[0, 0]),
-        u_amplitude=math.sqrt(by_amplitude @ covariance @ by_amplitude),
-        u_phase_rad=math.sqrt(by_phase @ covariance @ by_phase),
-        u_offset=math.sqrt(covariance[3, 3]),
-        residual_rms=float(fitted.rms[0]),
-        dof=count - parameters,
-    )
-
-
-def _wrapped(angle_rad: float) -> float:
-    return math.remainder(angle_rad, 2.0 * math.pi)

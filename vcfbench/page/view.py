@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vcfbench.analysis.running_fit import line_so_far
+from vcfbench.analysis.regression import line_so_far
 from vcfbench.reports.bench_state import BenchState
 from vcfbench.safety.control import RunState
 from vcfbench.steps import NotChecked, Note

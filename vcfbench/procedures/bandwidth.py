@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from statistics import fmean, stdev
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 from vcfbench import steps
 from vcfbench.analysis.rate_band import (
@@ -82,8 +82,7 @@ class BandwidthSettings(KeptSettings, frozen=True, kw_only=True):
     low_pass_order: Annotated[int, Meta(ge=1, le=12, description="its order, Butterworth")] = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Bandwidth:
+class Bandwidth(Struct, frozen=True):
     """Result of `bandwidth`; frequencies of the response without the low-pass filter, which is divided out.
 
     `q` is that of the anti-phase sense mode; `peak_gain` is over the static gain. `static_gain_v_per_v` rests on the

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from itertools import combinations
 from operator import xor
 from types import MappingProxyType
 from typing import Annotated, Literal
 
-from msgspec import Meta, structs
+from msgspec import Meta, Struct, structs
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
@@ -89,8 +88,7 @@ class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
             yield InvalidValue("polarity_rate_deg_s", rate_words(limit_deg_s), self.polarity_rate_deg_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Sign:
+class Sign(Struct, frozen=True):
     """One sign: its input, the response per unit of it, and whether it is as expected.
 
     `found` is 0 where there is no response. `u_response` is what the scatter of the readings leaves; whether a sign is
@@ -110,8 +108,7 @@ class Sign:
         return self.found == self.expected
 
 
-@dataclass(frozen=True, slots=True)
-class PolarityResult:
+class PolarityResult(Struct, frozen=True):
     """The signs, the number of wrong or missing ones, and their explanation.
 
     Each of `causes` alone does: the fewest faults. Each of `look_alikes`, two faults at once, shows the same signs;

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from statistics import fmean
 from typing import Annotated, ClassVar
 
-from msgspec import Meta, structs
+from msgspec import Meta, Struct, structs
 
 from vcfbench import interfaces, steps
 from vcfbench.analysis.decays import fit_decays, fit_release
@@ -50,8 +49,7 @@ class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
     drive_ring_downs: Annotated[int, Meta(ge=3, le=1000, description="ring-downs of the drive, rails off and on")] = 6
 
 
-@dataclass(frozen=True, slots=True)
-class RingingMode:
+class RingingMode(Struct, frozen=True):
     """A mode that rings down: natural frequency, quality factor, amplitude as the record begins."""
 
     frequency_hz: float
@@ -59,8 +57,7 @@ class RingingMode:
     amplitude_v: float
 
 
-@dataclass(frozen=True, slots=True)
-class SenseDecay(StepResult):
+class SenseDecay(StepResult, Struct, frozen=True):
     """The drive frequency in one record, and the modes that rang down in it, the strongest first."""
 
     drive_hz: float
@@ -71,8 +68,7 @@ class SenseDecay(StepResult):
         return ", ".join(f"{mode.frequency_hz:.2f} Hz with Q {mode.q:.4g}" for mode in self.modes)
 
 
-@dataclass(frozen=True, slots=True)
-class CaptureDecay(Step):
+class CaptureDecay(Step, Struct, frozen=True):
     """Take a record of drive and sense signal that begins at once, and fit the modes that ring down in it."""
 
     effect: ClassVar[Effect] = Effect.MEASURES
@@ -111,8 +107,7 @@ class CaptureDecay(Step):
         return self.expected
 
 
-@dataclass(frozen=True, slots=True)
-class DriveDecay(StepResult):
+class DriveDecay(StepResult, Struct, frozen=True):
     """The drive as it rang down; `trouble` says why it was not seen to, empty when it was."""
 
     frequency_hz: float
@@ -124,8 +119,7 @@ class DriveDecay(StepResult):
         return self.trouble or f"{self.frequency_hz:.3f} Hz with Q {self.q:.5g}"
 
 
-@dataclass(frozen=True, slots=True)
-class ReleaseDrive(Step):
+class ReleaseDrive(Step, Struct, frozen=True):
     """Switch the supply off and record the drive signal meanwhile.
 
     Its loop stops below a voltage at which the board still shows the drive, which rings down until the board is dead.
@@ -164,8 +158,7 @@ class ReleaseDrive(Step):
         return DriveDecay(self.drive_hz, 1000.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Resonances:
+class Resonances(Struct, frozen=True):
     """Result of `resonance`, by ring-down and by sweep; a quantity that was not seen is null.
 
     `drive_hz` is that of the loop, locked; `drive_ring_down_hz` and `drive_q` those of the drive once it is let go;

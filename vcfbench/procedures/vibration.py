@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from statistics import fmean
 from typing import Annotated
 
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, Struct
 
 from vcfbench import steps
 from vcfbench.analysis.conformity import e_n
@@ -83,8 +82,7 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
         return tuple(sorted(each for each in self.vibration_hz if tones.stands_off_mains(each, mains_hz, samples)))
 
 
-@dataclass(frozen=True, slots=True)
-class VibrationResponse:
+class VibrationResponse(Struct, frozen=True):
     """Response of the output to one vibration.
 
     `response` is that of the output to V_Vc over that at rest, as measured; `expected` that of the closed form.
@@ -101,8 +99,7 @@ class VibrationResponse:
     """Difference of the two over its expanded uncertainty: above 1 they disagree."""
 
 
-@dataclass(frozen=True, slots=True)
-class VibrationResult:
+class VibrationResult(Struct, frozen=True):
     """The response at rest, V per V, and at each frequency.
 
     `largest_e_n` is over the U95 that the differences at all frequencies keep together: each of eight by itself would

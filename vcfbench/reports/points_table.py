@@ -34,7 +34,7 @@ class PointsSoFar:
 
     def line(self, step: int) -> LineFit | None:
         """Return the line through the points of `step`; None while they have fewer than three rates."""
-        from vcfbench.analysis.running_fit import line_so_far  # noqa: PLC0415  # numpy comes with it
+        from vcfbench.analysis.regression import line_so_far  # noqa: PLC0415  # numpy comes with it
 
         points = self._of_step.get(step, [])
         return line_so_far([each.rate_deg_s for each in points], [each.output_v for each in points])

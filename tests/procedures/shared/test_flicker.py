@@ -11,9 +11,8 @@ import pytest
 from msgspec import structs
 
 import vcfbench
-from vcfbench.analysis.noise_fit import Coefficients, NoiseFit
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
 from vcfbench.analysis.sampling import Sampling
-from vcfbench.analysis.type_a import u_of_mean_within
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.kvc.settings import KVcSettings
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted
@@ -119,6 +118,7 @@ def test_a_square_that_came_out_as_0_is_not_known_to_be_0() -> None:
 
 def test_a_mean_is_one_over_the_horizon() -> None:
     fit = NoiseFit(Coefficients(bias_instability=1.0), {}, np.zeros((5, 5)))
-    usual = u_of_mean_within(fit, Sampling.without_gaps(1.0), 600.0, 86_400.0)
+    begin_s, end_s = [42_900.0, 0.0], [43_500.0, 86_400.0]
+    usual = u_of_combination(fit, Sampling.without_gaps(1.0), begin_s, end_s, [1.0, -1.0])
     assert about_horizon([0.0], [600.0], 24.0) == pytest.approx(usual.u)
     assert about_horizon([0.0], [600.0], 24.0) / about_horizon([0.0, 300.0, 590.0], [10.0, 310.0, 600.0], 0.25) > 1.5

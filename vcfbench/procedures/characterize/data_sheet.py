@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
+
+from msgspec import Struct
 
 from vcfbench.records.plain import field_names
 from vcfbench.reports.digits import stated_cells
@@ -23,8 +24,7 @@ _SAME = 1e-5
 """Two values so close, relative, are one that is told twice."""
 
 
-@dataclass(frozen=True, slots=True)
-class SheetRow:
+class SheetRow(Struct, frozen=True):
     """One line of the data sheet; `u` and `u95` are None where the procedure tells none."""
 
     quantity: str

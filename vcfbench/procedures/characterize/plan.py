@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, Self, cast
 
@@ -43,8 +42,7 @@ _SEE_POWER_COME = frozenset({"warmup", "power"})
 _SCALE_FACTOR, _U_SCALE_FACTOR = "scale_factor_v_per_deg_s", "scale_factor_u_v_per_deg_s"
 
 
-@dataclass(frozen=True, slots=True)
-class CertificatePart:
+class CertificatePart(Struct, frozen=True):
     """A procedure as a part of the whole, with a data sheet's settings as its defaults.
 
     `roles` must be on the bench beside those that the procedure needs.
@@ -52,7 +50,7 @@ class CertificatePart:
 
     name: str
     conditions: Callable[[Any], str]
-    defaults: Mapping[str, Any] = field(default_factory=dict)
+    defaults: Mapping[str, Any] = key(default_factory=dict)
     roles: tuple[str, ...] = ()
 
 
@@ -290,8 +288,7 @@ class BeginPart(Step, Struct, frozen=True):
         return Done()
 
 
-@dataclass(slots=True)
-class _Session:
+class _Session(Struct):
     """State of the supply, left on or not by a part that has ended."""
 
     left_on: bool = False
@@ -351,8 +348,7 @@ def _kept_on(part: Plan, session: _Session) -> Plan:
             advance = partial(part.send, result)
 
 
-@dataclass(frozen=True, slots=True)
-class PartResult:
+class PartResult(Struct, frozen=True):
     """Outcome of a part: its results, None where its measurements gave none, and then the reason."""
 
     name: str
@@ -361,16 +357,14 @@ class PartResult:
     no_result: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class NotMeasured:
+class NotMeasured(Struct, frozen=True):
     """A part that this bench does not allow, and why."""
 
     name: str
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
-class CharacterizeResult:
+class CharacterizeResult(Struct, frozen=True):
     """The data sheet, the results of its parts, and the parts not on it."""
 
     data_sheet: tuple[SheetRow, ...]

@@ -218,7 +218,7 @@ def _as_set(
     for kind, where, part in known.covariances(v_vc_v, per_v, 1):
         parts[f"{v_vc.V_VC_GAIN if kind == 'gain' else v_vc.V_VC_OFFSET}, {where}"] = part
     together = np.sum(list(parts.values()), axis=0)
-    return replace(curve, covariance=tuple(map(tuple, together.tolist()))), parts
+    return structs.replace(curve, covariance=tuple(map(tuple, together.tolist()))), parts
 
 
 def _characteristics(settings: KVcSettings, curved: Curvature, health: Health | None) -> Characteristics:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from statistics import fmean
 from typing import TypeAlias
 
@@ -194,7 +193,7 @@ PHASE = Procedure(
     results=phase_results,
     report=phase_report,
     unforeseen=dict.fromkeys(
-        (field.name for field in fields(Phases)), "it is the scatter of the records, which go on until target_deg"
+        Phases.__struct_fields__, "it is the scatter of the records, which go on until target_deg"
     ),
     entry=Keeps("phase", phase_characteristics),
     needs={

@@ -11,8 +11,9 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from statistics import fmean, stdev, variance
+
+from msgspec import Struct
 
 from vcfbench.analysis.rotating import Rotation, reference_phase
 from vcfbench.errors import MeasurementError
@@ -35,8 +36,7 @@ class CaptureSense(CaptureSines, frozen=True):
     v_vc_v: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Phases:
+class Phases(Struct, frozen=True):
     """Phases against the drive signal, deg, of one frequency all; and their effect on K_Vc.
 
     `coriolis_deg` and `virtual_deg` are those of the sense signal that a positive rate and a positive V_Vc make.
@@ -68,8 +68,7 @@ class Phases:
     target_met: bool
 
 
-@dataclass(frozen=True, slots=True)
-class _Angle:
+class _Angle(Struct, frozen=True):
     """A phase against the drive signal, deg, with the uncertainty that its records leave."""
 
     deg: float

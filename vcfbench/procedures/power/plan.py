@@ -7,10 +7,9 @@ against drift, with bias and scale factor taken each time (by V_Vc of both signs
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from msgspec import structs
+from msgspec import Struct, structs
 
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
@@ -106,8 +105,7 @@ class RailOnAndLog(_Logged, steps.ConfigureRail, frozen=True):
         return self.log(context, begun_s)
 
 
-@dataclass(frozen=True, slots=True)
-class MeasureRails(Step):
+class MeasureRails(Step, Struct, frozen=True):
     """Read voltage and current of each rail `samples` times, every `interval_s`."""
 
     effect: ClassVar[Effect] = Effect.MEASURES

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from itertools import product
 from statistics import NormalDist, fmean, stdev
 from typing import Self
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.errors import ConfigError
@@ -40,8 +42,7 @@ NOT_HELD = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class RailDraw:
+class RailDraw(Struct, frozen=True):
     """Reading of one rail: bench time (s), the supply's output, voltage (V, None if it was not read), current (A)."""
 
     t_s: float
@@ -50,8 +51,7 @@ class RailDraw:
     current_a: float
 
 
-@dataclass(frozen=True, slots=True)
-class RailsLogged(StepResult):
+class RailsLogged(StepResult, Struct, frozen=True):
     """Currents and output from the bench time `t_s` on, at which a rail was told to come on, s."""
 
     t_s: float
@@ -68,8 +68,7 @@ class RailsLogged(StepResult):
         return f"{len(self.drawn)} currents, at most {max((each.current_a for each in self.drawn), default=0.0):.4g} A"
 
 
-@dataclass(frozen=True, slots=True)
-class RailsDrawn(StepResult):
+class RailsDrawn(StepResult, Struct, frozen=True):
     """Voltages and currents of the rails, read in turn."""
 
     drawn: tuple[RailDraw, ...]
@@ -81,8 +80,7 @@ class RailsDrawn(StepResult):
         return ", ".join(f"{output} {current_a:.4f} A" for output, current_a in means.items())
 
 
-@dataclass(frozen=True, slots=True)
-class RailCurrent:
+class RailCurrent(Struct, frozen=True):
     """Current of one rail: volts read back, steady current and the largest at power-on, each with its uncertainty."""
 
     rail: str
@@ -92,8 +90,7 @@ class RailCurrent:
     inrush: Measurand
 
 
-@dataclass(frozen=True, slots=True)
-class PowerOn:
+class PowerOn(Struct, frozen=True):
     """One power-on: which rail came first (`together`: none), and when the output was valid.
 
     Times count from the last rail's command; `valid_output` is None where the output had not come to that when the log
@@ -108,8 +105,7 @@ class PowerOn:
     output_deg_s: tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class RailEffect:
+class RailEffect(Struct, frozen=True):
     """Effect of moving rails: `rails` by `step_v` either way (read back, positive is larger in size).
 
     The slope is that from the lower to the higher level; `lowered` and `raised` are those of either half, which differ
@@ -128,8 +124,7 @@ class RailEffect:
     bias_raised: Measurand
 
 
-@dataclass(frozen=True, slots=True)
-class PowerResult:
+class PowerResult(Struct, frozen=True):
     """Result of the test of the supply."""
 
     power_on: tuple[PowerOn, ...]
@@ -288,8 +283,7 @@ def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) ->
         yield RailEffect(rails, step[0], beside[0], *slope, *bias)
 
 
-@dataclass(frozen=True, slots=True)
-class _Moved:
+class _Moved(Struct, frozen=True):
     """One block: bias (deg/s) and slope (relative to the scale factor used) of each state; rail voltages read back."""
 
     bias: Block

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import fmean, stdev
 
 import numpy as np
@@ -60,8 +60,7 @@ class AtTemperature(Step, Struct, frozen=True):
         return Done()
 
 
-@dataclass(frozen=True, slots=True)
-class _NotSeen:
+class _NotSeen(Struct, frozen=True):
     """A hysteresis that is not more than its U95: its upper limit with 95 %, as a data sheet has it."""
 
     value: float
@@ -70,8 +69,7 @@ class _NotSeen:
     u: None = None
 
 
-@dataclass(frozen=True, slots=True)
-class PointOfTemperature:
+class PointOfTemperature(Struct, frozen=True):
     """One temperature: as it was read (degC; at the device, else of the air, else as a person set it), and direction.
 
     `slope` is the scale factor, V/(deg/s) by the table or V/V by V_Vc; `bias_deg_s` that with the generator off.
@@ -88,8 +86,7 @@ class PointOfTemperature:
     split_hz: Measurand | None
 
 
-@dataclass(frozen=True, slots=True)
-class TemperatureResult:
+class TemperatureResult(Struct, frozen=True):
     """Results of the run over temperature; coefficients are those at `reference_c`, of a parabola through all points.
 
     What was not measured (frequency, split) is None. A hysteresis is that going down less that going up, the largest of
@@ -139,8 +136,7 @@ class TemperatureResult:
                 yield name, found
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
+class _Seen(Struct, frozen=True):
     """Measured data at one temperature: blocks of outputs (V), their level, begin and end (bench time, s).
 
     `frequency_hz` and `split_hz` are values with their standard uncertainties.
@@ -167,8 +163,7 @@ class _Seen:
         return fmean(block.zero_v for block in self.blocks)
 
 
-@dataclass(frozen=True, slots=True)
-class _Cause:
+class _Cause(Struct, frozen=True):
     """Common error of the values at all temperatures by one source: its covariance, degrees of freedom.
 
     `floor` is what it does to a mean, where the covariance is that of differences alone (flicker); else None.
@@ -180,8 +175,7 @@ class _Cause:
     floor: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Found:
+class _Found(Struct, frozen=True):
     """A parabola: value, slope and curvature at the reference, the largest hysteresis, and the residuals."""
 
     value: Measurand

@@ -8,10 +8,10 @@ three of them in a row agree and their slope is below the bias instability a min
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self
 
-from msgspec import Meta
+from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 from vcfbench import steps
 from vcfbench.clock import sleep
@@ -67,8 +67,7 @@ class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
             yield InvalidValue("shortest_s", f"at least three windows of {self.window_s:g} s", self.shortest_s)
 
 
-@dataclass(frozen=True, slots=True)
-class SwitchedOn(StepResult):
+class SwitchedOn(StepResult, Struct, frozen=True):
     """The bench time at which the supply was told to switch on, s, and the output from then on."""
 
     t_s: float

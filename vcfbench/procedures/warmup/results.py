@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients
@@ -37,8 +37,7 @@ _FIT_S = 10.0
 """The curve is fitted to means of so many seconds."""
 
 
-@dataclass(frozen=True, slots=True)
-class WarmupResult:
+class WarmupResult(Struct, frozen=True):
     """A warm-up; times count from power-on.
 
     Of an exponential that is not seen, amplitude, time constant and warm-up are None.
@@ -215,8 +214,7 @@ def _root_of_covariance(begin_s: Floats, end_s: Floats, u_white: Floats, instabi
     return np.asarray(np.linalg.cholesky(slow + np.diag(u_white**2)), dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True)
-class _Creep:
+class _Creep(Struct, frozen=True):
     """Exponential b_inf + a exp(-t / tau) of the means."""
 
     bias: tuple[float, float]

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.analysis import allan
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.bias_stability import BiasStability, bias_stability
-from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term, fit_noise, fit_shown_noise
+from vcfbench.analysis.noise_fit import (
+    Coefficients,
+    NoiseFit,
+    NoiseTerm,
+    Term,
+    fit_noise,
+    fit_shown_noise,
+    u_of_combination,
+)
 from vcfbench.analysis.sampling import Sampling, deviation_factor
-from vcfbench.analysis.type_a import u_of_combination
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
@@ -50,8 +58,7 @@ _UNITS = {
 """From the units of the fit, seconds and degrees, to those that data sheets have."""
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseCoefficient:
+class NoiseCoefficient(Struct, frozen=True):
     """A coefficient of the Allan curve; `u` None where it comes out as 0, and `upper_95` is all that can be said.
 
     `value` is None as well where it is not known how much white noise a reading lets through: N may be anything below.
@@ -64,8 +71,7 @@ class NoiseCoefficient:
     unit: str
 
 
-@dataclass(frozen=True, slots=True)
-class AllanRow:
+class AllanRow(Struct, frozen=True):
     """The curve at one averaging time, deg/h: as the record shows it with 95 % bounds, and without its dead time.
 
     `edf` are the degrees of freedom under the noise that was fitted; `fit` is the fitted curve of the gapless noise.
@@ -80,8 +86,7 @@ class AllanRow:
     fit: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class Stability:
+class Stability(Struct, frozen=True):
     """Bias stability by every definition in use, deg/h; None where the record is too short for it."""
 
     sd_1_s: float | None
@@ -96,8 +101,7 @@ class Stability:
     bias_instability_read_off: float
 
 
-@dataclass(frozen=True, slots=True)
-class ZeroResult:
+class ZeroResult(Struct, frozen=True):
     """A static record. `mode` is the treatment of its dead time; rates are outputs over the scale factor."""
 
     mode: str
@@ -145,8 +149,7 @@ class ZeroResult:
         return {each.name: each for each in self.noise}[name]
 
 
-@dataclass(frozen=True, slots=True)
-class ForeseenZero:
+class ForeseenZero(Struct, frozen=True):
     """Expected statement of a static record, before there is one: nothing of one without noise."""
 
     output_v: Measurand | None = None

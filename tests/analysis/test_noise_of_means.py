@@ -8,9 +8,8 @@ from scipy.special import stdtrit
 
 from tests.analysis.noise import flicker
 from vcfbench.analysis.allan import allan_deviation
-from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, fit_noise
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, fit_noise, u_of_combination
 from vcfbench.analysis.sampling import Sampling
-from vcfbench.analysis.type_a import u_of_combination, u_of_mean_within
 from vcfbench.errors import ConfigError
 
 SECONDS = Sampling.without_gaps(1.0)
@@ -69,7 +68,8 @@ def test_mean_within_a_horizon() -> None:
     """1000 records of flicker: the middle tenth against the whole."""
     records = flicker(500, np.random.default_rng(13), records=1000)
     apart = records[:, 225:275].mean(axis=1) - records.mean(axis=1)
-    stated = u_of_mean_within(known(Coefficients(bias_instability=1.0)), SECONDS, 50.0, 500.0)
+    law = known(Coefficients(bias_instability=1.0))
+    stated = u_of_combination(law, SECONDS, [225.0, 0.0], [275.0, 500.0], [1.0, -1.0])
     assert apart.std() == pytest.approx(stated.u, rel=0.09)
 
 
@@ -93,5 +93,3 @@ def test_a_sum_of_means_has_no_finite_uncertainty() -> None:
         u_of_combination(known(Coefficients(0.0, 1.0)), SECONDS, [0.0], [1.0], [1.0])
     with pytest.raises(ConfigError, match="begin"):
         u_of_combination(known(Coefficients(0.0, 1.0)), SECONDS, [0.0, 1.0], [1.0, 1.0], [1.0, -1.0])
-    with pytest.raises(ConfigError, match="horizon"):
-        u_of_mean_within(known(Coefficients(0.0, 1.0)), SECONDS, 10.0, 10.0)
