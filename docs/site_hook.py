@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASING.md")
-EXAMPLES = {".ipynb", ".md", ".py", ".toml", ".csv"}
+EXAMPLES = {".ipynb", ".md", ".py", ".toml", ".csv", ".xml"}
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
 FENCE = re.compile(r"^(```\w+) \w+$", re.MULTILINE)
 """What stands behind a block's language (`sh hardware`) is for the tests."""

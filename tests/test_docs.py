@@ -40,9 +40,8 @@ DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
 VCFBENCH = [sys.executable, "-c", "from vcfbench.cli.main import main; main()"]
 KNOWN = {"sh", "sh ci", "sh hardware", "console", "python", "python hardware", "toml", "yaml", "text", ""}
 TUTORIALS = ROOT / "docs" / "tutorials"
-SITE = {each.name for folder in ("tutorials", "howto") for each in (ROOT / "docs" / folder).iterdir()}
+SITE = {each.name for folder in ("tutorials", "howto", "procedures") for each in (ROOT / "docs" / folder).iterdir()}
 LONG = {
-    "procedures.md",
     "python.md",
     "records.md",
     "reports.md",
