@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import pytest
 from typer.testing import CliRunner
 
-import vcfbench.analysis.allan
 import vcfbench.analysis.budget
 import vcfbench.analysis.regression
 import vcfbench.archive.verified
@@ -68,8 +67,8 @@ def wrong_constant(patch: pytest.MonkeyPatch) -> None:
 
 
 def wrong_allan(patch: pytest.MonkeyPatch) -> None:
-    deviation = numbers.deviation
-    patch.setattr(numbers, "deviation", lambda record, factor, kind: deviation(record[:-1], factor, kind))
+    deviation = numbers.allan_deviation
+    patch.setattr(numbers, "allan_deviation", lambda record, *rest: deviation(record[:-1], *rest))
 
 
 def one_sided(patch: pytest.MonkeyPatch) -> None:
