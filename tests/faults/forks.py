@@ -24,7 +24,7 @@ __all__ = ["ForkHost", "Forked", "fork_host"]
 
 _PRELOADED = (
     "numpy, scipy.linalg, pyvisa, pyvisa_py, serial, vcfbench.bench.bench, vcfbench.station.file, vcfbench.sim.served, "
-    "vcfbench.cli.conduct, "
+    "vcfbench.cli.run, "
     "vcfbench.procedures.virtual_coriolis.plan, vcfbench.drivers.registry, vcfbench.records.export"
 )
 

@@ -50,7 +50,7 @@ def batch(
     Typed again, the same command goes on with what has no complete record yet; a device that failed is tried again.
     """
     asked = with_operator(read_batch(file), operator)
-    options = RunOptions(Path(asked.bench), None, json, False, runs, speed, quiet, plain, False, 0, yes, {}, {})  # noqa: FBT003
+    options = RunOptions(bench=Path(asked.bench), json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, yes=yes)
     _require_hands(asked, yes=yes)
     for serial in asked.devices:
         asked.check(serial, runs)  # before anybody mounts anything

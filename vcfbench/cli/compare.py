@@ -11,8 +11,7 @@ from vcfbench.archive.compared import compare_runs
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.written import write_document
 from vcfbench.cli.answer import print_json
-from vcfbench.cli.completion import run_names
-from vcfbench.cli.options import Json_, Runs_, output_option  # typer reads them
+from vcfbench.cli.options import Json_, Runs_, output_option, run_names  # typer reads them
 from vcfbench.records.directory import list_runs
 from vcfbench.reports.text import text_of
 

@@ -1,23 +1,26 @@
-"""``vcfbench run`` and ``vcfbench resume``: hand on the options, and print the answer."""
+"""Runs as the command line asks for them: options handed on, the run shown as it goes, the answer printed."""
 
 from __future__ import annotations
 
 import os
 import sys
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
-from msgspec import Struct, structs, to_builtins
+from msgspec import Struct, field, structs, to_builtins
 
 from vcfbench.cli.answer import given, print_json, print_report
+from vcfbench.cli.keys import Keys
 from vcfbench.cli.person import agreed, at_the_terminal
 from vcfbench.errors import BenchError
 from vcfbench.records.metadata import metadata_of
+from vcfbench.reports.progress import LineProgress, LiveProgress
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.runs.conduct import conduct as conducted
 from vcfbench.runs.request import Checked, Request, prepare
+from vcfbench.safety.control import RunControl
 from vcfbench.safety.signals import StopSignals
 
 if TYPE_CHECKING:
@@ -26,68 +29,45 @@ if TYPE_CHECKING:
 
     from vcfbench.archive.run import Run
     from vcfbench.cli.ending import SignalsWithoutBench
-    from vcfbench.cli.keys import Keys
     from vcfbench.page.server import LivePage
-    from vcfbench.procedures.procedure import AnyProcedure
     from vcfbench.runs.conduct import Preparing
     from vcfbench.runs.expected import Expectation
-    from vcfbench.runs.request import Beginning, DryRun
-    from vcfbench.safety.control import RunControl
-    from vcfbench.station.layering import Layer
+    from vcfbench.runs.request import Beginning
 
 _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
 """Terminals on which nothing can be drawn in place, by the name that they give themselves."""
 
 
-class RunOptions(Struct, frozen=True):
-    """Options of the command line."""
+class RunOptions(Struct, frozen=True, kw_only=True):
+    """Options of a run on the command line, as the record keeps them."""
 
     bench: Path | None
-    seed: int | None
-    json: bool
-    dry_run: bool
+    seed: int | None = None
+    json: bool = False
+    dry_run: bool = False
     runs: Path
-    speed: str | None
-    quiet: bool
-    plain: bool
-    page: bool
-    port: int
-    yes: bool
-    settings: Mapping[str, Any]
-    metadata: Mapping[str, Any]
+    speed: str | None = None
+    quiet: bool = False
+    plain: bool = False
+    page: bool = False
+    port: int = 0
+    yes: bool = False
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def has_keys(self) -> bool:
+        """True if a person can press keys here, and sees their effect; Windows has no such terminal."""
+        tty = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+        return os.name == "posix" and not self.quiet and tty
 
 
-def conduct(
-    procedure: AnyProcedure, settings: Layer, options: RunOptions, ending: SignalsWithoutBench | None = None
-) -> None:
-    """Run or dry-run the procedure; the answer goes to stdout, every error is raised for the command's caller to tell.
+def carry_out(request: Request, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
+    """Conduct a run: the answer goes to stdout, every error is raised for the command's caller to tell.
 
     `ending` is told when the code is known, while signals are still held: what comes later shall not change it.
     """
-    if options.dry_run:
-        _dry_run(procedure, settings, options)
-        return
-
-    metadata = metadata_of(options.metadata)
-    request = Request(procedure, options.bench, options.seed, settings, options.runs, options.speed, metadata=metadata)
-    _carry_out(request, prepare, options, ending)
-
-
-def resume(name: str, procedure: Path | None, options: RunOptions, ending: SignalsWithoutBench | None = None) -> None:
-    """Take up the run called `name`, or recorded in that directory; the rest as of :func:`conduct`."""
-    from vcfbench.runs.resumed import broken_off  # noqa: PLC0415
-
-    broken = broken_off(name, options.runs)
-    beside = broken.directory.path.parent
-    if procedure is None:
-        broken.require_trust(options.yes or agreed)
-    request = Request(procedure or broken.procedure, options.bench, runs=beside, speed=options.speed)
-    with broken.directory.alone():
-        _carry_out(request, broken.prepare, options, ending)
-
-
-def _carry_out(request: Request, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
-    control = _control(options)
+    control = RunControl() if options.page or options.has_keys else None
     with (
         StopSignals() as signals,  # until all is written: a second Ctrl-C shall not cost the results
         _page(request, options, control) as page,
@@ -107,15 +87,6 @@ def _carry_out(request: Request, preparing: Preparing, options: RunOptions, endi
         raise unwritten
 
 
-def _control(options: RunOptions) -> RunControl | None:
-    """Return the control that stops and pauses the run, None where nobody is there who could want that."""
-    if not options.page and not _has_keys(options):
-        return None
-    from vcfbench.safety.control import RunControl  # noqa: PLC0415
-
-    return RunControl()
-
-
 def _page(request: Request, options: RunOptions, control: RunControl | None) -> AbstractContextManager[LivePage | None]:
     """Return the page of the run, which goes when it is left; None where none was asked for."""
     if not options.page or control is None:
@@ -127,42 +98,42 @@ def _page(request: Request, options: RunOptions, control: RunControl | None) -> 
     return page
 
 
-def _has_keys(options: RunOptions) -> bool:
-    """Tell whether a person can press keys here, and sees their effect; Windows has no such terminal."""
-    return (
-        os.name == "posix"
-        and not options.quiet
-        and sys.stdin is not None
-        and sys.stdin.isatty()
-        and sys.stderr.isatty()
-    )
-
-
-@contextmanager
-def _keys(options: RunOptions, control: RunControl | None) -> Iterator[Keys | None]:
-    """Hear keys of the terminal while the run goes, where a person can press them."""
-    if control is None or not _has_keys(options):
-        yield None
-        return
-    from vcfbench.cli.keys import Keys  # noqa: PLC0415  # few look
-
-    with Keys(control) as keys:
-        yield keys
-
-
 def attended(
     request: Request, preparing: Preparing, options: RunOptions, signals: StopSignals, page: LivePage | None
 ) -> Run:
-    """Return the run, also one that an error ended."""
+    """Return the run, also one that an error ended; a terminal's keys are heard while it goes."""
+    control = request.control
+
+    def warn(words: str) -> None:
+        typer.echo(f"vcfbench: warning: {words}", err=True)
+        if page is not None:
+            page.view.say(0.0, words, "warning")
+
+    def display(beginning: Beginning) -> NoProgress:
+        if page is not None:
+            page.begin(beginning)
+        estimate_s = beginning.planned.bench_seconds
+        shown = NoProgress()
+        if not options.quiet:
+            plain = options.plain or not sys.stderr.isatty() or os.environ.get("TERM") in _WITHOUT_CURSOR
+            shown = (
+                LineProgress(sys.stderr, estimate_s)
+                if plain
+                else LiveProgress(sys.stderr, estimate_s, beginning.points)
+            )
+        if control is not None:
+            control.tell(shown.hear)
+        return shown
+
     try:
-        with _keys(options, request.control) as keys:
+        with nullcontext() if control is None or not options.has_keys else Keys(control) as keys:
             watched = structs.replace(
                 request,
-                display=lambda beginning: _progress(options, beginning, page, request.control),
+                display=display,
                 observers=() if page is None else (page,),
                 person=at_the_terminal(signals, keys, yes=options.yes),
                 options=structs.asdict(options),
-                warn=lambda words: _warn(words, page),
+                warn=warn,
                 trust=options.yes or (lambda words: agreed(words, signals, keys)),
             )
             return conducted(watched, signals, preparing)
@@ -171,34 +142,6 @@ def attended(
             raise
         run: Run = error.run
         return run
-
-
-def _warn(words: str, page: LivePage | None) -> None:
-    typer.echo(f"vcfbench: warning: {words}", err=True)
-    if page is not None:
-        page.view.say(0.0, words, "warning")
-
-
-def _progress(
-    options: RunOptions, beginning: Beginning, page: LivePage | None, control: RunControl | None
-) -> NoProgress:
-    shown = _display(options, beginning, page)
-    if control is not None:
-        control.tell(shown.hear)
-    return shown
-
-
-def _display(options: RunOptions, beginning: Beginning, page: LivePage | None) -> NoProgress:
-    if page is not None:
-        page.begin(beginning)
-    estimate_s = beginning.planned.bench_seconds
-    if options.quiet:
-        return NoProgress()
-    from vcfbench.reports.progress import LineProgress, LiveProgress  # noqa: PLC0415
-
-    if options.plain or not sys.stderr.isatty() or os.environ.get("TERM") in _WITHOUT_CURSOR:
-        return LineProgress(sys.stderr, estimate_s)
-    return LiveProgress(sys.stderr, estimate_s, beginning.points)
 
 
 def _show(run: Run, options: RunOptions) -> None:
@@ -219,17 +162,22 @@ def _show(run: Run, options: RunOptions) -> None:
             typer.echo(f"device: {run.device_entry}")
 
 
-def _dry_run(procedure: AnyProcedure, settings: Layer, options: RunOptions) -> None:
+def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_json: bool) -> None:
+    """Print every step of a procedure, and the estimated bench time; nothing is opened."""
     try:
-        metadata = metadata_of(options.metadata)
-        request = Request(procedure, options.bench, options.seed, settings, speed=options.speed, metadata=metadata)
-        planned = prepare(request, Checked()).planned()
+        planned = prepare(structs.replace(request, metadata=metadata_of(metadata)), Checked()).planned()
     except BenchError as error:
-        if options.json:
-            print_json({"procedure": procedure.name, "dry_run": True, "error": str(error)})
+        if as_json:
+            print_json({"procedure": name, "dry_run": True, "error": str(error)})
         raise
-    if options.json:
-        print_json(_dry_run_json(planned))
+    if as_json:
+        steps = [
+            {"n": each.number, "t_s": each.t_s, "kind": type(each.step).__name__, "what": each.step.describe()}
+            for each in planned.steps
+        ]
+        times = {"estimated_bench_seconds": planned.bench_seconds, "physical_minimum_s": planned.physical_minimum_s}
+        expected = to_builtins(planned.expected)
+        print_json({"procedure": planned.procedure, "dry_run": True, **times, "steps": steps, "expected": expected})
         return
     for each in planned.steps:
         typer.echo(f"{each.number:4d}  {each.t_s:8.1f} s  {each.step.describe()}")
@@ -252,17 +200,3 @@ def _expected_lines(expected: Expectation) -> Iterator[str]:
     for why in dict.fromkeys(why for _, why in expected.unknown):
         names = ", ".join(name for name, of in expected.unknown if of == why)
         yield f"  not known before the run: {names}: {why}"
-
-
-def _dry_run_json(planned: DryRun) -> dict[str, Any]:
-    return {
-        "procedure": planned.procedure,
-        "dry_run": True,
-        "estimated_bench_seconds": planned.bench_seconds,
-        "physical_minimum_s": planned.physical_minimum_s,
-        "steps": [
-            {"n": each.number, "t_s": each.t_s, "kind": type(each.step).__name__, "what": each.step.describe()}
-            for each in planned.steps
-        ],
-        "expected": to_builtins(planned.expected),
-    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +14,6 @@ import typer
 from vcfbench.archive.batch_sheet import device_parts, device_rows
 from vcfbench.archive.keeping import keep_of_device
 from vcfbench.cli.answer import print_json, print_verdicts
-from vcfbench.cli.completion import device_names
 from vcfbench.cli.options import Devices_, Json_, Runs_  # noqa: TC001  # typer reads them
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
@@ -41,6 +41,14 @@ _COLUMNS = (
     *("nonlinearity_ppm", "drift_ppm", "u_drift_ppm", "e_n", "cusum", "verdict"),
     *("bias_instability_deg_h", "u_bias_instability"),
 )
+
+
+def device_names(ctx: Any, incomplete: str) -> list[str]:
+    """Return the serial numbers of the devices in the directory that the command line names so far, for a shell."""
+    with suppress(Exception):
+        serials = DeviceStore(Path(ctx.params.get("devices") or "devices")).serials()
+        return [serial for serial in serials if serial.startswith(incomplete)]
+    return []
 
 
 def device(

@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 from vcfbench.safety.control import RunState
 
+with suppress(ImportError):  # Windows has none
+    import termios
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import TracebackType
@@ -87,8 +90,6 @@ class Keys:
 
     def _take(self) -> None:
         """Have the terminal give each key as it is pressed; a shell may have changed that meanwhile (Ctrl-Z, fg)."""
-        import termios  # noqa: PLC0415  # there is none on Windows
-
         now = termios.tcgetattr(self._descriptor)
         if now[3] & termios.ICANON:
             self._before = list(now)
@@ -96,8 +97,6 @@ class Keys:
             termios.tcsetattr(self._descriptor, termios.TCSANOW, now)
 
     def _give_back(self) -> None:
-        import termios  # noqa: PLC0415  # as above
-
         if self._before is not None:
             with suppress(OSError, termios.error):
                 termios.tcsetattr(self._descriptor, termios.TCSANOW, self._before)

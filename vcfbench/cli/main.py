@@ -42,10 +42,14 @@ COMMANDS = {
     "validate": "Validate the program on this machine.",
     "sim": "Show the simulated bench, make one, serve it.",
 }
-"""Modules of this package, in the order of the help: each has an `app` with commands of its own, or one by its name.
+"""Commands in the order of the help, each in the module of its name, which has an `app` with commands or the one.
 
 What each does stands here in a few words, because the list of all commands would load all of them for it.
 """
+
+
+_ELSEWHERE = {"resume": "run"}
+"""Modules of commands that share another's options."""
 
 
 class Commands(TyperGroup):
@@ -59,8 +63,9 @@ class Commands(TyperGroup):
         """Return a command; for a name that is none all are loaded, so that Typer can say which one is like it."""
         for name in (cmd_name,) if cmd_name in COMMANDS else COMMANDS:
             if name not in self.commands:
-                module, alone = import_module(f"vcfbench.cli.{name}"), typer.Typer(rich_markup_mode=None)
-                if hasattr(module, "app"):
+                module = import_module(f"vcfbench.cli.{_ELSEWHERE.get(name, name)}")
+                alone = typer.Typer(rich_markup_mode=None)
+                if name not in _ELSEWHERE and hasattr(module, "app"):
                     alone.add_typer(module.app, name=name)
                 else:
                     alone.command(name)(getattr(module, name))

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path  # typer reads the annotations when it runs
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vcfbench.cli.completion import run_names
+from vcfbench.drivers.trace import traced
 from vcfbench.errors import ConfigError
 from vcfbench.files import is_utf8
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from contextlib import AbstractContextManager
+
+
+def run_names(ctx: Any, incomplete: str) -> list[str]:
+    """Return the names of the runs in the directory of records that the command line names so far, the latest first.
+
+    For a shell that completes: it never fails and says nothing, and where it cannot tell it offers nothing.
+    """
+    with suppress(Exception):
+        values = (ctx.params.get(name) for name in ("directory", "runs"))  # of compare, `runs` are names
+        directory = next((each for each in values if isinstance(each, Path)), Path("runs"))
+        found = sorted((each.name for each in directory.iterdir() if (each / "journal.jsonl").is_file()), reverse=True)
+        return [name for name in ["last", *found] if name.startswith(incomplete)]
+    return []
 
 
 def seed_option(words: str) -> Any:
@@ -81,11 +95,7 @@ ProbeSerial_ = Annotated[
 
 def tracing(path: Path | None) -> AbstractContextManager[None]:
     """Return the context in which opened connections are traced to `path`; None traces nothing."""
-    if path is None:
-        return nullcontext()
-    from vcfbench.drivers.trace import traced  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
-
-    return traced(path)
+    return nullcontext() if path is None else traced(path)
 
 
 def key_and_value(option: str, text: str, example: str) -> tuple[str, str]:
@@ -94,3 +104,20 @@ def key_and_value(option: str, text: str, example: str) -> tuple[str, str]:
     if not (equals and key.strip() and is_utf8(text)):
         raise ConfigError(f"{option} {ascii(text)[1:-1]}: expected KEY=VALUE, as in {option} {example}")
     return key.strip(), value.strip()
+
+
+def tags_of(given: Iterable[str]) -> dict[str, str]:
+    """Return the values of each ``--tag``.
+
+    Raises:
+        ConfigError: one has no key or no value, or a key is given twice.
+    """
+    tags: dict[str, str] = {}
+    for each in given:
+        key, equals, value = (part.strip() for part in each.partition("="))
+        if not (key and equals and value):
+            raise ConfigError(f"--tag {each}: expected KEY=VALUE, as in --tag batch=7")
+        if key in tags:
+            raise ConfigError(f"--tag {each}: {key} is given twice")
+        tags[key] = value
+    return tags

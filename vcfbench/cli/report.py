@@ -11,8 +11,7 @@ import typer
 from vcfbench.archive.index import run_summaries
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.written import write_certificate, write_report
-from vcfbench.cli.metadata import tags_of
-from vcfbench.cli.options import Run_, Runs_, key_and_value, output_option  # typer reads them
+from vcfbench.cli.options import Run_, Runs_, key_and_value, output_option, tags_of  # typer reads them
 from vcfbench.errors import ConfigError
 from vcfbench.files import read_file
 

@@ -1,39 +1,33 @@
-"""``vcfbench run``: a procedure, from the bench file to the record and the table.
+"""``vcfbench run`` and ``vcfbench resume``: a procedure, from the bench file to the record and the table.
 
-The commands are made of the procedures: those that come along, those that installed packages bring, and the one that a
-file of one's own defines. A list of them imports none.
+The commands of ``run`` are made of the procedures: those that come along, those that installed packages bring, and the
+one that a file of one's own defines. A list of them imports none.
 """
 
 from __future__ import annotations
 
 import inspect
-import json
+import json as encoder
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from msgspec import structs
 from typer.core import TyperCommand, TyperGroup
 
+from vcfbench.cli import conduct, options
 from vcfbench.cli.ending import SignalsWithoutBench
-from vcfbench.cli.options import (  # typer reads them
-    Bench_,
-    Json_,
-    Page_,
-    Plain_,
-    Port_,
-    Quiet_,
-    Seed_,
-    Speed_,
-    Trace_,
-    Yes_,
-    tracing,
-)
+from vcfbench.cli.person import agreed
+from vcfbench.cli.set_option import asked_by_command
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
+from vcfbench.procedures.keys import settable_keys
+from vcfbench.records.metadata import metadata_of
+from vcfbench.runs.request import Request, prepare
+from vcfbench.runs.resumed import broken_off
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from vcfbench.procedures.keys import SettableKey
     from vcfbench.procedures.procedure import AnyProcedure
 
@@ -69,25 +63,18 @@ class Procedures(TyperGroup):
 class ProcedureCommand(TyperCommand):
     """The command of one procedure; its help ends with the keys that can be set."""
 
+    chosen: AnyProcedure
     keys: tuple[SettableKey, ...] = ()
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write every key with its default, its range and its meaning."""
         super().format_epilog(ctx, formatter)
         with formatter.section("Settings (--set KEY=VALUE, or the bench file's [procedure])"):
-            formatter.write_dl([_key_row(key) for key in self.keys])
-
-
-def _key_row(key: SettableKey) -> tuple[str, str]:
-    default = f"; default {key.default}" if key.default else ""
-    return key.path, f"{key.meaning + ': ' if key.meaning else ''}{key.expected}{default}"
+            rows = [(key.path, f"{key.meaning}: " * bool(key.meaning) + key.expected, key.default) for key in self.keys]
+            formatter.write_dl([(path, f"{words}; default {own}" if own else words) for path, words, own in rows])
 
 
 app = typer.Typer(cls=Procedures, no_args_is_help=True, help="Run a calibration procedure on a bench.")
-
-DryRun_ = Annotated[
-    bool, typer.Option("--dry-run", help="Print every step and the estimated bench time. Nothing is opened.")
-]
 
 
 def _directory(name: str | Path) -> Path:
@@ -97,114 +84,163 @@ def _directory(name: str | Path) -> Path:
     return Path(name)
 
 
-Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", parser=_directory, help="Where the records go.")]
-Set_ = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="One of the settings listed below. Repeatable."),
-]
-
-Dut_ = Annotated[
-    str | None,
-    typer.Option("--dut", metavar="SERIAL", help="Serial number of the device under test."),
-]
-Operator_ = Annotated[
-    str | None, typer.Option("--operator", metavar="NAME", help="Who runs the procedure, for the record.")
-]
-Note_ = Annotated[str | None, typer.Option("--note", metavar="TEXT", help="Anything to remember, for the record.")]
-Tag_ = Annotated[
-    list[str] | None,
-    typer.Option("--tag", metavar="KEY=VALUE", help="A tag, for the record and for lists. Repeatable."),
-]
-Ambient_ = Annotated[
-    str | None,
-    typer.Option(
-        "--ambient-temperature-c",
-        metavar="DEGC|chamber",
-        help="Temperature of the room, for the record; chamber: read its sensor before air flows.",
-    ),
-]
-Humidity_ = Annotated[
-    float | None,
-    typer.Option("--humidity-percent", metavar="PERCENT", help="Relative humidity of the room, for the record."),
-]
-
-
-def _common(
-    bench: Bench_ = None,
-    seed: Seed_ = None,
-    runs: Runs_ = Path("runs"),
-    speed: Speed_ = None,
-    settings: Set_ = None,
+def run(
     *,
-    dut: Dut_ = None,
-    operator: Operator_ = None,
-    note: Note_ = None,
-    tag: Tag_ = None,
-    ambient_temperature_c: Ambient_ = None,
-    humidity_percent: Humidity_ = None,
+    bench: options.Bench_ = None,
+    seed: options.Seed_ = None,
+    runs: Annotated[
+        Path, typer.Option("--runs", metavar="DIR", parser=_directory, help="Where the records go.")
+    ] = Path("runs"),
+    speed: options.Speed_ = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="One of the settings listed below. Repeatable."),
+    ] = None,
+    dut: Annotated[
+        str | None, typer.Option("--dut", metavar="SERIAL", help="Serial number of the device under test.")
+    ] = None,
+    operator: Annotated[
+        str | None, typer.Option("--operator", metavar="NAME", help="Who runs the procedure, for the record.")
+    ] = None,
+    note: Annotated[
+        str | None, typer.Option("--note", metavar="TEXT", help="Anything to remember, for the record.")
+    ] = None,
+    tag: Annotated[
+        list[str] | None,
+        typer.Option("--tag", metavar="KEY=VALUE", help="A tag, for the record and for lists. Repeatable."),
+    ] = None,
+    ambient_temperature_c: Annotated[
+        str | None,
+        typer.Option(
+            "--ambient-temperature-c",
+            metavar="DEGC|chamber",
+            help="Temperature of the room, for the record; chamber: read its sensor before air flows.",
+        ),
+    ] = None,
+    humidity_percent: Annotated[
+        float | None,
+        typer.Option("--humidity-percent", metavar="PERCENT", help="Relative humidity of the room, for the record."),
+    ] = None,
     context: typer.Context,
-    trace: Trace_ = None,
-    json: Json_ = False,
-    dry_run: DryRun_ = False,
-    quiet: Quiet_ = False,
-    plain: Plain_ = False,
-    page: Page_ = False,
-    port: Port_ = 0,
-    yes: Yes_ = False,
+    trace: options.Trace_ = None,
+    json: options.Json_ = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print every step and the estimated bench time. Nothing is opened.")
+    ] = False,
+    quiet: options.Quiet_ = False,
+    plain: options.Plain_ = False,
+    page: options.Page_ = False,
+    port: options.Port_ = 0,
+    yes: options.Yes_ = False,
+    **own: Any,
 ) -> None:
-    """Take the options of every procedure's command; each has this signature, with its own options added."""
+    """Run the procedure of the command; `own` are the values of those of its keys that are options as well."""
+    command: Any = context.command
+    keys: tuple[SettableKey, ...] = command.keys
+    names = {key.path: key.option for key in keys if key.option}
+    texts = {key.path for key in keys if key.expected.startswith("a text")}  # a serial number may look like a number
+    lists = {key.path for key in keys if key.expected.startswith("a list") and key.expected.endswith("texts")}
+    given = {
+        key: encoder.dumps(value) if key in texts or value is True else value
+        for key, value in own.items()
+        if value is not None
+    }
+    asked = asked_by_command(settings or (), given, names, lists, texts)
+    said = {"dut": dut, "operator": operator, "note": note, "humidity_percent": humidity_percent}
+    metadata = {name: value for name, value in said.items() if value is not None} | _ambient(ambient_temperature_c)
+    if tag:
+        metadata["tags"] = options.tags_of(tag)
+    with options.tracing(trace):
+        request = Request(command.chosen, bench, seed, asked, speed=speed)
+        if dry_run:
+            conduct.show_plan(request, command.chosen.name, metadata, as_json=json)
+            return
+        request = structs.replace(request, runs=runs, metadata=metadata_of(metadata))
+        how = conduct.RunOptions(
+            bench=bench,
+            seed=seed,
+            json=json,
+            runs=runs,
+            speed=speed,
+            quiet=quiet,
+            plain=plain,
+            page=page,
+            port=port,
+            yes=yes,
+            settings=asked.values,
+            metadata=metadata,
+        )
+        conduct.carry_out(request, prepare, how, context.find_object(SignalsWithoutBench))
+
+
+def _ambient(text: str | None) -> dict[str, Any]:
+    """Return the temperature of the room, or the role that shall tell it."""
+    if text is None:
+        return {}
+    if text == "chamber":
+        return {"ambient_from": text}
+    try:
+        return {"ambient_temperature_c": float(text)}
+    except ValueError:
+        raise ConfigError(f"--ambient-temperature-c {text}: expected degC, as in 23.1, or chamber") from None
 
 
 def _command(chosen: AnyProcedure, name: str) -> Any:
-    """Return the command of a procedure."""
-    from vcfbench.procedures.keys import settable_keys  # noqa: PLC0415
-
+    """Return the command of a procedure: the options of `run`, and those of its own keys after them."""
     keys = tuple(settable_keys(chosen.settings))
-    own = {key.path: key.option for key in keys if key.option}
-    texts = {key.path for key in keys if key.expected.startswith("a text")}  # a serial number may look like a number
-
-    lists = {key.path for key in keys if key.expected.startswith("a list") and key.expected.endswith("texts")}
-
-    def run(context: typer.Context, **options: Any) -> None:
-        from vcfbench.cli.conduct import RunOptions, conduct  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
-        from vcfbench.cli.metadata import METADATA_OPTIONS, metadata_options  # noqa: PLC0415
-        from vcfbench.cli.set_option import asked_by_command  # noqa: PLC0415
-
-        given = {key: value for key in own if (value := options.pop(key)) is not None}
-        given = {key: json.dumps(v) if key in texts or v is True else v for key, v in given.items()}
-        settings = asked_by_command(options.pop("settings") or (), given, own, lists, texts)
-        with tracing(options.pop("trace")):
-            metadata = metadata_options({key: options.pop(key) for key in METADATA_OPTIONS})
-            asked = RunOptions(**options, settings=settings.values, metadata=metadata)
-            conduct(chosen, settings, asked, context.find_object(SignalsWithoutBench))
-
-    _sign(run, {key.path: _option(own[key.path], key) for key in keys if key.option})
+    signature = inspect.signature(run, eval_str=True)
+    *parameters, _ = signature.parameters.values()
+    for key in keys:
+        if key.option:
+            flag = key.expected == "true or false"
+            metavar = key.expected.replace(" or ", "|").replace("'", "") if " or " in key.expected else "VALUE"
+            meaning = f"{key.meaning[:1].upper()}{key.meaning[1:]}."  # its symbols, such as K_Vc, stay as they are
+            option = typer.Option(key.option, metavar=None if flag else metavar, help=meaning)
+            kind: Any = Annotated[bool | None if flag else str | None, option]
+            parameters.append(
+                inspect.Parameter(key.path, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+            )
+    bound: Any = partial(run)
+    bound.__signature__ = signature.replace(parameters=parameters)
+    bound.__annotations__ = {each.name: each.annotation for each in parameters}
     alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    alone.command(name, cls=ProcedureCommand, help=chosen.title)(run)
+    alone.command(name, cls=ProcedureCommand, help=chosen.title)(bound)
     command: Any = typer.main.get_command(alone)
-    command.keys = keys
+    command.chosen, command.keys = chosen, keys
     return command
 
 
-def _option(name: str, key: SettableKey) -> Any:
-    if key.expected == "true or false":
-        return Annotated[bool | None, typer.Option(name, help=_sentence(key.meaning))]
-    metavar = key.expected.replace(" or ", "|").replace("'", "") if " or " in key.expected else "VALUE"
-    return Annotated[str | None, typer.Option(name, metavar=metavar, help=_sentence(key.meaning))]
-
-
-def _sentence(meaning: str) -> str:
-    """Return `meaning` as a sentence; its symbols, such as K_Vc, stay as they are written."""
-    return f"{meaning[:1].upper()}{meaning[1:]}."
-
-
-def _sign(function: Callable[..., None], options: Mapping[str, Any]) -> None:
-    """Give `function` the parameters that every command has, and `options` beside them; typer reads them there."""
-    common = inspect.signature(_common, eval_str=True)
-    parameters = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in common.parameters.values()]
-    parameters += [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
-        for name, annotation in options.items()
-    ]
-    function.__signature__ = common.replace(parameters=parameters)  # type: ignore[attr-defined]
-    function.__annotations__ = {each.name: each.annotation for each in parameters}
+def resume(
+    run: options.Run_,
+    bench: Annotated[
+        Path | None,
+        typer.Option("--bench", metavar="FILE", help="Bench file, if the bench of the run has other addresses now."),
+    ] = None,
+    procedure: Annotated[
+        Path | None,
+        typer.Option("--procedure", metavar="FILE", help="Procedure file, if that of the run was moved or changed."),
+    ] = None,
+    runs: options.Runs_ = Path("runs"),
+    *,
+    context: typer.Context,
+    trace: options.Trace_ = None,
+    speed: options.Speed_ = None,
+    json: options.Json_ = False,
+    quiet: options.Quiet_ = False,
+    plain: options.Plain_ = False,
+    page: options.Page_ = False,
+    port: options.Port_ = 0,
+    yes: options.Yes_ = False,
+) -> None:
+    """Go on with a run that failed, or was stopped or killed. Nothing is measured twice; the record is new."""
+    how = conduct.RunOptions(
+        bench=bench, json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, page=page, port=port, yes=yes
+    )
+    with options.tracing(trace):
+        broken = broken_off(run, runs)
+        if procedure is None:
+            broken.require_trust(yes or agreed)
+        beside = broken.directory.path.parent
+        request = Request(procedure or broken.procedure, bench, runs=beside, speed=speed)
+        with broken.directory.alone():
+            conduct.carry_out(request, broken.prepare, how, context.find_object(SignalsWithoutBench))

@@ -18,9 +18,15 @@ from vcfbench.archive.recomputed import printable
 from vcfbench.archive.recorded import recorded_run
 from vcfbench.archive.verified import verify_run
 from vcfbench.cli.answer import print_json, print_report, print_verdicts
-from vcfbench.cli.completion import run_names
-from vcfbench.cli.metadata import tags_of
-from vcfbench.cli.options import Json_, Run_, Runs_, key_and_value, output_option  # typer reads them
+from vcfbench.cli.options import (  # typer reads them
+    Json_,
+    Run_,
+    Runs_,
+    key_and_value,
+    output_option,
+    run_names,
+    tags_of,
+)
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.records.directory import find_run

@@ -5,12 +5,11 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from vcfbench.bench.console import data_of, open_console, summary
-from vcfbench.cli.completion import role_names
 from vcfbench.cli.options import (
     Bench_,  # typer reads them
     Runs_,
@@ -22,7 +21,9 @@ from vcfbench.cli.person import agreed
 from vcfbench.cli.prompt import history
 from vcfbench.cli.talk_bench import talk_to_bench
 from vcfbench.errors import BenchError, ConfigError, LimitError, TransportError
+from vcfbench.procedures.bench_file import load_bench
 from vcfbench.records.raw import RawRecord
+from vcfbench.safety.roles import filled_roles
 from vcfbench.safety.signals import Interrupted
 from vcfbench.station.file import read_bench
 
@@ -44,6 +45,15 @@ _RAW = "raw commands: nothing is compared with the limits of the bench file; eac
 
 class _Stop(Exception):
     """The conversation is over."""
+
+
+def role_names(ctx: Any, incomplete: str) -> list[tuple[str, str]]:
+    """Return the roles of the bench that the command line names so far, with their instruments, for a shell."""
+    with contextlib.suppress(Exception):
+        description = load_bench(ctx.params.get("bench"))
+        names = [role.name for role in filled_roles(description)]
+        return [(name, getattr(description, name).resource) for name in names if name.startswith(incomplete)]
+    return []
 
 
 def talk(
