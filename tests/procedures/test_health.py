@@ -15,9 +15,8 @@ from tests.procedures.shared.test_k_vc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.by_meter import carrier_over_drive
-from vcfbench.procedures.health.check import checked, health_parts
+from vcfbench.procedures.health.check import checked, health_parts, not_measured
 from vcfbench.procedures.health.found import Health
-from vcfbench.procedures.health.unmeasured import not_measured
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.procedures.shared.known.k_vc_change import k_vc_change
 from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand

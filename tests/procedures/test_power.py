@@ -10,8 +10,7 @@ from msgspec import structs
 import vcfbench
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
-from vcfbench.procedures.power.results import valid_output
-from vcfbench.procedures.power.settings import PowerSettings
+from vcfbench.procedures.power.results import PowerSettings, valid_output
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.parts import Limits

@@ -15,8 +15,15 @@ from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
-from vcfbench.procedures.warmup.plan import WARMUP, SwitchedOn, SwitchOnAndLog, WarmupSettings
-from vcfbench.procedures.warmup.results import WarmupResult, is_steady, warmup_results
+from vcfbench.procedures.warmup import (
+    WARMUP,
+    SwitchedOn,
+    SwitchOnAndLog,
+    WarmupResult,
+    WarmupSettings,
+    is_steady,
+    warmup_results,
+)
 from vcfbench.records.schema import Point
 from vcfbench.sim.builder import physical_parameters
 from vcfbench.station.file import embedded_text

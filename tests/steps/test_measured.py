@@ -16,7 +16,7 @@ from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
 from vcfbench.procedures.power.plan import SuppliedAndLogged
 from vcfbench.procedures.power.results import RailsLogged
 from vcfbench.procedures.shared.routines import rails_of
-from vcfbench.procedures.warmup.plan import SwitchedOn, SwitchOnAndLog
+from vcfbench.procedures.warmup import SwitchedOn, SwitchOnAndLog
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources
 from vcfbench.steps import Acquire, Note, Outcome, RailsReading, Step, StepResult, VerifyZero, Window

@@ -27,6 +27,7 @@ from vcfbench.analysis.rate_band import (
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.procedures.shared.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
@@ -34,7 +35,6 @@ from vcfbench.procedures.shared.routines import at_rest, energised, rails_of, v_
 from vcfbench.procedures.shared.tones import (
     HIGHEST_HZ,
     NPLC,
-    SCOPE_TIME_BASE,
     fitted_tones,
     sampled_every_s,
     stands_off_mains,
@@ -47,7 +47,6 @@ from vcfbench.steps.step import Routine, answer
 
 _TIME_BASE = 20e-6
 """33220A: frequency within 20 ppm a year (data sheet, unverified), rectangular."""
-_DRIVE_RECORDS = 8
 _PAPER_Q = 1224.0
 """Quality factor of the sense modes of the paper's gyroscope: assumed in a dry run."""
 _PAPER_LAG_RAD = math.radians(0.5)
@@ -146,12 +145,7 @@ def sweep(settings: BandwidthSettings) -> Routine[steps.Outcome]:
 def _swept(settings: BandwidthSettings) -> Routine[list[tuple[float, steps.SineResponse]]]:
     # Measure the drive frequency where there is an oscilloscope: Q is in proportion to it
     if settings.station.oscilloscope is not None:
-        drive = settings.drive
-        middle = fmean(drive.frequency_hz), fmean(drive.amplitude_v)
-        expected = steps.SineRecord(middle[0], (middle[1],), (0.0,))
-        yield steps.CaptureSines(
-            (settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected
-        )
+        yield from oscilloscope.capture_drive(settings)
     yield steps.ConfigureMeter(float(settings.meter_range_v), NPLC)
     yield from v_vc_on()
     yield steps.Note("The sine at frequencies far apart")
@@ -231,7 +225,7 @@ def _drive_hz(settings: BandwidthSettings, measured: Measured) -> tuple[float, f
         return 0.5 * (low + high), (high - low) / math.sqrt(12.0)
     seen = [each.frequency_hz for each in found[-1][1].records]
     scatter = stdev(seen) / math.sqrt(len(seen))
-    return fmean(seen), math.hypot(scatter, SCOPE_TIME_BASE * fmean(seen) / math.sqrt(3.0))
+    return fmean(seen), math.hypot(scatter, oscilloscope.TIME_BASE * fmean(seen) / math.sqrt(3.0))
 
 
 def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:

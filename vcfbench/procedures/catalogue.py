@@ -44,7 +44,7 @@ BUILT_IN = {
         "Calibrate K_Vc as a curve on the rate table, V_Vc measured: the certificate of a device.",
     ),
     "warmup": (
-        "vcfbench.procedures.warmup.plan:WARMUP",
+        "vcfbench.procedures.warmup:WARMUP",
         "Follow the output at rest from power-on until it is steady: turn-on and warm-up time.",
     ),
     "bandwidth": (
@@ -60,7 +60,7 @@ BUILT_IN = {
         "Measure frequency and Q of drive and sense modes and the mode split, by ring-down and by sweep.",
     ),
     "phase": (
-        "vcfbench.procedures.phase.plan:PHASE",
+        "vcfbench.procedures.phase:PHASE",
         "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",
     ),
     "temperature": (

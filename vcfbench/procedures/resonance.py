@@ -7,7 +7,6 @@ holds it at resonance.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from statistics import fmean
 from typing import Annotated, ClassVar
@@ -24,19 +23,18 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
+from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
 from vcfbench.procedures.shared.routines import at_rest, energised, rails_of, v_vc_level_again
-from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
 from vcfbench.records.devices import Characteristics
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.scope import scale_v_per_div
 from vcfbench.steps.step import Context, Effect, Routine, Step, StepResult, answer
 
 _SENSE_RECORD, _DRIVE_RECORD = (0.05, 20_000), (0.02, 50_000)
 """Time base (s/div) and points of the records: half a second and a fifth."""
-_LARGEST_V = 10.0
-"""Voltage that no node of the PCB exceeds: its rails."""
 
 
 class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
@@ -199,92 +197,82 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
 
 def _both_ways(settings: ResonanceSettings) -> Routine[steps.Outcome]:
     swept = yield from sweep(settings)
-    drive_hz = yield from _sense_ring_downs(settings)
-    # Switch the rails off again and again, and on between
+    yield steps.Note("The sense modes ring down as V_Vc is switched off")
+    yield from v_vc_level_again()
+    expected_hz, splits_hz = fmean(settings.drive.frequency_hz), (settings.split_guess_hz, settings.in_phase_split_hz)
+    expected = SenseDecay(expected_hz, tuple(RingingMode(expected_hz - each, 1000.0, 1.0) for each in splits_hz))
+    decays = yield from ring_downs(
+        settings, settings.ring_down_v_vc_v, settings.sense_ring_downs, _SENSE_RECORD, expected
+    )
+    drive_hz = fmean(each.drive_hz for each in decays)
     yield steps.Note("The drive rings down as the rails are switched off")
     channel = settings.station.channel_of("drive")
     seconds_a_division, points = _DRIVE_RECORD
     yield steps.DisableVvc()
     yield steps.ConfigureScope(seconds_a_division, channel)
-    found = answer((yield steps.FindAmplitudes((channel,), _LARGEST_V, 1.0)), steps.Amplitudes)
+    (drive_v,) = yield from amplitudes(channel)
     rails = rails_of(settings)
     for number in range(settings.drive_ring_downs):
         if number:
             yield steps.EnableSupply()
             yield steps.Settle(settings.drive.start_up_s, "rails up, drive loop starts")
             yield steps.CheckRails(rails, settings.rail_tolerance_v)
-        yield ReleaseDrive(channel, found.amplitudes_v[0], points, drive_hz)
+        yield ReleaseDrive(channel, drive_v, points, drive_hz)
     rung = f"{settings.sense_ring_downs} ring-downs of the sense modes, {settings.drive_ring_downs} of the drive"
     return steps.Outcome(f"{swept.summary}; {rung}")
 
 
-def _sense_ring_downs(settings: ResonanceSettings) -> Routine[float]:
-    """Switch V_Vc off again and again; return the drive frequency, Hz."""
-    yield steps.Note("The sense modes ring down as V_Vc is switched off")
-    yield from v_vc_level_again()
+def ring_downs(
+    settings: ProcedureSettings, v_vc_v: float, count: int, record: tuple[float, int], expected: SenseDecay
+) -> Routine[list[SenseDecay]]:
+    """Switch V_Vc off `count` times, and fit what rings down; `record` is time base (s/div) and points."""
     channels = settings.station.channel_of("drive"), settings.station.channel_of("sense")
-    seconds_a_division, points = _SENSE_RECORD
+    seconds_a_division, points = record
     yield steps.ConfigureScope(seconds_a_division, channels[0])
-    drive_hz = fmean(settings.drive.frequency_hz)
-    offsets_hz = settings.split_guess_hz, settings.in_phase_split_hz
-    expected, drives_hz = (
-        SenseDecay(drive_hz, tuple(RingingMode(drive_hz - each, 1000.0, 1.0) for each in offsets_hz)),
-        list[float](),
-    )
-    shown_v = (0.0, 0.0)
-    for number in range(settings.sense_ring_downs):
-        yield steps.SetVvc(settings.ring_down_v_vc_v)
+    found: list[SenseDecay] = []
+    for _ in range(count):
+        yield steps.SetVvc(v_vc_v)
         yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
-        if number == 0:
-            found = answer((yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes)
-            shown_v = found.amplitudes_v[0], found.amplitudes_v[1]
+        if not found:
+            drive_v, sense_v = yield from amplitudes(*channels)
         yield steps.SetVvc(0.0)
-        decay = answer((yield CaptureDecay(channels, shown_v, points, expected)), SenseDecay)
-        drives_hz.append(decay.drive_hz)
-    return fmean(drives_hz)
+        found.append(answer((yield CaptureDecay(channels, (drive_v, sense_v), points, expected)), SenseDecay))
+    return found
 
 
 def results(settings: ResonanceSettings, measured: Measured) -> Resonances:
     """Combine the records of each way, and compare the ways."""
-    decays = [found for _, found in measured.found(SenseDecay)]
-    released = [found for _, found in measured.found(DriveDecay)]
+    decays, released = ([found for _, found in measured.found(kind)] for kind in (SenseDecay, DriveDecay))
     return combined(band_of(settings, measured), decays, released)
 
 
 def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[DriveDecay]) -> Resonances:
     """Return the resonances by either way; a quantity that was not seen every time is not reported."""
     seen = [found for found in released if not found.trouble]
-    drive_hz = _frequency([found.drive_hz for found in decays])
+    drive_hz = frequency_of([found.drive_hz for found in decays])
     anti_phase = [found.modes[0] for found in decays]
     in_phase = [found.modes[1] for found in decays if len(found.modes) > 1]
-    split = _frequency([found.drive_hz - found.modes[0].frequency_hz for found in decays])
+    split = frequency_of([found.drive_hz - found.modes[0].frequency_hz for found in decays])
     quality = mean_of_records([mode.q for mode in anti_phase], "")
     whole, both = len(seen) == len(released), len(in_phase) == len(decays)
-    drive_ring_down_hz = _frequency([found.frequency_hz for found in seen]) if whole else None
+    drive_ring_down_hz = frequency_of([found.frequency_hz for found in seen]) if whole else None
     return Resonances(
         drive_hz=drive_hz,
         drive_ring_down_hz=drive_ring_down_hz,
         drive_q=mean_of_records([found.q for found in seen], "") if whole else None,
         why_no_drive=next((found.trouble for found in released if found.trouble), ""),
-        sense_hz=_frequency([mode.frequency_hz for mode in anti_phase]),
+        sense_hz=frequency_of([mode.frequency_hz for mode in anti_phase]),
         sense_q_ring_down=quality,
         sense_q_sweep=swept.q,
         split_ring_down_hz=split,
         split_sweep_hz=swept.split_hz,
-        in_phase_hz=_frequency([mode.frequency_hz for mode in in_phase]) if both else None,
+        in_phase_hz=frequency_of([mode.frequency_hz for mode in in_phase]) if both else None,
         in_phase_q=mean_of_records([mode.q for mode in in_phase], "") if both else None,
         e_n_drive_hz=None if drive_ring_down_hz is None else _e_n(drive_hz, drive_ring_down_hz),
         e_n_sense_q=_e_n(quality, swept.q),
         e_n_split=_e_n(split, swept.split_hz),
         sweep=swept,
     )
-
-
-def _frequency(values_hz: Sequence[float]) -> Measurand:
-    time_base = UncertaintyPart(
-        "time base", SCOPE_TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz)), of="oscilloscope"
-    )
-    return mean_of_records(values_hz, "Hz", time_base)
 
 
 def _e_n(first: Measurand, second: Measurand) -> float:

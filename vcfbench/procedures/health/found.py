@@ -13,20 +13,17 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.rotating import Rotation, reference_phase
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.by_meter import carrier_over_drive, found_by_sines
-from vcfbench.procedures.health.modes import Modes, middle_of, modes_of
-from vcfbench.procedures.health.plan import CaptureFar, level_v
-from vcfbench.procedures.phase.results import CaptureSense, sense_phasor
+from vcfbench.procedures.health.plan import CaptureFar, Modes, level_v, middle_of, modes_of
 from vcfbench.procedures.resonance import SenseDecay
+from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
-from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
+from vcfbench.procedures.shared.oscilloscope import CaptureSense
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
 from vcfbench.steps.measured import Measured
 
-_SKEW_S = 1e-10
-"""DSO7104B: delay of a channel, either way (unverified), rectangular."""
 _GAIN = 0.02
 """DSO7104B: vertical gain, of full scale (unverified), rectangular."""
 _FLAT = 0.05
@@ -63,8 +60,13 @@ class Health(Struct, frozen=True, kw_only=True):
 
     def unchanged(self, then: Characteristics) -> Health:
         """Return the same findings of an unchanged device: the values of `then`, with their uncertainties."""
+
+        def same(kept: Kept) -> Measurand:
+            parts = [UncertaintyPart(each.source, each.u, each.dof, each.of) for each in kept.shares]
+            return measurand(kept.value, "", parts or [UncertaintyPart("certificate", kept.u, kept.dof)])
+
         kept = {name: getattr(then, name) for name, each in structs.asdict(self).items() if each is not None}
-        return structs.replace(self, **{name: _again(each) for name, each in kept.items() if each is not None})
+        return structs.replace(self, **{name: same(each) for name, each in kept.items() if each is not None})
 
 
 class _AtRest(Struct, frozen=True):
@@ -74,11 +76,6 @@ class _AtRest(Struct, frozen=True):
     phase_deg: float
     u_phase_deg: float
     dof: float
-
-
-def _again(kept: Kept) -> Measurand:
-    parts = [UncertaintyPart(each.source, each.u, each.dof, each.of) for each in kept.shares]
-    return measurand(kept.value, "", parts or [UncertaintyPart("certificate", kept.u, kept.dof)])
 
 
 def health_of(settings: KnownVvcSettings, measured: Measured, then: Characteristics | None = None) -> Health | None:
@@ -103,19 +100,15 @@ def _by_oscilloscope(
     scope = placed.owner
     pairs = [modes_of(each) for each in decays]
     middle = middle_of(pairs)
-    at_rest = _at_rest(measured)
+    at_rest = _at_rest(measured, level_v(settings))
     taken = [found for step, found in measured.found(SineRecords) if isinstance(step, CaptureMeanSines)]
     means = [each for found in taken for each in found.records]
-    skew = UncertaintyPart("skew of two channels", math.sqrt(2.0 / 3.0) * 360.0 * middle.drive_hz * _SKEW_S, of=scope)
+    skew = oscilloscope.skew(middle.drive_hz, scope)
     carrier = mean_of_records([math.remainder(each.phases_deg[1] - 90.0, 180.0) for each in means], "deg", skew)
     share, beyond_deg = _share(pairs, at_rest, level_v(settings), carrier.value)
     drive_v = fmean(each.amplitudes_v[0] for each in means)
     carrier_v = [drive_v * each.amplitudes_v[1] / each.amplitudes_v[0] for each in means]
     unexplained = UncertaintyPart("records", at_rest.u_phase_deg, at_rest.dof)
-
-    def frequency(values_hz: Sequence[float]) -> Measurand:
-        u_hz = SCOPE_TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz))
-        return mean_of_records(values_hz, "Hz", UncertaintyPart("time base", u_hz, of=scope))
 
     def gain(node: str, amplitude_v: float) -> UncertaintyPart:
         # so large an error cancels only where it is beyond doubt that the specimen is the same
@@ -123,10 +116,12 @@ def _by_oscilloscope(
         return UncertaintyPart(f"vertical gain, {node}", _GAIN / math.sqrt(3.0) * amplitude_v, of=whose)
 
     return Health(
-        drive_hz=frequency([each.drive_hz for each in pairs]),
-        split_hz=frequency([each.drive_hz - each.anti_phase.frequency_hz for each in pairs]),
+        drive_hz=oscilloscope.frequency_of([each.drive_hz for each in pairs], scope),
+        split_hz=oscilloscope.frequency_of([each.drive_hz - each.anti_phase.frequency_hz for each in pairs], scope),
         q_anti_phase=mean_of_records([each.anti_phase.q for each in pairs], ""),
-        in_phase_split_hz=frequency([each.drive_hz - each.in_phase.frequency_hz for each in pairs]),
+        in_phase_split_hz=oscilloscope.frequency_of(
+            [each.drive_hz - each.in_phase.frequency_hz for each in pairs], scope
+        ),
         q_in_phase=mean_of_records([each.in_phase.q for each in pairs], ""),
         in_phase_share=share,
         carrier_phase_deg=carrier,
@@ -138,17 +133,11 @@ def _by_oscilloscope(
     )
 
 
-def _at_rest(measured: Measured) -> _AtRest:
+def _at_rest(measured: Measured, level: float) -> _AtRest:
     """Return the response at rest, from half the difference of the sense signal's phasors at both signs."""
-    plus, minus = (
-        [
-            sense_phasor(each) / abs(step.v_vc_v)
-            for step, found in measured.found(SineRecords)
-            if isinstance(step, CaptureSense) and not step.rate_deg_s and sign * step.v_vc_v > 0.0
-            for each in found.records
-        ]
-        for sign in (1.0, -1.0)
-    )
+    states = [(step, found) for step, found in measured.found(SineRecords) if isinstance(step, CaptureSense)]
+    signs = oscilloscope.at_both_signs(states, lambda step: 0.0 if step.rate_deg_s else step.v_vc_v)
+    plus, minus = ([each / level for each in sign] for sign in signs)
     moved = 0.5 * (sum(plus) / len(plus) - sum(minus) / len(minus))
     if abs(moved) < 1e-3 * max(map(abs, plus)):
         raise MeasurementError("V_Vc of either sign does not move the sense signal", instrument="oscilloscope")

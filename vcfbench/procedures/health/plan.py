@@ -10,27 +10,110 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
 from statistics import fmean
+from typing import Final, Literal
+
+from msgspec import Struct
 
 from vcfbench import steps
 from vcfbench.analysis.rotating import fit_rotation
-from vcfbench.interfaces import AveragesWaveforms, Oscilloscope
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, SamplesVoltage, SetsSine, lacking
 from vcfbench.procedures.health.by_meter import split_by_meter
-from vcfbench.procedures.health.modes import Modes, modes_of
-from vcfbench.procedures.health.way import way_of
-from vcfbench.procedures.phase.results import CaptureSense
-from vcfbench.procedures.resonance import CaptureDecay, RingingMode, SenseDecay
+from vcfbench.procedures.resonance import RingingMode, SenseDecay, ring_downs
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
+from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, channels_of
 from vcfbench.procedures.shared.routines import rails_of, v_vc_level_again, v_vc_on
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Node
 from vcfbench.steps.drive_check import one_two_five
-from vcfbench.steps.step import Routine, answer
+from vcfbench.steps.step import Routine
+
+HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
+AC_WANTED: Final = "whether a person moves the multimeter to drive and carrier, for the ratio of their AC volts"
+NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
+"""Nodes that the oscilloscope must see."""
+
+
+def way_of(settings: KnownVvcSettings) -> tuple[Literal["oscilloscope", "multimeter"] | None, str]:
+    """Return the measuring instrument, and the reason if it measures only a part, or nothing (None)."""
+    if lacking(_driver_class(settings, "rate_source"), SetsSine):
+        return None, "the generator makes no sines"
+    wiring = settings.station.oscilloscope
+    unseen = list(NODES) if wiring is None else [node for node in NODES if wiring.channel_of(node) is None]
+    if not unseen:
+        return "oscilloscope", ""
+    why = f"no channel of the oscilloscope sees {' and '.join(unseen)} (wiring.oscilloscope)"
+    why = "the bench has no oscilloscope" if wiring is None else why
+    if lacking(_driver_class(settings, "multimeter"), SamplesVoltage):
+        return None, f"{why}, and the multimeter takes no readings by itself"
+    return "multimeter", why
+
+
+def _driver_class(settings: KnownVvcSettings, role: str) -> type:
+    from vcfbench.drivers.registry import find_driver  # noqa: PLC0415  # the drivers are loaded when a run needs them
+
+    placed = settings.station.instruments.get(role)
+    try:
+        return type(None) if placed is None else find_driver(placed.model).driver_class
+    except ConfigError:
+        return type(None)
+
+
+class Modes(Struct, frozen=True):
+    """Drive frequency and both modes, with the amplitudes as their record begins."""
+
+    drive_hz: float
+    anti_phase: RingingMode
+    in_phase: RingingMode
+
+    def answers(self, offset_hz: float) -> tuple[complex, complex]:
+        """Return motion over force of both modes so far from the drive frequency; in one unit, not that of forces."""
+        at_hz = self.drive_hz + offset_hz
+        first, second = (
+            1.0 / complex(mode.frequency_hz**2 - at_hz**2, mode.frequency_hz * at_hz / mode.q)
+            for mode in (self.anti_phase, self.in_phase)
+        )
+        return first, second
+
+    def answer(self, share: float, offset_hz: float) -> complex:
+        """Return the response of both to V_Vc, `share` being that of the in-phase mode at the drive's own frequency."""
+        stiff = [(1.0 / each).real for each in self.answers(0.0)]
+        anti_phase, in_phase = self.answers(offset_hz)
+        return -((1.0 - share) * stiff[0] * anti_phase + share * stiff[1] * in_phase)
+
+
+def modes_of(decay: SenseDecay) -> Modes:
+    """Return both modes, the one nearer to the drive as that in anti-phase.
+
+    Raises:
+        MeasurementError: only one rang down.
+    """
+    if len(decay.modes) < 2:
+        raise MeasurementError(
+            f"one sense mode alone rang down, at {decay.modes[0].frequency_hz:.1f} Hz", instrument="oscilloscope"
+        )
+    near, far = sorted(decay.modes, key=lambda mode: abs(mode.frequency_hz - decay.drive_hz))
+    return Modes(decay.drive_hz, near, far)
+
+
+def middle_of(found: Sequence[Modes]) -> Modes:
+    """Return the mean of several ring-downs."""
+
+    def mode(of: Sequence[RingingMode]) -> RingingMode:
+        return RingingMode(
+            fmean(each.frequency_hz for each in of),
+            fmean(each.q for each in of),
+            fmean(each.amplitude_v for each in of),
+        )
+
+    drive_hz = fmean(each.drive_hz for each in found)
+    return Modes(drive_hz, mode([each.anti_phase for each in found]), mode([each.in_phase for each in found]))
+
 
 _LEVEL_V = 0.7
-_LARGEST_V = 10.0
-"""Voltage that no node of the PCB exceeds: its rails."""
 _RING_DOWNS = 6
 _RING_DOWN_RECORD = (0.02, 5_000)
 """Time base (s/div) and points: a fifth of a second, twice the time constant of a good mode."""
@@ -112,43 +195,28 @@ def examined(
 def _by_oscilloscope(settings: KnownVvcSettings) -> Routine[None]:
     yield steps.Note("Health: what K_Vc depends on, by the oscilloscope")
     yield from v_vc_on()
-    split_hz, drive_hz = yield from _ring_downs(settings)
+    expected = _expected(fmean(settings.drive.frequency_hz))
+    foreseen = SenseDecay(expected.drive_hz, (expected.anti_phase, expected.in_phase))
+    decays = yield from ring_downs(settings, level_v(settings), _RING_DOWNS, _RING_DOWN_RECORD, foreseen)
+    modes = [modes_of(each) for each in decays][-1]
+    split_hz, drive_hz = abs(modes.drive_hz - modes.anti_phase.frequency_hz), modes.drive_hz
     yield from _at_both_signs(settings)
     near_hz = min(_NEAR_HZ, _OF_SPLIT * split_hz)
     near_s_per_div = one_two_five(_TURNS / near_hz / 10.0)
     points = round(one_two_five(_A_PERIOD * drive_hz * 10.0 * near_s_per_div))
     yield steps.ConfigureScope(near_s_per_div, settings.station.channel_of("drive"))
     for sign in (1.0, -1.0):
-        channels = _channels(settings, "sense", "output")
+        channels = channels_of(settings, "sense", "output")
         shown_v = yield from _turned(settings, drive_hz, sign * near_hz, channels)
         yield steps.CaptureRotations(channels, shown_v, _NEAR_RECORDS, points, sign * near_hz, drive_hz)
     yield steps.ConfigureScope(_FAR_S_PER_DIV, settings.station.channel_of("drive"))
     for sign in (1.0, -1.0):
-        channels, far_hz = _channels(settings, "sense", "carrier"), sign * _OF_DRIVE * drive_hz
+        channels, far_hz = channels_of(settings, "sense", "carrier"), sign * _OF_DRIVE * drive_hz
         shown_v = yield from _turned(settings, drive_hz, far_hz, channels)
         yield CaptureFar(channels, shown_v, _FAR_RECORDS, _FAR_POINTS, far_hz, drive_hz)
     yield from v_vc_level_again()
     yield steps.DisableVvc()
     yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
-
-
-def _ring_downs(settings: KnownVvcSettings) -> Routine[tuple[float, float]]:
-    """Switch V_Vc off again and again; return split and drive frequency, Hz."""
-    channels = settings.station.channel_of("drive"), settings.station.channel_of("sense")
-    seconds_a_division, points = _RING_DOWN_RECORD
-    yield steps.ConfigureScope(seconds_a_division, channels[0])
-    shown_v: tuple[float, float] | None = None
-    modes = _expected(fmean(settings.drive.frequency_hz))
-    expected = SenseDecay(modes.drive_hz, (modes.anti_phase, modes.in_phase))
-    for _ in range(_RING_DOWNS):
-        yield steps.SetVvc(level_v(settings))
-        yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
-        if shown_v is None:
-            found = answer((yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes)
-            shown_v = found.amplitudes_v[0], found.amplitudes_v[1]
-        yield steps.SetVvc(0.0)
-        modes = modes_of(answer((yield CaptureDecay(channels, shown_v, points, expected)), SenseDecay))
-    return abs(modes.drive_hz - modes.anti_phase.frequency_hz), modes.drive_hz
 
 
 def _expected(drive_hz: float) -> Modes:
@@ -160,14 +228,14 @@ def _expected(drive_hz: float) -> Modes:
 def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
     """Take drive, carrier and sense signal at both signs of V_Vc; means of many records of the first two."""
     drive = settings.drive
-    drive_hz, channels = fmean(drive.frequency_hz), _channels(settings, "carrier", "sense")
+    drive_hz, channels = fmean(drive.frequency_hz), channels_of(settings, "carrier", "sense")
     yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
     shown_v = (0.0, 0.0, 0.0)
     for sign in (1.0, -1.0):
         yield steps.SetVvc(sign * level_v(settings))
         yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
-        found = answer((yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes)
-        shown_v = max(shown_v, found.amplitudes_v[:3], key=lambda seen: seen[2])  # type: ignore[assignment]
+        first_v, second_v, third_v = yield from amplitudes(*channels)
+        shown_v = max(shown_v, (first_v, second_v, third_v), key=lambda seen: seen[2])
     amplitude_v, turned = fmean(drive.amplitude_v), 1j * _expected(drive_hz).answer(_SHARE, 0.0)
     expected = steps.SineRecord(drive_hz, (amplitude_v, amplitude_v), (0.0, -90.0))
     for place in range(_MEANS):
@@ -191,12 +259,5 @@ def _turned(
     """Have V_Vc turn the sense signal against the drive; return the amplitudes of the channels, V."""
     yield steps.SetSine(2.0 * drive_hz + off_hz, 2.0 * level_v(settings))
     yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
-    first_v, second_v, third_v = answer(
-        (yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes
-    ).amplitudes_v
+    first_v, second_v, third_v = yield from amplitudes(*channels)
     return first_v, second_v, third_v
-
-
-def _channels(settings: KnownVvcSettings, second: Node, third: Node) -> tuple[int, int, int]:
-    of = settings.station.channel_of
-    return of("drive"), of(second), of(third)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta, structs, to_builtins
 
-from vcfbench.procedures.health.way import AC_WANTED, HEALTH
+from vcfbench.procedures.health.plan import AC_WANTED, HEALTH
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates
 from vcfbench.station.bounds import Rate

@@ -18,7 +18,7 @@ import numpy as np
 from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.health.unmeasured import gaps_of, missing_of, unmeasured
+from vcfbench.procedures.health.check import gaps_of, missing_of, unmeasured
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.known.certificate import Drift, drift_of, shares_of
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since

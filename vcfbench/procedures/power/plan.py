@@ -17,14 +17,15 @@ from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.power.results import (
+    Order,
     PowerResult,
+    PowerSettings,
     RailDraw,
     RailsDrawn,
     RailsLogged,
     power_report,
     power_results,
 )
-from vcfbench.procedures.power.settings import Order, PowerSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept_characteristics import Keeps

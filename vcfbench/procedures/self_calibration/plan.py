@@ -13,8 +13,7 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.by_meter import compared_amplitudes, same_oscilloscope
-from vcfbench.procedures.health.plan import examined
-from vcfbench.procedures.health.way import way_of
+from vcfbench.procedures.health.plan import examined, way_of
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.self_calibration import results
 from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings

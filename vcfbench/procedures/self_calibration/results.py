@@ -19,7 +19,6 @@ from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health import check as health_check
-from vcfbench.procedures.health import unmeasured as not_measured
 from vcfbench.procedures.health.found import health_of
 from vcfbench.procedures.self_calibration import shape
 from vcfbench.procedures.shared.budget import phases
@@ -194,10 +193,10 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     measured = () if check is None else check.measured
-    moved = [*since.parts, *_by_phases(settings, measured), *not_measured.unmeasured(settings, measured)]
+    moved = [*since.parts, *_by_phases(settings, measured), *health_check.unmeasured(settings, measured)]
     parts = _parts(settings, seen, coefficients, moved)
-    amplitudes = () if check is None else (each for each in check.causes if each.cause == not_measured.AMPLITUDES)
-    without = not_measured.missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
+    amplitudes = () if check is None else (each for each in check.causes if each.cause == health_check.AMPLITUDES)
+    without = health_check.missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": without, "ppm": ()}
     scale_factor, line, nonlinearity = (
         measurand(float(value), unit, of_value, missing[unit])
@@ -220,9 +219,9 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         noise=seen.noise,
         k_vc_from=known.source,
         v_vc_by=v_vc.v_vc_error(settings).name,
-        unseen=health_check.STILL_UNSEEN if not_measured.CARRIER_PHASE in measured else known.unseen,
+        unseen=health_check.STILL_UNSEEN if health_check.CARRIER_PHASE in measured else known.unseen,
         since=since.said,
-        holds_not=(*known.holds_not, *_HOLDS_NOT, *not_measured.gaps_of(settings, without)),
+        holds_not=(*known.holds_not, *_HOLDS_NOT, *health_check.gaps_of(settings, without)),
         drift=drift_of(scale_factor, known, settings.acceptance),
     )
 
@@ -258,7 +257,7 @@ def _since(settings: SelfCalibrationSettings, check: health_check.HealthCheck | 
 def _by_phases(settings: SelfCalibrationSettings, measured: Sequence[str]) -> list[UncertaintyPart]:
     """Return the contributions of the bench file's phases; once they are measured K_Vc is that of the phases of now."""
     errors = phases.PhaseErrors.of(settings.station.sources)
-    of_phases = errors.u_scale_factor if not_measured.CARRIER_PHASE in measured else errors.u_self_calibrated
+    of_phases = errors.u_scale_factor if health_check.CARRIER_PHASE in measured else errors.u_self_calibrated
     return [UncertaintyPart(name, u) for name, u in of_phases.items()]
 
 
@@ -353,7 +352,7 @@ def _parts(
         found.append((v_vc.V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None, error.owner))
         found.append((v_vc.V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None, error.owner))
     of_ranges = [_of_ranges(settings, v, by_v, place) for place in range(values.size)]
-    limits = {name for name, *_ in found if name == K_VC_DRIFT or name.startswith(not_measured.NOT_MEASURED)}
+    limits = {name for name, *_ in found if name == K_VC_DRIFT or name.startswith(health_check.NOT_MEASURED)}
     return [
         [UncertaintyPart(name, float(u[place]), dof, of, rectangular=name in limits) for name, u, dof, of in found]
         + of_ranges[place]

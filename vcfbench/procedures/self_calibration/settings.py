@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from msgspec import Meta
 
-from vcfbench.procedures.health.way import AC_WANTED, HEALTH
+from vcfbench.procedures.health.plan import AC_WANTED, HEALTH
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.station.bounds import Rate
 from vcfbench.station.invalid_value import InvalidValue

@@ -14,7 +14,7 @@ from vcfbench.reports.digits import digits_of_u, digits_of_value, incomplete, st
 from vcfbench.reports.document import Column, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from vcfbench.reports.document import Cell
 
@@ -115,6 +115,11 @@ QUANTITY_COLUMNS = (
     *(Column("quantity", align="left"), Column("value", format=".6g"), Column("u", format=".2g")),
     *(Column("U95", format=".2g"), Column("unit", align="left"), Column("u is made of", align="left")),
 )
+
+
+def quantity_table(quantities: Mapping[str, Measurand], title: str = "") -> Table:
+    """Return a table of values by name."""
+    return Table(QUANTITY_COLUMNS, [quantity_row(*each) for each in quantities.items()], title)
 
 
 def quantity_row(name: str, found: Measurand) -> tuple[Cell | str, ...]:

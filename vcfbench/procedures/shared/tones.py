@@ -1,4 +1,4 @@
-"""Sampling of sines, and the accuracy of its time base: common parts of `bandwidth`, `vibration` and others."""
+"""Sampling of sines: common parts of `bandwidth`, `vibration` and others."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ NPLC = 0.2
 HIGHEST_HZ = 75.0
 SLOW_BELOW_HZ = 4.0
 _FAST_S, _SLOW_S = 5e-3, 47e-3
-SCOPE_TIME_BASE = 25e-6
-"""DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""
 _APART = 2.5
 """Periods over a record by which a tone must differ from the mains."""
 

@@ -29,6 +29,7 @@ from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
+from vcfbench.procedures.shared.oscilloscope import capture_drive
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.temperature.results import (
@@ -42,7 +43,6 @@ from vcfbench.records.devices import Characteristics, Measured
 from vcfbench.records.schema import Point
 from vcfbench.steps.step import Routine, answer
 
-_DRIVE_RECORDS = 8
 _SIGMAS = 3.0
 
 
@@ -79,11 +79,7 @@ def _over_temperature(settings: TemperatureSettings) -> Routine[steps.Outcome]:
         yield from _reached(settings, temperature_c)
         yield from watched(settings, _chopped(settings))
         if settings.station.oscilloscope is not None:
-            drive = settings.drive
-            expected = steps.SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
-            yield steps.CaptureSines(
-                (settings.station.channel_of("drive"),), (drive.amplitude_v[1],), _DRIVE_RECORDS, expected
-            )
+            yield from capture_drive(settings)
         if settings.split:
             yield from sweep(settings.sweep)
             yield steps.DisableVvc()

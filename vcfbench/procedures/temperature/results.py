@@ -19,7 +19,7 @@ from vcfbench.procedures.shared.known.levels import generator_sheet
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import meter_error
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
-from vcfbench.procedures.shared.tones import SCOPE_TIME_BASE
+from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
@@ -324,7 +324,7 @@ def _of_frequency(settings: TemperatureSettings, seen: Sequence[_Seen]) -> _Foun
     mean_hz = fmean(hz for hz, _ in known)
     causes = [
         _Cause("records", pooled**2 * np.eye(len(known)), 7.0 * len(known)),
-        _Cause("time base", np.zeros((len(known),) * 2), None, SCOPE_TIME_BASE / math.sqrt(3.0) * mean_hz),
+        _Cause("time base", np.zeros((len(known),) * 2), None, TIME_BASE / math.sqrt(3.0) * mean_hz),
     ]
     return _found(settings, seen, [hz for hz, _ in known], causes, ("Hz", "ppm", 1e6 / mean_hz))
 

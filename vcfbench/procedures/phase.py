@@ -1,0 +1,468 @@
+"""Phases: carrier, Coriolis, virtual Coriolis and demodulator against the drive, and their effect on K_Vc.
+
+Drive, carrier and sense signal are sines of one frequency on the oscilloscope, fitted as IEEE 1057 has it. What a rate
+or V_Vc does to the sense signal is the difference of its phasors at both signs: quadrature and feed-through, which are
+there all the time, drop out. The demodulator's reference is no node of the bench; it is found by a V_Vc of twice the
+drive frequency and a little: :mod:`vcfbench.analysis.rotating`.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable, Iterator, Sequence
+from statistics import fmean, stdev, variance
+from typing import Annotated, Final
+
+from msgspec import Meta, Struct, structs
+
+from vcfbench import steps
+from vcfbench.analysis.rotating import Rotation, reference_phase
+from vcfbench.errors import MeasurementError
+from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared import oscilloscope
+from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
+from vcfbench.procedures.shared.oscilloscope import (
+    CaptureSense,
+    Triple,
+    amplitudes,
+    at_both_signs,
+    channels_of,
+    largest,
+    sense_phasor,
+)
+from vcfbench.procedures.shared.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
+from vcfbench.records import devices
+from vcfbench.reports.document import Axis, Figure, Report, Series, Text
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import rate_words
+from vcfbench.steps import RotationRecord, Rotations, SineRecord, SineRecords
+from vcfbench.steps.drive_check import one_two_five
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine, answer
+
+LEAST_CYCLES: Final = 3
+
+
+class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
+    """Keys of `phase`."""
+
+    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 600.0
+    rate_deg_s: Annotated[float, Meta(ge=1.0, le=1e4, description="of the table, both signs")] = 100.0
+    v_vc_v: Annotated[float, Meta(ge=0.01, le=10.0, description="V_Vc, both signs")] = 0.7
+    sine_amplitude_v: Annotated[
+        float, Meta(ge=0.01, le=10.0, description="peak of the sine that finds the demodulator's reference")
+    ] = 1.4
+    difference_hz: Annotated[
+        float, Meta(ge=0.5, le=50.0, description="by which that sine is off twice the drive frequency, both ways")
+    ] = 8.0
+    records: Annotated[int, Meta(ge=2, le=1000, description="records of each state in a cycle")] = 5
+    rotation_records: Annotated[int, Meta(ge=1, le=100, description="records of each of both sines in a cycle")] = 2
+    target_deg: Annotated[
+        float, Meta(ge=1e-3, le=10.0, description="expanded uncertainty at which cycles end, of every phase")
+    ] = 0.05
+    most_cycles: Annotated[int, Meta(ge=LEAST_CYCLES, le=1000, description="and after so many they end anyway")] = 20
+
+    @property
+    def fastest_deg_s(self) -> float:
+        """The fastest that the table is asked to turn, deg/s, either way."""
+        return self.rate_deg_s
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield the contradictions beyond the ranges; every node that is looked at needs a channel."""
+        yield from super().contradictions()
+        most_deg_s = self.station.limits.max_rate_deg_s
+        if most_deg_s is not None and self.rate_deg_s > most_deg_s:
+            yield InvalidValue("rate_deg_s", rate_words(most_deg_s), self.rate_deg_s)
+        if self.station.oscilloscope is not None:
+            for node in ("sense", "output"):
+                if self.station.oscilloscope.channel_of(node) is None:
+                    yield InvalidValue(
+                        "station.oscilloscope", f"a channel that sees {node!r} (bench file, wiring)", None
+                    )
+
+
+_LARGEST_SCATTER_DEG = 5.0
+"""Largest scatter of the demodulator's phase between records: mere noise scatters by 52 deg, a gyroscope by 0.01."""
+
+
+class Phases(Struct, frozen=True):
+    """Phases against the drive signal, deg, of one frequency all; and their effect on K_Vc.
+
+    `coriolis_deg` and `virtual_deg` are those of the sense signal that a positive rate and a positive V_Vc make.
+    Of `demodulator_deg` half turns are not seen. The `..._from_...` are folded into -90 to 90: `velocity` leads the
+    drive signal by a quarter turn. `k_vc_error_ppm` is by how much K_Vc, found by equal outputs, is larger than the
+    quotient of both forces' sense signals. `k_vc_ppm_per_carrier_deg` and `k_vc_ppm_per_demodulator_deg` say by how
+    much it changes with a degree of either; `scale_factor_ppm_per_demodulator_deg` and
+    `bias_deg_s_per_demodulator_deg` by how much scale factor and bias do: the latter is what quadrature and
+    feed-through let in. `filter_delay_ms` is that of the filter behind the demodulator.
+    """
+
+    carrier_deg: Measurand
+    coriolis_deg: Measurand
+    virtual_deg: Measurand
+    demodulator_deg: Measurand
+    carrier_from_velocity_deg: Measurand
+    coriolis_from_velocity_deg: Measurand
+    virtual_from_coriolis_deg: Measurand
+    demodulator_from_coriolis_deg: Measurand
+    k_vc_error_ppm: Measurand
+    k_vc_ppm_per_carrier_deg: float
+    k_vc_ppm_per_demodulator_deg: float
+    scale_factor_ppm_per_demodulator_deg: float
+    bias_deg_s_per_demodulator_deg: float
+    filter_delay_ms: Measurand
+    drive_hz: float
+    records: int
+    target_deg: float
+    target_met: bool
+
+
+class _Angle(Struct, frozen=True):
+    """A phase against the drive signal, deg, with the uncertainty that its records leave."""
+
+    deg: float
+    u_deg: float
+    dof: float
+
+    def part(self, source: str, weight: float = 1.0) -> UncertaintyPart:
+        """Return it as a part of an uncertainty, `weight` that of a degree."""
+        return UncertaintyPart(source, abs(weight) * self.u_deg, self.dof)
+
+
+def phases_of(
+    settings: PhaseSettings, states: Sequence[tuple[CaptureSense, SineRecords]], turned: Sequence[RotationRecord]
+) -> Phases:
+    """Return the phases from records of the sense signal at both signs of rate and V_Vc, and of both sines.
+
+    Raises:
+        MeasurementError: a rate or V_Vc does not move the sense signal, or the output does not follow that.
+    """
+    records = [each for _, found in states for each in found.records]
+    first_deg = records[0].phases_deg[1]  # the mean of angles that lie close together, also across 180 deg
+    beside = [math.remainder(each.phases_deg[1] - first_deg, 360.0) for each in records]
+    u_deg = stdev(beside) / math.sqrt(len(beside))
+    carrier = _Angle(math.remainder(first_deg + fmean(beside), 360.0), u_deg, len(beside) - 1)
+    coriolis = _response(states, lambda step: step.rate_deg_s, f"a rate of {settings.rate_deg_s:g} deg/s")
+    virtual = _response(states, lambda step: step.v_vc_v, f"V_Vc of {settings.v_vc_v:g} V")
+    reference = reference_phase(
+        [Rotation(r.drive_hz, r.difference_hz, r.reference_deg, r.turning_v, r.output_v) for r in turned]
+    )
+    if reference.scatter_deg > _LARGEST_SCATTER_DEG:
+        raise MeasurementError(
+            "the output does not answer to the sense signal: the demodulator's phase scatters by "
+            f"{reference.scatter_deg:.0f} deg from record to record, as that of mere noise does",
+            instrument="oscilloscope",
+            hint=LOOK_AT_SIGNALS,
+        )
+    demodulator = _Angle(reference.phase_deg, reference.u_phase_deg, reference.dof)
+    phases = carrier, coriolis, virtual, demodulator
+    drive_hz = fmean(each.frequency_hz for each in records)
+    skew = oscilloscope.skew(drive_hz)
+    against_drive = [measurand(each.deg, "deg", [each.part("records"), skew]) for each in phases]
+    error, by_carrier, by_demodulator = _of_k_vc(coriolis, virtual, demodulator)
+    # At rest there is the mean of both signs of a rate; the demodulator lets in what is a quarter turn from it
+    plus, minus = (sum(each) / len(each) for each in at_both_signs(states, lambda step: step.rate_deg_s))
+    seen = cmath.rect(1.0, -math.radians(demodulator.deg))
+    per_deg_s = ((plus - minus) / (2.0 * settings.rate_deg_s) * seen).real
+    return Phases(
+        carrier_deg=against_drive[0],
+        coriolis_deg=against_drive[1],
+        virtual_deg=against_drive[2],
+        demodulator_deg=against_drive[3],
+        carrier_from_velocity_deg=measurand(_folded(carrier.deg - 90.0), "deg", [carrier.part("carrier"), skew]),
+        coriolis_from_velocity_deg=measurand(_folded(coriolis.deg - 90.0), "deg", [coriolis.part("Coriolis"), skew]),
+        virtual_from_coriolis_deg=measurand(
+            _folded(virtual.deg - coriolis.deg), "deg", [virtual.part("virtual"), coriolis.part("Coriolis")]
+        ),
+        demodulator_from_coriolis_deg=measurand(
+            _folded(demodulator.deg - coriolis.deg), "deg", [demodulator.part("demodulator"), coriolis.part("Coriolis")]
+        ),
+        k_vc_error_ppm=error,
+        k_vc_ppm_per_carrier_deg=by_carrier,
+        k_vc_ppm_per_demodulator_deg=by_demodulator,
+        scale_factor_ppm_per_demodulator_deg=1e6 * math.radians(math.tan(math.radians(coriolis.deg - demodulator.deg))),
+        bias_deg_s_per_demodulator_deg=math.radians(((plus + minus) / 2.0 * seen).imag / per_deg_s),
+        filter_delay_ms=measurand(
+            1e3 * reference.delay_s, "ms", [UncertaintyPart("records", 1e3 * reference.u_delay_s, reference.dof)]
+        ),
+        drive_hz=drive_hz,
+        records=len(records) + len(turned),
+        target_deg=settings.target_deg,
+        target_met=all(each.expanded_u <= settings.target_deg for each in against_drive),
+    )
+
+
+def _of_k_vc(coriolis: _Angle, virtual: _Angle, demodulator: _Angle) -> tuple[Measurand, float, float]:
+    """Return the effect of the phases on K_Vc, ppm, and ppm a degree of carrier and demodulator.
+
+    The demodulator sees both sense signals with the cosine of their angle to its reference.
+    """
+    seen, by_rate = (math.radians(_folded(each.deg - demodulator.deg)) for each in (virtual, coriolis))
+    ratio = math.cos(seen) / math.cos(by_rate)
+    ppm_a_degree = 1e6 * ratio * math.radians(1.0)
+    by_virtual, by_coriolis = -ppm_a_degree * math.tan(seen), ppm_a_degree * math.tan(by_rate)
+    by_demodulator = -by_virtual - by_coriolis
+    parts = [
+        virtual.part("virtual", by_virtual),
+        coriolis.part("Coriolis", by_coriolis),
+        demodulator.part("demodulator", by_demodulator),
+    ]
+    return measurand(1e6 * (ratio - 1.0), "ppm", parts), by_virtual, by_demodulator
+
+
+def _folded(angle_deg: float) -> float:
+    """Return an angle apart from half turns, -90 to 90 deg."""
+    return math.remainder(angle_deg, 180.0)
+
+
+def _response(
+    states: Sequence[tuple[CaptureSense, SineRecords]], level: Callable[[CaptureSense], float], what: str
+) -> _Angle:
+    """Return the phase of the difference of the sense signal's phasors between the two signs of a level."""
+    plus, minus = at_both_signs(states, level)
+    moved = sum(plus) / len(plus) - sum(minus) / len(minus)
+    if abs(moved) < 1e-3 * max(map(abs, plus)):
+        raise MeasurementError(f"{what} of either sign does not move the sense signal", instrument="oscilloscope")
+    along = moved / abs(moved)
+    variances = [variance((each / along).imag for each in state) / len(state) for state in (plus, minus)]
+    dof = len(plus) + len(minus) - 2
+    return _Angle(math.degrees(cmath.phase(moved)), math.degrees(math.sqrt(sum(variances)) / abs(moved)), dof)
+
+
+def phase_results(settings: PhaseSettings, measured: Measured) -> Phases:
+    """Return the phases from all that was captured."""
+    states = [(step, found) for step, found in measured.found(SineRecords) if isinstance(step, CaptureSense)]
+    turned = [each for _, found in measured.found(Rotations) for each in found.records]
+    return phases_of(settings, states, turned)
+
+
+NOT_HELD = (
+    "The uncertainties hold the scatter of the records and, against the drive signal, the skew of the oscilloscope's "
+    "channels. They do not hold: probes and the resistance of the nodes, the non-linearity of the converter, the "
+    "phase of the drive's own pick-off, the curvature of the filter's lag, a change of temperature. Not seen: signs, "
+    "since combs, pick-offs and output stage may have either (angles are known apart from half turns); the force "
+    "itself, which is no node: a delay between carrier and force is in the virtual phase, together with what unequal "
+    "combs do; and the in-phase and the anti-phase mode apart."
+)
+
+
+def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) -> Report:
+    """Report the phases, their effect on K_Vc, and the omissions of the uncertainties."""
+    against_drive = {
+        "carrier": found.carrier_deg,
+        "sense signal of a positive rate (Coriolis)": found.coriolis_deg,
+        "sense signal of a positive V_Vc (virtual)": found.virtual_deg,
+        "demodulator's reference, apart from half a turn": found.demodulator_deg,
+    }
+    errors = {
+        "carrier from the drive's velocity": found.carrier_from_velocity_deg,
+        "Coriolis from the drive's velocity": found.coriolis_from_velocity_deg,
+        "virtual from Coriolis": found.virtual_from_coriolis_deg,
+        "demodulator from Coriolis": found.demodulator_from_coriolis_deg,
+        "error of K_Vc by equal outputs": found.k_vc_error_ppm,
+        "delay of the filter": found.filter_delay_ms,
+    }
+    met = "met" if found.target_met else "NOT met"
+    drive = f"drive {found.drive_hz:.3f} Hz; {found.records} records"
+    target = f"U95 of {found.target_deg:g} deg for every phase: {met}"
+    by_carrier = f"{found.k_vc_ppm_per_carrier_deg:+.0f} ppm a degree of the carrier"
+    by_demodulator = f"{found.k_vc_ppm_per_demodulator_deg:+.1f} ppm a degree of the demodulator"
+    error = found.k_vc_error_ppm
+    wrong = (
+        f"{abs(error.value):.0f} ppm too {'small' if error.value < 0.0 else 'large'}, U95 {error.expanded_u:.2g} ppm"
+    )
+    sensitivities = {
+        "k_vc_ppm_carrier_deg": found.k_vc_ppm_per_carrier_deg,
+        "k_vc_ppm_demodulator_deg": found.k_vc_ppm_per_demodulator_deg,
+        "scale_factor_ppm_demodulator_deg": found.scale_factor_ppm_per_demodulator_deg,
+        "bias_deg_s_demodulator_deg": found.bias_deg_s_per_demodulator_deg,
+    }
+    known = ", ".join(f"{key} = {value:.4g}" for key, value in sensitivities.items())
+    said = (
+        f"{drive}; {target}\nK_Vc by equal outputs: {wrong}; it changes by {by_carrier}, {by_demodulator}\n"
+        f"for [uncertainty] of the bench file: {known}\n{NOT_HELD}"
+    )
+    return Report(
+        [
+            quantity_table(against_drive, "phases against the drive signal"),
+            quantity_table(errors, "what they come to, apart from half turns"),
+            Text(said),
+            *_figures(measured),
+        ]
+    )
+
+
+def _figures(measured: Measured) -> list[Figure]:
+    """Draw the sense signal of each record as a phasor: the way from minus to plus has the phase of the force."""
+    seen: dict[str, list[complex]] = {"rate +": [], "rate -": [], "V_Vc +": [], "V_Vc -": []}
+    for step, found in measured.found(SineRecords):
+        if isinstance(step, CaptureSense) and (step.rate_deg_s or step.v_vc_v):
+            what, level = ("rate", step.rate_deg_s) if step.rate_deg_s else ("V_Vc", step.v_vc_v)
+            seen[f"{what} {'+' if level > 0.0 else '-'}"] += [1e3 * sense_phasor(each) for each in found.records]
+    series = [Series(name, [p.real for p in found], [p.imag for p in found]) for name, found in seen.items() if found]
+    axes = Axis("in phase with the drive signal", "mV"), Axis("a quarter turn ahead", "mV")
+    words = "A point a record; the way from minus to plus has the phase of the force."
+    return [Figure("Sense signal against the drive signal", *axes, series, words)] if series else []
+
+
+_SPACING_S = 0.5
+"""Between two records: four time constants of the sense modes, whose noise swings at the mode split."""
+_NEVER_REACHED = 1.5
+"""A trigger level over the amplitude that is never reached, and still on a screen of eight divisions and a little."""
+_ROTATION_POINTS = 10_000
+_TURNS = 4.0
+"""Least turns of the sense signal against the drive in a record."""
+
+
+def plan(settings: PhaseSettings) -> steps.Plan:
+    """Take records at both signs of rate, V_Vc and difference, until every phase is known well enough."""
+    return (yield from powered(settings, _cycles(settings)))
+
+
+def _cycles(settings: PhaseSettings) -> Routine[steps.Outcome]:
+    yield from v_vc_on()
+    shown_v, turning_v, drive_hz = yield from _scales(settings)
+    states: list[tuple[CaptureSense, SineRecords]] = []
+    turned: list[RotationRecord] = []
+    for cycle in range(1, settings.most_cycles + 1):
+        yield steps.Note(f"Cycle {cycle}")
+        signs = (1.0, -1.0) if cycle % 2 else (-1.0, 1.0)
+        states += yield from _static(settings, signs, shown_v)
+        turned += yield from _rotations(settings, signs, turning_v, drive_hz)
+        if cycle >= LEAST_CYCLES and phases_of(settings, states, turned).target_met:
+            return steps.Outcome(f"every phase within {settings.target_deg:g} deg after {cycle} cycles")
+    return steps.Outcome(f"not every phase within {settings.target_deg:g} deg after {settings.most_cycles} cycles")
+
+
+def _scales(settings: PhaseSettings) -> Routine[tuple[Triple, Triple, float]]:
+    """Find the largest amplitudes of all states (drive, carrier, sense; drive, sense, output), and the drive frequency.
+
+    All states are seen at one scale; V_Vc shall have twice the drive frequency and a little.
+    """
+    yield steps.Note("The largest signals of all states, which set the scales")
+    yield _fast(settings)
+    shown_v, turning_v, previous_deg_s = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+    channels = channels_of(settings, "carrier", "sense")
+    for rate_deg_s, v_vc_v in _states(settings, (1.0, -1.0)):
+        yield from _go(settings, rate_deg_s, v_vc_v, previous_deg_s)
+        shown_v, previous_deg_s = largest(shown_v, (yield from amplitudes(*channels))), rate_deg_s
+    yield from _go(settings, 0.0, 0.0, previous_deg_s)
+    drive_hz = yield from oscilloscope.capture_drive(settings, shown_v[0], settings.records)
+    yield steps.Note("The largest signals under the sines beside twice the drive frequency")
+    yield _slow(settings)
+    channels = channels_of(settings, "sense", "output")
+    for sign in (1.0, -1.0):
+        yield from _turn(settings, sign, drive_hz)
+        turning_v = largest(turning_v, (yield from amplitudes(*channels)))
+    yield from v_vc_level_again()
+    return shown_v, turning_v, drive_hz
+
+
+def _fast(settings: PhaseSettings, drive_v: float = 0.0) -> steps.ConfigureScope:
+    """Return the time base that shows some ten periods of the drive, with points enough for each.
+
+    The trigger is beyond the drive's amplitude `drive_v`, where that is known: records that begin anywhere have other
+    errors of rounding each, which average out and are in the scatter.
+    """
+    drive_hz = fmean(settings.drive.frequency_hz)
+    channel = settings.station.channel_of("drive")
+    return steps.ConfigureScope(one_two_five(1.0 / drive_hz), channel, _NEVER_REACHED * drive_v)
+
+
+def _slow(settings: PhaseSettings) -> steps.ConfigureScope:
+    """Return the time base that shows whole turns of the sense signal against the drive."""
+    seconds_a_division = one_two_five(_TURNS / settings.difference_hz / 10.0)
+    return steps.ConfigureScope(seconds_a_division, settings.station.channel_of("drive"))
+
+
+def _turn(settings: PhaseSettings, sign: float, drive_hz: float) -> Routine[None]:
+    """Have V_Vc turn the sense signal against the drive; how fast it does, the records tell."""
+    yield steps.SetSine(2.0 * drive_hz + sign * settings.difference_hz, settings.sine_amplitude_v)
+    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+
+
+def _states(settings: PhaseSettings, signs: tuple[float, float]) -> list[tuple[float, float]]:
+    """Return rate (deg/s) and V_Vc (V) of the states of a cycle."""
+    rates = [(sign * settings.rate_deg_s, 0.0) for sign in signs]
+    return [*rates, *((0.0, sign * settings.v_vc_v) for sign in signs)]
+
+
+def _go(settings: PhaseSettings, rate_deg_s: float, v_vc_v: float, previous_deg_s: float) -> Routine[None]:
+    yield steps.SetVvc(v_vc_v)
+    yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+
+
+def _static(
+    settings: PhaseSettings, signs: tuple[float, float], shown_v: Triple
+) -> Routine[list[tuple[CaptureSense, SineRecords]]]:
+    """Take the records of a cycle's states, table and V_Vc at rest afterwards."""
+    yield _fast(settings, shown_v[0])
+    channels, drive = channels_of(settings, "carrier", "sense"), settings.drive
+    levels_v = (fmean(drive.amplitude_v),) * 2
+    taken, previous_deg_s = [], 0.0
+    for rate_deg_s, v_vc_v in _states(settings, signs):
+        yield from _go(settings, rate_deg_s, v_vc_v, previous_deg_s)
+        sense_deg = math.copysign(90.0, rate_deg_s + v_vc_v)
+        expected = SineRecord(fmean(drive.frequency_hz), (*levels_v, 1.0), (0.0, -90.0, sense_deg))
+        step = CaptureSense(channels, shown_v, settings.records, expected, _SPACING_S, rate_deg_s, v_vc_v)
+        taken.append((step, answer((yield step), SineRecords)))
+        previous_deg_s = rate_deg_s
+    yield from _go(settings, 0.0, 0.0, previous_deg_s)
+    return taken
+
+
+def _rotations(
+    settings: PhaseSettings, signs: tuple[float, float], shown_v: Triple, drive_hz: float
+) -> Routine[list[RotationRecord]]:
+    """Take the records of a cycle's sines."""
+    yield _slow(settings)
+    channels = channels_of(settings, "sense", "output")
+    taken: list[RotationRecord] = []
+    for sign in signs:
+        yield from _turn(settings, sign, drive_hz)
+        offset_hz, count = sign * settings.difference_hz, settings.rotation_records
+        step = steps.CaptureRotations(channels, shown_v, count, _ROTATION_POINTS, offset_hz, drive_hz)
+        taken += answer((yield step), Rotations).records
+    yield from v_vc_level_again()
+    return taken
+
+
+def phase_characteristics(_settings: PhaseSettings, found: Phases) -> devices.Characteristics:
+    """Return the characteristics that K_Vc depends on: phases against the drive's velocity."""
+    demodulator = found.demodulator_deg.kept()
+    return devices.Characteristics(
+        drive_hz=devices.Measured(value=found.drive_hz, u=found.drive_hz * oscilloscope.TIME_BASE / math.sqrt(3.0)),
+        carrier_phase_deg=found.carrier_from_velocity_deg.kept(),
+        demodulator_phase_deg=structs.replace(demodulator, value=math.remainder(demodulator.value - 90.0, 180.0)),
+    )
+
+
+PHASE = Procedure(
+    name="phase",
+    title=BUILT_IN["phase"][1],
+    method=(
+        "Waveforms of drive, carrier, sense signal and output are captured by the oscilloscope, the table turning and "
+        "V_Vc standing for a rate in turn. Sines fitted to them give the phases of carrier, Coriolis and virtual "
+        "signal and of the demodulator, and what their errors do to K_Vc."
+    ),
+    settings=PhaseSettings,
+    plan=plan,
+    results=phase_results,
+    report=phase_report,
+    unforeseen=dict.fromkeys(
+        Phases.__struct_fields__, "it is the scatter of the records, which go on until target_deg"
+    ),
+    entry=Keeps("phase", phase_characteristics),
+    needs={
+        "power": PowersRails,
+        "rate_source": FunctionGenerator,
+        "multimeter": ReadsVoltage,
+        "oscilloscope": MeasuresWaveforms,
+        "rate_table": Rotates,
+    },
+)
+"""The phases of carrier, Coriolis and virtual signal and demodulator."""

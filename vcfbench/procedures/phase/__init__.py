@@ -1,1 +1,0 @@
-"""Phases of carrier, Coriolis and virtual signal and of the demodulator against the drive."""
