@@ -398,6 +398,9 @@ class FaultyDevice:
 
     def read(self, limit: int) -> tuple[bytes, bool]:
         """Return the bytes that have arrived; ConnectionResetError when the link is lost."""
+        self._advance()
+        if not (self._active or self._underway or self._cut):
+            return self.device.read(limit)
         self._require_link()
         if self._dead:
             return b"", False
@@ -419,6 +422,9 @@ class FaultyDevice:
             return self.device.wake_at()
         self._advance()
         own = self.device.wake_at()
+        if not (self._active or self._underway):
+            planned = [each.at_s for each in self._planned[:1]]
+            return min([*planned, own] if own is not None else planned, default=None)
         if own is not None and own <= self._clock.now() and self._dead:  # what it says there nobody hears
             own = None
         coming = [
@@ -455,6 +461,8 @@ class FaultyDevice:
         if not (self._planned or self._active or self._underway):
             return
         now = self._clock.now()
+        if not (self._active or self._underway) and self._planned[0].at_s > now:
+            return
         while self._planned and self._planned[0].at_s <= now:
             self._begin(self._planned.pop(0))
         self._end([each for each in self._active if each.ends_s is not None and each.ends_s <= now])

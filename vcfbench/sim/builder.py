@@ -206,7 +206,7 @@ class SimulatedBench(Struct, frozen=True):
 
         line = SerialSettings() if part.serial is None else part.serial
         frame = CharacterFrame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
-        return HandshakeLine(cast("ScpiTwin", device), self.clock, frame)
+        return HandshakeLine(cast("ScpiTwin", device), self.clock, frame, by_message=True)
 
     def table_port(self) -> Device:
         """Return the device behind the port of the rate table: at the end of its line, if the bench file names one."""
@@ -216,8 +216,9 @@ class SimulatedBench(Struct, frozen=True):
             return table
         from simrack.wires.serial_line import CharacterFrame, ThreeWireLine  # noqa: PLC0415
 
-        line = ThreeWireLine(table, self.clock, getattr(table, "frame", CharacterFrame(stop_bits=1.0)))
-        cast("AttendedClock", self.clock).attend(line)  # each character arrives at its own instant
+        frame = getattr(table, "frame", CharacterFrame(stop_bits=1.0))
+        line = ThreeWireLine(table, self.clock, frame, by_message=True)
+        cast("AttendedClock", self.clock).attend(line)  # each message arrives at its own instant
         return line
 
     @contextmanager

@@ -36,6 +36,7 @@ _FRAMING = 511
 _PARITY = 513
 _OVERFLOW = 521
 _CLEAR = 3
+_PRINTABLE = 32
 _WHOLE = 1 << 25
 
 
@@ -125,16 +126,30 @@ class _Traffic:
     __slots__ = ("_waiting", "next_s")
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[ReceivedCharacter, float]] = deque()
+        self._waiting: deque[tuple[ReceivedCharacter, float, bool]] = deque()
+        """Characters, the time that each takes, and whether a program may act on it."""
         self.next_s = math.inf
         """When the one that is being sent will be there; inf while none is."""
 
     def __len__(self) -> int:
         return len(self._waiting)
 
+    @property
+    def mark_s(self) -> float:
+        """When the next that a program may act on will be there: a control character, or the last of a message."""
+        instant_s = self.next_s
+        for place, (_, duration_s, marks) in enumerate(self._waiting):
+            instant_s += duration_s if place else 0.0
+            if marks:
+                break
+        return instant_s
+
     def add(self, characters: list[ReceivedCharacter], duration_s: float) -> None:
-        """Have `characters` sent within `duration_s`."""
-        self._waiting.extend((each, duration_s / len(characters)) for each in characters)
+        """Have `characters`, a message, sent within `duration_s`."""
+        last = len(characters) - 1
+        for place, each in enumerate(characters):
+            marks = place == last or bool(each.error) or each.byte < _PRINTABLE
+            self._waiting.append((each, duration_s / len(characters), marks))
 
     def go_on(self, now_s: float) -> None:
         """Begin with the next, unless one is being sent."""
@@ -212,9 +227,14 @@ class LineEnd:
         instrument: what is there.
         clock: bench time.
         frame: what its port is set to; the controller's is the same until it is configured.
+        by_message: whether bench time stops only where a message may end, at its last or a control character, which is
+            cheaper. Each character arrives at its own instant, but nothing that waits for one wakes before that.
     """
 
-    def __init__(self, instrument: FarTable, clock: Clock, frame: CharacterFrame | None = None) -> None:
+    def __init__(
+        self, instrument: FarTable, clock: Clock, frame: CharacterFrame | None = None, *, by_message: bool = False
+    ) -> None:
+        self._by_message = by_message
         self.frame = CharacterFrame() if frame is None else frame
         self._far = instrument
         self._clock = clock
@@ -301,9 +321,15 @@ class LineEnd:
     def wake_at(self) -> float | None:
         """Return when the next character arrives at either end, or the instrument goes on."""
         self._advance()
-        own = self._far.wake_at()
-        soonest = self.next_s if own is None or own <= self._clock.now() else min(self.next_s, own)
+        own, soonest = self._far.wake_at(), self._stop_s
+        if own is not None and own > self._clock.now():
+            soonest = min(soonest, own)
         return None if math.isinf(soonest) else soonest
+
+    @property
+    def _stop_s(self) -> float:
+        """When time has to stop next for what is on the line."""
+        return min(self._to_instrument.mark_s, self._to_controller.mark_s) if self._by_message else self.next_s
 
     def clear(self) -> None:
         """Drop the bytes on their way and those that have arrived, and have the instrument drop its own."""
@@ -399,8 +425,10 @@ class ThreeWireLine(LineEnd):
 class HandshakeLine(LineEnd):
     """The line of a SCPI instrument with the personality RS232: with its small buffer and its handshake."""
 
-    def __init__(self, instrument: FarInstrument, clock: Clock, frame: CharacterFrame | None = None) -> None:
-        super().__init__(instrument, clock, frame)
+    def __init__(
+        self, instrument: FarInstrument, clock: Clock, frame: CharacterFrame | None = None, *, by_message: bool = False
+    ) -> None:
+        super().__init__(instrument, clock, frame, by_message=by_message)
         self.instrument = instrument
         self._buffer = bytearray()
         self._lost = False

@@ -51,11 +51,11 @@ OTHER_BAUDS = (1200, 9600, 19200, 38400, 57600, 115200)
 class Desk:
     """A table of one language behind its line, on a clock that stops wherever something happens."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, *, by_message: bool = False) -> None:
         world = IdealWorld()
         self.world = world
         self.table = MAKE[name](world)
-        self.line = ThreeWireLine(self.table, world.clock, self.table.frame)
+        self.line = ThreeWireLine(self.table, world.clock, self.table.frame, by_message=by_message)
         self.clock = AttendedClock(world.clock, [self.line])
         self.character_s = 10 / BAUD[name]
 
@@ -97,6 +97,16 @@ def test_an_exchange_takes_the_characters_of_both_ways(name: str, message: bytes
     began_s = len(message) * desk.character_s + own_s
     expected = [began_s + (place + 1) * desk.character_s for place in range(len(reply))]
     assert desk.instants(message) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_time_stops_at_ends_of_messages_alone_and_the_last_character_comes_as_before(times: int) -> None:
+    reply = times * b"0.0000\r\n>\r\n"
+    by_character, by_message = (Desk("atl", by_message=each).instants(times * b"PPO\r") for each in (False, True))
+    ends = [place for place, byte in enumerate(reply) if byte < 32]
+    assert len(by_message) == len(reply)
+    assert [by_message[place] for place in ends] == [by_character[place] for place in ends]
+    assert len(set(by_message)) <= len(ends) + 1  # the second question arrives meanwhile
 
 
 def test_a_position_is_that_of_the_instant_at_which_the_question_has_come() -> None:
