@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import copy
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
@@ -28,12 +29,13 @@ from vcfbench.sim.gyro.stretch import Situation, Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
+    from collections.abc import Hashable
 
     from simrack.motion import RateSegment
     from simrack.sources import Drive, Played, Ripple
 
     from vcfbench.sim.gyro.bridge import NoisePath
+    from vcfbench.sim.gyro.drive import DriveSegment
     from vcfbench.sim.gyro.modes import Resonance
     from vcfbench.sim.parameters import BenchParameters
 
@@ -45,6 +47,55 @@ FORCED_STEP_V = 10e-3
 _LOOKS, _BEHIND, _IMAGINED = 2, 4, 5
 """Random streams beside the gyro's own noise (1: :mod:`simrack.flutter`, 3: :mod:`vcfbench.sim.mains`); no number
 is ever given again."""
+
+
+_design = lru_cache(8)(ChainDesign)
+
+
+@lru_cache(8)
+def _started(
+    bench: BenchParameters,
+    mode: Resonance,
+    rails: tuple[Approach, Approach],
+    *,
+    parts: tuple[complex, complex],
+    start_s: float,
+    phase_rad: float,
+) -> tuple[DriveSegment, ...]:
+    """Return the drive's motion to lock on rails as they go on; benches that begin alike share it."""
+    ends = [rail.ends_s(start_s) for rail in rails if rail.terms]
+    settled_s, goal_v = max(ends, default=-math.inf), max(min(rails[0].goal_v, -rails[1].goal_v), 0.0)
+    settled = Supplied(_amplitude_m(bench, mode, goal_v), goal_v)
+
+    def supplied(instant_s: float) -> Supplied:
+        if instant_s >= settled_s:
+            return settled
+        rail_v = _weaker_v(rails, instant_s)
+        return Supplied(_amplitude_m(bench, mode, rail_v), rail_v)
+
+    return tuple(start_up(bench, mode, parts, start_s=start_s, phase_rad=phase_rad, supplied=supplied))
+
+
+def _weaker_v(rails: tuple[Approach, Approach], instant_s: float) -> float:
+    positive, negative = rails
+    return max(min(positive.at(instant_s), -negative.at(instant_s)), 0.0)
+
+
+def _amplitude_m(bench: BenchParameters, mode: Resonance, rail_v: float) -> float:
+    """Return the drive amplitude that the AGC holds on rails of `rail_v`, limited by its largest force."""
+    return min(_wanted_m(bench, rail_v), _strongest_m(bench, mode, rail_v))
+
+
+def _wanted_m(bench: BenchParameters, rail_v: float) -> float:
+    """Return the drive amplitude that the AGC wants."""
+    loop, nominal = bench.drive_loop, bench.supply.nominal_v
+    return loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (rail_v - nominal))
+
+
+def _strongest_m(bench: BenchParameters, mode: Resonance, rail_v: float) -> float:
+    """Return the drive amplitude that the largest force can hold."""
+    loop, mass = bench.drive_loop, bench.drive_mode.mass_kg
+    return loop.force_limit_n_per_v * rail_v * mode.quality / (mass * mode.natural_rad_s**2)
 
 
 class Gyro:
@@ -83,7 +134,7 @@ class Gyro:
         self._bands = self._warm_up.bands(bench.thermal)
         self._drive_mode = self._mode_at(self._temperature_c())
         self._drive = [resting(self._drive_mode.natural_rad_s)]
-        self._design = ChainDesign(bench)
+        self._design = _design(bench)
         self._course = Course(self._design, bench)
         self._noise = NoiseCourse(self._design, bench, seed, now_s)
 
@@ -118,14 +169,15 @@ class Gyro:
         if self._running != was_running:
             self._heat()
         if self._running and not was_running:
-            self._drive = start_up(
+            begun = _started(
                 self._bench,
                 self._drive_mode,
-                self._drive_parts(),
+                self._rails,
+                parts=self._drive_parts(),
                 start_s=self.now_s,
                 phase_rad=self._phase,
-                supplied=self._supplied(),
             )
+            self._drive = list(begun)
         elif was_running and not self._running:
             speed = self._drive[0].drive_rad_s
             self._drive = ring_down(
@@ -321,8 +373,7 @@ class Gyro:
         return self._weaker_at(self.now_s)
 
     def _weaker_at(self, instant_s: float) -> float:
-        positive, negative = self._rails
-        return max(min(positive.at(instant_s), -negative.at(instant_s)), 0.0)
+        return _weaker_v(self._rails, instant_s)
 
     def _rails_ahead(self) -> tuple[float, float]:
         """Return the weaker rail that a locked drive goes by, and up to when: the next threshold, end or step."""
@@ -351,38 +402,13 @@ class Gyro:
         """Return by how much the rails may move before the locked drive's amplitude follows."""
         weakest = min(self._weaker_rail(), *(abs(rail.goal_v) for rail in self._rails))
         weakest = max(weakest, self._bench.supply.brown_out_v)  # below, the drive is not locked any more
-        if self._wanted_m(weakest) > self._strongest_m(weakest):
+        if _wanted_m(self._bench, weakest) > _strongest_m(self._bench, self._drive_mode, weakest):
             return FORCED_STEP_V
         relative = abs(self._bench.drive_loop.amplitude_supply_coefficient_per_v)
         return AMPLITUDE_STEP / relative if relative else math.inf
 
-    def _supplied(self) -> Callable[[float], Supplied]:
-        """Return a function of bench time for the limits by the rails, as they go on now."""
-        ends = [rail.ends_s(self.now_s) for rail in self._rails if rail.terms]
-        settled_s, goal_v = max(ends, default=-math.inf), max(min(self._rails[0].goal_v, -self._rails[1].goal_v), 0.0)
-        settled = Supplied(self._amplitude_m(goal_v), goal_v)
-
-        def supplied(instant_s: float) -> Supplied:
-            if instant_s >= settled_s:
-                return settled
-            rail_v = self._weaker_at(instant_s)
-            return Supplied(self._amplitude_m(rail_v), rail_v)
-
-        return supplied
-
     def _amplitude_m(self, rail_v: float) -> float:
-        """Return the drive amplitude that the AGC holds on rails of `rail_v`, limited by its largest force."""
-        return min(self._wanted_m(rail_v), self._strongest_m(rail_v))
-
-    def _wanted_m(self, rail_v: float) -> float:
-        """Return the drive amplitude that the AGC wants."""
-        loop, nominal = self._bench.drive_loop, self._bench.supply.nominal_v
-        return loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (rail_v - nominal))
-
-    def _strongest_m(self, rail_v: float) -> float:
-        """Return the drive amplitude that the largest force can hold."""
-        loop, mode, mass = self._bench.drive_loop, self._drive_mode, self._bench.drive_mode.mass_kg
-        return loop.force_limit_n_per_v * rail_v * mode.quality / (mass * mode.natural_rad_s**2)
+        return _amplitude_m(self._bench, self._drive_mode, rail_v)
 
     def _heat(self) -> None:
         """Let the temperature go to its new goal from where it is."""

@@ -12,7 +12,7 @@ would change its size by less than 1e-5.
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -158,8 +158,8 @@ class NoisyChain:
         shows = np.column_stack((chain.to_filtered, chain.to_filtered * chain.eigenmodes, turning_with(chain)))
         self.shows = np.concatenate((shows, follow.T @ shows))
         """What the modes (:meth:`freed`) show: filtered noise and its slope (real parts), noise of the V_s envelope."""
-        self._steps: dict[int, Interval] = {}
-        self._variances: dict[int, float] = {}
+        self._kept_interval = lru_cache(STEPS_KEPT)(self._interval)
+        self._kept_variance_v2 = lru_cache(STEPS_KEPT)(self._variance_v2)
         self._autocovariance: NDArray[np.complex128] | None = None
 
     def covariance(self, interval_s: float) -> NDArray[np.float64]:
@@ -176,22 +176,17 @@ class NoisyChain:
 
     def step(self, state: NoiseState, interval_s: float, random: np.random.Generator) -> tuple[NoiseState, float]:
         """Return the state after `interval_s` and the integral of the filtered noise over it, V s."""
-        once = self._kept_interval(interval_s)
+        once = self._kept_interval(round(interval_s * 1e9))
         after = once.whole @ np.concatenate((state.made, random.standard_normal(len(once.factor))))
         return NoiseState(after[:-1], self._n), float(after[-1])
 
     def gathered(self, interval_s: float, random: np.random.Generator) -> NDArray[np.float64]:
         """Return the noise of a chain at rest after `interval_s`: Re modal, Im modal, flicker, integral."""
-        once = self._kept_interval(interval_s)
+        once = self._kept_interval(round(interval_s * 1e9))
         return once.factor @ random.standard_normal(len(once.factor))
 
-    def _kept_interval(self, interval_s: float) -> Interval:
-        key = round(interval_s * 1e9)
-        once = self._steps.get(key)
-        if once is None:
-            make_room(self._steps)
-            once = self._steps[key] = self.interval(key * 1e-9)
-        return once
+    def _interval(self, interval_ns: int) -> Interval:
+        return self.interval(interval_ns * 1e-9)
 
     def interval(self, interval_s: float) -> Interval:
         """Return the effect of an interval on a state."""
@@ -209,20 +204,19 @@ class NoisyChain:
         The autocovariance is a sum of exponentials c exp(l t); the mean over T has the variance of sum c m(l T), m(x) =
         2 (exp(x) - 1 - x) / x^2.
         """
-        key = round(duration_s * 1e9)
-        if key not in self._variances:
-            make_room(self._variances)
-            if self._autocovariance is None:
-                shows, sources, moving = self.shows[:, 0], self._input[:-1], self.moving
-                plain = (sources @ sources.T) / -np.add.outer(moving, moving) @ shows
-                turned = (sources @ sources.conj().T) / -np.add.outer(moving, moving.conj()) @ shows.conj()
-                self._autocovariance = np.asarray(0.5 * shows * (plain + turned))
-            x = self.moving * (key * 1e-9)
-            small = np.abs(x) < SMALL
-            far = np.where(small, 1.0, x)
-            mean = np.where(small, 1 + x / 3 + x**2 / 12, 2 * (np.expm1(far) - far) / far**2)
-            self._variances[key] = max(float((self._autocovariance * (1 - mean)).sum().real), 0.0)
-        return self._variances[key]
+        return self._kept_variance_v2(round(duration_s * 1e9))
+
+    def _variance_v2(self, duration_ns: int) -> float:
+        if self._autocovariance is None:
+            shows, sources, moving = self.shows[:, 0], self._input[:-1], self.moving
+            plain = (sources @ sources.T) / -np.add.outer(moving, moving) @ shows
+            turned = (sources @ sources.conj().T) / -np.add.outer(moving, moving.conj()) @ shows.conj()
+            self._autocovariance = np.asarray(0.5 * shows * (plain + turned))
+        x = self.moving * (duration_ns * 1e-9)
+        small = np.abs(x) < SMALL
+        far = np.where(small, 1.0, x)
+        mean = np.where(small, 1 + x / 3 + x**2 / 12, 2 * (np.expm1(far) - far) / far**2)
+        return max(float((self._autocovariance * (1 - mean)).sum().real), 0.0)
 
     @property
     def moving(self) -> NDArray[np.complex128]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 NOISE_STEP_K = 1.0
 """Steps in which the chain that the noise passes follows the temperature: 6e-4 of the noise's size at most."""
+CHAINS_KEPT = 32
 MOST_NOTED = 64
 """Changes that are noted at most; with the next one the steps are drawn."""
 
@@ -50,6 +52,16 @@ class _Noted(Struct, frozen=True):
     rate: RateSegment | None
 
 
+@lru_cache(CHAINS_KEPT)
+def _noisy_chain(design: ChainDesign, bench: BenchParameters, passing: _Passing) -> NoisyChain:
+    """Return the chain that noise passes; gyroscopes of the same parameters share it, and its factors."""
+    temperature_c = passing.temperature_steps * NOISE_STEP_K
+    speed = resonance_at(bench.drive_mode, bench.thermal, temperature_c).natural_rad_s
+    chain = chain_at(design, bench, temperature_c, locked(abs(passing.displacement_m), speed))
+    white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
+    return NoisyChain(chain, FlickerNoise.of(bench.noise), white)
+
+
 class NoiseCourse:
     """The noise at `_now_s`, the last instant that it was brought up to."""
 
@@ -57,9 +69,8 @@ class NoiseCourse:
         self._design = design
         self._random = np.random.default_rng(seed)
         self._flicker = FlickerNoise.of(bench.noise)
-        self._white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
-        self._noisy = self._flicker.deviation_rad_s > 0 or self._white > 0 or bench.table.flutter_per_sqrt_hz > 0
-        self._chains: dict[_Passing, NoisyChain] = {}
+        white = bench.noise.angle_random_walk_deg_sqrt_s > 0
+        self._noisy = self._flicker.deviation_rad_s > 0 or white or bench.table.flutter_per_sqrt_hz > 0
         self._chain: NoisyChain | None = None
         self._shaking: Shaking | None = None
         self._quiet = np.zeros(4 + bench.sense_path.low_pass_order, complex)
@@ -117,15 +128,7 @@ class NoiseCourse:
         self._chain, self._shaking = chain, None
 
     def _chain_of(self, noted: _Noted) -> NoisyChain | None:
-        passing, bench = noted.passing, noted.bench
-        if passing is None:
-            return None
-        if passing not in self._chains:
-            temperature_c = passing.temperature_steps * NOISE_STEP_K
-            speed = resonance_at(bench.drive_mode, bench.thermal, temperature_c).natural_rad_s
-            chain = chain_at(self._design, bench, temperature_c, locked(abs(passing.displacement_m), speed))
-            self._chains[passing] = NoisyChain(chain, self._flicker, self._white)
-        return self._chains[passing]
+        return None if noted.passing is None else _noisy_chain(self._design, noted.bench, noted.passing)
 
     def path_now(self, key: tuple[int, ...]) -> NoisePath | None:
         """Return the noise as it is, None while there is none; a picture's random numbers come from `key`."""
