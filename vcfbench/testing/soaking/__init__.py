@@ -13,7 +13,7 @@ fault once more. What must be true after each is in `judge`.
 from __future__ import annotations
 
 import tempfile
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ from vcfbench.testing.soaking.judge import VALUE_FAULTS, values_of, wrong_of, wr
 from vcfbench.testing.soaking.trial import Clean, Ended, start
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator
 
 _MEMORY = Path("/dev/shm")  # noqa: S108  # Linux has it, and directories in it are made by tempfile
 _IN_ONE_PIECE, _SAME_END = "cannot be resumed: a warm-up", "it would end again as it did"
@@ -44,32 +44,51 @@ class Verdict(Struct, frozen=True):
 
 def soak(seeds: Iterable[int]) -> Iterator[Verdict]:
     """Yield the verdict on each seed."""
-    return (tried(drawn(seed)) for seed in seeds)
+    clean: tuple[Draw, Clean] | None = None
+    for draw in map(drawn, seeds):
+        without = _without_happenings(draw)
+        if clean is None or clean[0] != without:
+            clean = without, cleaned(draw)
+        yield tried(draw, clean[1])
 
 
-def tried(draw: Draw) -> Verdict:
-    """Try a draw: its clean run, then all its starts, then once more without a fault."""
+def _without_happenings(draw: Draw) -> Draw:
+    return replace(draw, seed=0, happenings=())
+
+
+def cleaned(draw: Draw) -> Clean:
+    """Do the clean run of a draw."""
+    with _folder() as folder:
+        ended = start(_without_happenings(draw), 0, Clean(), folder, None)
+        clean = Clean(ended.end_s, ended.operations)
+        wrong = tuple(f"without a fault: {each}" for each in wrong_of(ended, clean))
+        return replace(clean, values={} if ended.run is None else values_of(ended.run.results), wrong=wrong)
+
+
+def tried(draw: Draw, clean: Clean | None = None) -> Verdict:
+    """Try a draw: its clean run, where that is not given, then all its starts, then once more without a fault."""
+    clean = cleaned(draw) if clean is None else clean
+    if clean.wrong:
+        return Verdict(draw, clean.wrong)
+    with _folder() as folder:
+        lives = _Lives(draw, clean, folder)
+        lives.go_through()
+    return Verdict(draw, tuple(lives.wrong), tuple(lives.said))
+
+
+@contextmanager
+def _folder() -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="soak", dir=_MEMORY if _MEMORY.is_dir() else None) as name:
-        folder = Path(name)
-        (folder / "clean").mkdir()
-        (folder / "runs").mkdir()
-        first = start(replace(draw, happenings=()), 0, Clean(0.0, 0), folder / "clean", None)
-        wrong = [f"without a fault: {each}" for each in wrong_of(first, Clean(first.end_s, 0))]
-        if wrong or first.run is None:
-            return Verdict(draw, tuple(wrong))
-        clean, values = Clean(first.end_s, first.operations), values_of(first.run.results)
-        ends = _Lives(draw, clean, values, folder / "runs")
-        ends.go_through()
-        return Verdict(draw, tuple(ends.wrong), tuple(ends.said))
+        yield Path(name)
 
 
 class _Lives:
     """The starts of one draw, one after the other."""
 
-    def __init__(self, draw: Draw, clean: Clean, values: Mapping[str, tuple[float, float]], folder: Path) -> None:
+    def __init__(self, draw: Draw, clean: Clean, folder: Path) -> None:
         self.wrong: list[str] = []
         self.said: list[str] = []
-        self._draw, self._clean, self._values, self._folder = draw, clean, values, folder
+        self._draw, self._clean, self._folder = draw, clean, folder
         self._earlier: Path | None = None
         """The record to go on with."""
         self._spoilt = self._lost = False
@@ -95,7 +114,7 @@ class _Lives:
             return self._refused(ended, before)
         made = [each for each in self._folder.iterdir() if each not in known and (each / "journal.jsonl").exists()]
         record = self._read(made[0]) if made else None
-        wrong = [*wrong_of(ended, self._clean, spoilt=self._spoilt), *wrong_values(ended, self._values)]
+        wrong = [*wrong_of(ended, self._clean, spoilt=self._spoilt), *wrong_values(ended, self._clean.values)]
         if made and record is not None and record.header and not _is_short(record):
             if before is not None:
                 ended.points[:0] = [each.as_json() for each in before.points]
@@ -139,12 +158,12 @@ def _words(ended: Ended) -> str:
 
 def shrunk(verdict: Verdict) -> Verdict:
     """Return the smallest draw that still fails: happenings are taken away one by one as long as one can be."""
-    smaller = True
+    smaller, clean = True, cleaned(verdict.draw)
     while smaller:
         smaller = False
         for number in range(len(verdict.draw.happenings)):
             left = (*verdict.draw.happenings[:number], *verdict.draw.happenings[number + 1 :])
-            again = tried(replace(verdict.draw, happenings=left))
+            again = tried(replace(verdict.draw, happenings=left), clean)
             if again.wrong:
                 verdict, smaller = again, True
                 break

@@ -20,6 +20,8 @@ What = Literal["fault", "kill", "power cut", "signal", "starter", "clock", "disk
 _ENDS = frozenset({"kill", "power cut"})
 """Happenings that a program does not survive."""
 
+TOGETHER = 10
+"""Seeds in a row on the same bench, with the same work."""
 LANGUAGES = ("acl", "zaber", "atl", "esp", "dd16", "mn_as", "ruya", "aaaa")
 _SPARE = frozenset({"ruya", "aaaa"})
 """Tables whose rate follows from angles."""
@@ -73,6 +75,8 @@ class Draw(Struct, frozen=True):
     """Draw of a seed; without its happenings it is its clean run."""
 
     seed: int
+    specimens: int
+    """Seed of the simulated bench."""
     language: str
     wires: str
     meter: str
@@ -111,7 +115,12 @@ class Draw(Struct, frozen=True):
 
 
 def drawn(seed: int) -> Draw:
-    """Return the draw of `seed`."""
+    """Return the draw of `seed`: the bench and the work of the first of its ten, so that one clean run serves all."""
+    draw, first = _drawn(seed), _drawn(seed - seed % TOGETHER)
+    return replace(first, seed=seed, happenings=draw.happenings)
+
+
+def _drawn(seed: int) -> Draw:
     random = Random(f"soak {seed}")  # noqa: S311  # faults, no secrets
     language = random.choice(LANGUAGES)
     wires = random.choices(tuple(_WIRES), (12, 2, 1, 5))[0]  # each character on RS-232 takes its time
@@ -122,7 +131,9 @@ def drawn(seed: int) -> Draw:
     happenings += [_end(random, life) for life in range(lives - 1)]
     happenings += [_besides(random, random.randrange(lives)) for _ in range(random.choice((0, 0, 1, 1, 2, 3)))]
     happenings.sort(key=lambda each: (each.life, each.at))
-    return Draw(seed, language, wires, meter, procedure, settings, random.random() < 0.5, tuple(happenings))
+    synchronised = random.random() < 0.5
+    specimens = 1 + seed % 1000
+    return Draw(seed, specimens, language, wires, meter, procedure, settings, synchronised, tuple(happenings))
 
 
 def _work(random: Random, language: str, interval_s: float) -> tuple[str, dict[str, Any]]:
@@ -130,8 +141,11 @@ def _work(random: Random, language: str, interval_s: float) -> tuple[str, dict[s
     procedure = random.choices(("turntable", "virtual-coriolis", "zero", "polarity", "power"), (10, 7, 1, 1, 1))[0]
     if procedure == "zero":
         return procedure, {"duration_s": 200.0, "powered_s": 10.0}
-    if procedure in {"polarity", "power"}:
-        return procedure, {"rate_tolerance_deg_s": 5.0} if language in _SPARE else {}
+    spare: dict[str, Any] = {"rate_tolerance_deg_s": 5.0} if language in _SPARE else {}
+    if procedure == "power":
+        return procedure, spare | {"warm_up_s": 20.0, "log_s": 2.0, "off_s": 2.0, "cycles": 1, "samples": 3}
+    if procedure == "polarity":
+        return procedure, spare | {"samples": 3}
     rates = (20.0, 10.0, 0.0, -10.0, -20.0) if language == "aaaa" else (60.0, 20.0, 0.0, -20.0, -60.0)
     few = random.random() < 0.5
     settings: dict[str, Any] = {
@@ -144,8 +158,7 @@ def _work(random: Random, language: str, interval_s: float) -> tuple[str, dict[s
     }
     settings |= {"nplc": 1} if interval_s < 0.5 else {}
     settings |= {"match_rate_deg_s": 12.0} if procedure == "virtual-coriolis" else {}
-    settings |= {"rate_tolerance_deg_s": 5.0} if language in _SPARE else {}
-    return procedure, settings
+    return procedure, settings | spare
 
 
 def _fault(random: Random, life: int) -> Happening:

@@ -29,7 +29,7 @@ from vcfbench.steps.executor import StepFinished
 from vcfbench.testing.disk import Disk, DiskState
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from vcfbench.archive.run import Run
@@ -55,10 +55,13 @@ class Stuck(BaseException):
 
 
 class Clean(Struct, frozen=True):
-    """Duration of the clean run of a draw, in bench time and in operations of its disk."""
+    """The clean run of a draw: its duration in bench time and in operations of its disk, its results, its faults."""
 
-    duration_s: float
-    operations: int
+    duration_s: float = 0.0
+    operations: int = 0
+    values: Mapping[str, tuple[float, float]] = {}
+    """Value and U95 by name."""
+    wrong: tuple[str, ...] = ()
 
 
 class Ended(Struct):
@@ -296,7 +299,7 @@ def _conducted(draw: Draw, stage: _Stage, folder: Path, earlier: Path | None, si
     common: dict[str, Any] = {"observers": [stage], "build": stage.build, "warn": lambda _words: None}
     if earlier is None:
         settings = asked_in_python(draw.settings)
-        asked = Request(draw.procedure, draw.bench(), 1 + draw.seed % 1000, settings, folder, **common)
+        asked = Request(draw.procedure, draw.bench(), draw.specimens, settings, folder, **common)
         return conduct(asked, signals, prepare)
     broken = broken_off(earlier)
     return conduct(Request(broken.procedure, runs=folder, **common), signals, broken.prepare)
