@@ -40,7 +40,7 @@ SEALED = {"drivers", "records", "analysis"}
 FROM_THE_RACK = {"vcfbench.clock": "simrack.clock", "vcfbench.specifications": "simrack.specifications"}
 KNOW_THE_SIMULATION = (
     *("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.cli.serve", "vcfbench.sim", "vcfbench.testing"),
-    *("vcfbench.cli.station_questions", "vcfbench.studies.truth"),
+    *("vcfbench.cli.bench_new", "vcfbench.studies.truth"),
     "pyvisa_vcfbench",
     "pyvisa_simrack",
     "simrack",

@@ -86,11 +86,11 @@ def test_answers_can_be_given_beforehand(tmp_path: Path) -> None:
     ("answer", "words"),
     [
         ("limits.max_v_vc_v=50", "limits.max_v_vc_v: expected a number at least 0.001 and at most 10"),
-        ("limits.max_v_vc_v=much", "expected a number, came 'much'"),
-        ("multimeter.calibrated=soon", "expected a day as 2026-01-15, came 'soon'"),
-        ("limits.rails=10", "expected two numbers, low and high, came '10'"),
-        ("limits.rails=11 9", "limits.min_rail_v: expected less than"),
-        ("name=my bench", "expected letters, digits, '.', '_' and '-', came 'my bench'"),
+        ("limits.max_v_vc_v=much", "limits.max_v_vc_v: expected a number at least 0.001 and at most 10, came 'much'"),
+        ("multimeter.calibrated=soon", "multimeter.calibrated: expected a day, as in 2026-01-15, came 'soon'"),
+        ("expected.bias_v=10", "expected.bias_v: expected a list of 2 numbers, came 10"),
+        ("limits.min_rail_v=11", "limits.min_rail_v: expected less than"),
+        ("name=my bench", "name: expected a text of letters, digits, '_', '-' and '.', came 'my bench'"),
         ("wiring.oscilloscope.channel_1=carrier", "a channel that sees 'drive'"),
         ("kettle.on=yes", "--set kettle.on: nothing is asked by that key on this bench"),
         ("name", "--set name: expected KEY=VALUE"),
@@ -173,7 +173,7 @@ def test_from_a_served_bench_to_a_run_at_a_terminal(served: ServedLab, tmp_path:
     with Terminal(tmp_path, "bench", "new", "lab.toml", "--served", str(served.control_port)) as terminal:
         terminal.answer("multimeter: calibrated on", "2025-01-07")
         terminal.answer("due again on [2026-01-07]", "yesterday")
-        terminal.answer("no: expected a day as 2026-01-15, came 'yesterday'", "")
+        terminal.answer("multimeter.calibration_due: expected a day, as in 2026-01-15, came 'yesterday'", "")
         terminal.answer("number of the certificate", "K-2025-1")
         terminal.answer("Highest rate, deg/s [50]", "9000")
         terminal.answer("at most 5000, came 9000", "250")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, field
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -27,7 +26,7 @@ class Interview:
     used: set[str] = field(default_factory=set)
 
     def ask(self, key: str, words: str, proposed: str, take: Callable[[str], _T]) -> _T:
-        """Return the answer as `take` reads it; one that it refuses (ConfigError) is asked for again.
+        """Return the answer as `take` reads it; one that it refuses (BenchError) is asked for again.
 
         Raises:
             ConfigError: the answer was given beforehand, or proposed with nobody to ask, and is refused.
@@ -35,20 +34,17 @@ class Interview:
         if key in self.given or self.silent:
             self.used.add(key)
             return take(self.given.get(key, proposed))
-        shown = f"{words} [{proposed}]: " if proposed else f"{words}: "
         while True:
-            sys.stderr.write(shown)
-            sys.stderr.flush()
+            typer.echo(f"{words} [{proposed}]: " if proposed else f"{words}: ", err=True, nl=False)
             line = sys.stdin.readline()
             if not line:
                 raise ConfigError(
                     "the answers ended before the questions; nothing was written", hint="--yes takes the proposals"
                 )
-            answer = line.strip()
             try:
-                return take(answer or proposed)
+                return take(line.strip() or proposed)
             except BenchError as error:
-                say(f"  no: {error}")
+                typer.echo(f"  no: {error}", err=True)
 
     def free_file(self, path: Path) -> Path:
         """Return `path`, or another one that is asked for where a file is there already."""
@@ -65,56 +61,15 @@ class Interview:
         except ConfigError as error:
             if self.silent or "file" in self.given:
                 raise
-            say(str(error))
-        return self.ask("file", "Another file", _free_name(path), take)
+            typer.echo(str(error), err=True)
+        others = (path.with_stem(f"{path.stem}-{number}") for number in range(2, 10_000))
+        return self.ask("file", "Another file", str(next(each for each in others if not each.exists())), take)
 
     def require_all_used(self) -> None:
         """Raise ConfigError when an answer was given to a question that never came."""
         unused = sorted(set(self.given) - self.used)
         if unused:
             raise ConfigError(f"--set {unused[0]}: nothing is asked by that key on this bench")
-
-
-def _free_name(path: Path) -> str:
-    return next(str(each) for n in range(2, 10_000) if not (each := path.with_stem(f"{path.stem}-{n}")).exists())
-
-
-def say(words: str) -> None:
-    """Tell the person at the terminal."""
-    typer.echo(words, err=True)
-
-
-def number(answer: str) -> float:
-    """Return a number, a whole one as such; ConfigError for anything else."""
-    try:
-        value = float(answer)
-    except ValueError:
-        raise ConfigError(f"expected a number, came {answer!r}") from None
-    return int(value) if value.is_integer() and abs(value) < 1e15 else value
-
-
-def pair(answer: str) -> tuple[float, float]:
-    """Return two numbers with a blank or a comma between them; ConfigError for anything else."""
-    parts = answer.replace(",", " ").strip("[] ").split()
-    if len(parts) != 2:
-        raise ConfigError(f"expected two numbers, low and high, came {answer!r}")
-    return number(parts[0]), number(parts[1])
-
-
-def day(answer: str) -> date:
-    """Return a day; ConfigError for anything else."""
-    try:
-        return date.fromisoformat(answer)
-    except ValueError:
-        raise ConfigError(f"expected a day as 2026-01-15, came {answer!r}") from None
-
-
-def yes_or_no(answer: str) -> bool:
-    """Return whether yes was said; ConfigError for anything but yes and no."""
-    words = {"y": True, "yes": True, "n": False, "no": False}
-    if answer.lower() not in words:
-        raise ConfigError(f"expected yes or no, came {answer!r}")
-    return words[answer.lower()]
 
 
 def written_anew(path: Path, text: str) -> None:

@@ -43,7 +43,7 @@ def asked_by_command(
         ConfigError: a setting has no key or no value, a key is given twice, what is given is no UTF-8, or a range has
             no whole number of steps from its start to its stop.
     """
-    values: dict[str, Any] = {key: _value(text, names[key]) for key, text in options.items()}
+    values: dict[str, Any] = {key: plain_value(text, names[key]) for key, text in options.items()}
     for each in given:
         if not is_utf8(each):
             raise ConfigError(f"--set {each!a}: expected UTF-8")
@@ -75,15 +75,15 @@ def _meant(key: str, text: str, lists_of_texts: Container[str], texts: Container
     """Return the value of `key` that `text` stands for."""
     if key in lists_of_texts:
         # The list of texts that `text` stands for: TOML, or texts without quotes between commas
-        found = _value(text.strip(), f"--set {key}")
+        found = plain_value(text.strip(), f"--set {key}")
         if not isinstance(found, str) or text.strip()[:1] in {"'", '"', "["}:
             return found
         return [each.strip() for each in found.split(",")]
-    found = _value(text, f"--set {key}")
+    found = plain_value(text, f"--set {key}")
     return text if key in texts and not isinstance(found, str) else found
 
 
-def _value(text: str, option: str) -> object:
+def plain_value(text: str, option: str) -> object:
     """Return the value that `text` stands for: TOML, a list without its brackets, or else a text as it stands."""
     if ":" in text and _RANGES.fullmatch(text):
         return [number for part in text.split(",") for number in _numbers(part, option)]

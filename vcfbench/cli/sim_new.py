@@ -5,16 +5,13 @@ from __future__ import annotations
 import sys
 from enum import StrEnum
 from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from vcfbench.cli.interview import Interview, number, written_anew
+from vcfbench.cli.interview import Interview, written_anew
 from vcfbench.errors import ConfigError
 from vcfbench.sim.own_gyro import data_sheet, own_gyro_bench
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 
 class Imperfections(StrEnum):
@@ -90,39 +87,31 @@ def new(
         "bandwidth": bandwidth,
         "k_vc": k_vc,
     }
-
     answers = {option: f"{value:.15g}" for option, value in given.items() if value is not None}
     interview = Interview(answers, silent=yes or not sys.stdin.isatty())
     path = interview.free_file(file)
     real = imperfections is Imperfections.PAPER
-    figures = _figures(interview, _PAPERS if real else {})
-    text = own_gyro_bench(data_sheet(**figures), name or path.stem, imperfections=imperfections is Imperfections.PAPER)
+    figures: dict[str, float] = {}
+    for key, (option, words, usual) in _FIGURES.items():
+        proposed = (_PAPERS if real else {}).get(key, usual)
+        if key == "k_vc_deg_s_per_v":
+            proposed = f"{0.75 * figures['range_deg_s']:g}"
+        interview.ask(option, words, proposed, lambda answer, key=key: _take(answer, key, figures))  # type: ignore[misc]
+    text = own_gyro_bench(data_sheet(**figures), name or path.stem, imperfections=real)
     written_anew(path, text)
     typer.echo(f"{path} is written; next: vcfbench run turntable --bench {path}")
 
 
-def _figures(interview: Any, instead: Mapping[str, str]) -> dict[str, float]:
-    """Ask for each figure; each is held against those before it."""
-    figures: dict[str, float] = {}
-    for key, (option, words, usual) in _FIGURES.items():
-        proposed = f"{0.75 * figures['range_deg_s']:g}" if key == "k_vc_deg_s_per_v" else instead.get(key, usual)
-
-        def take(answer: str, key: str = key) -> None:
-            if not answer:
-                return
-            value = float(number(answer)) * (_MILLI if key == "scale_factor_v_per_deg_s" else 1.0)
-            _held(data_sheet, {**figures, key: value})
-            figures[key] = value
-
-        interview.ask(option, words, proposed, take)
-    return figures
-
-
-def _held(sheet: Any, figures: dict[str, float]) -> None:
-    """Hold figures against each other; the range before it was asked for is none."""
-    if "range_deg_s" not in figures:
-        figures = {**figures, "range_deg_s": 1.0}
+def _take(answer: str, key: str, figures: dict[str, float]) -> None:
+    """Put an answer among the figures, held against those before it; no range yet is one of 1 deg/s."""
+    if not answer:
+        return
     try:
-        sheet(**figures)
+        value = float(answer) * (_MILLI if key == "scale_factor_v_per_deg_s" else 1.0)
+    except ValueError:
+        raise ConfigError(f"expected a number, came {answer!r}") from None
+    try:
+        data_sheet(**{"range_deg_s": 1.0, **figures, key: value})
     except ConfigError as error:
         raise ConfigError(error.what) from None
+    figures[key] = value
