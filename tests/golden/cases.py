@@ -36,6 +36,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "warmup": {},
     "bandwidth": {},
     "power": {},
+    "repeatability": {"power_cycles": 3, "off_s": 600.0},
     "resonance": {},
     "phase": {},
     "temperature": {},

@@ -55,6 +55,10 @@ BUILT_IN = {
         "vcfbench.procedures.power.plan:POWER",
         "Test the supply: inrush, current of each rail, time to valid output, what the rails do to the output.",
     ),
+    "repeatability": (
+        "vcfbench.procedures.repeatability:REPEATABILITY",
+        "Switch on and off again and again: repeatability of bias and scale factor, turn-on transient.",
+    ),
     "resonance": (
         "vcfbench.procedures.resonance:RESONANCE",
         "Measure frequency and Q of drive and sense modes and the mode split, by ring-down and by sweep.",

@@ -13,7 +13,6 @@ from itertools import pairwise
 from statistics import fmean
 
 from vcfbench import steps
-from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import (
     ForcesTemperature,
@@ -27,10 +26,10 @@ from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
 from vcfbench.procedures.shared.oscilloscope import capture_drive
-from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.temperature.results import (
     AtTemperature,
@@ -77,7 +76,7 @@ def _over_temperature(settings: TemperatureSettings) -> Routine[steps.Outcome]:
         yield from _go_to(settings, temperature_c, previous_c)
         yield from _soak(settings)
         yield from _reached(settings, temperature_c)
-        yield from watched(settings, _chopped(settings))
+        yield from watched(settings, chopped(settings, settings.cycles))
         if settings.station.oscilloscope is not None:
             yield from capture_drive(settings)
         if settings.split:
@@ -117,13 +116,13 @@ def _reached(settings: TemperatureSettings, temperature_c: float, ramp_s: float 
 def _soak(settings: TemperatureSettings) -> Routine[None]:
     """Wait, then take means at the level until three in a row move no more."""
     yield steps.Settle(settings.soak_s, "gyroscope takes the temperature")
-    yield from _level(settings, 1.0)
+    yield from to_level(settings, 1.0)
     samples = max(4, round(settings.soak_window_s / settings.sample_interval_s))
     window = steps.Acquire(
         2,
         settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0,
         settings.level_v if settings.by is ScaleFactorBy.V_VC else 0.0,
-        _table_deg_s(settings, 1.0),
+        table_due_deg_s(settings, 1.0),
         **{**routines.window_of(settings), "samples": samples},
     )
     points: list[Point] = []
@@ -135,7 +134,7 @@ def _soak(settings: TemperatureSettings) -> Routine[None]:
                 hint="longest_soak_s is longer, or steady_ppm_min larger, for what takes its temperature slowly",
             )
         points.append(answer((yield window), steps.Window).point)
-    yield from _level(settings, 0.0, previous=1.0)
+    yield from to_level(settings, 0.0, previous=1.0)
 
 
 def stands_still(points: Sequence[Point], settings: TemperatureSettings) -> bool:
@@ -149,44 +148,6 @@ def stands_still(points: Sequence[Point], settings: TemperatureSettings) -> bool
     minutes = (len(points) - 1) * settings.soak_window_s / 60.0
     noise_v = _SIGMAS * math.sqrt(2.0 * fmean(point.std_v**2 / point.n for point in points))
     return abs(points[-1].output_v - points[0].output_v) <= settings.steady_ppm_min * 1e-6 * level_v * minutes + noise_v
-
-
-def _level(settings: TemperatureSettings, sign: float, previous: float = 0.0) -> Routine[float]:
-    """Apply the level with this sign; at 0 V_Vc is off. Return V_Vc as it reads back, V."""
-    if settings.by is ScaleFactorBy.TABLE:
-        rate, before = sign * settings.level_deg_s, previous * settings.level_deg_s
-        yield from routines.go_to_rate(settings, rate, previous_deg_s=before)
-        return 0.0
-    if sign == 0.0:
-        yield steps.DisableVvc()
-        yield steps.Settle(settings.settle_s, "gyro settles, generator off")
-        return 0.0
-    if previous == 0.0:
-        yield from routines.v_vc_on()
-    return (yield from routines.set_v_vc(settings, sign * settings.level_v))
-
-
-def _table_deg_s(settings: TemperatureSettings, sign: float) -> float | None:
-    """Return the due readback of the table, None where there is none."""
-    if settings.station.limits.max_rate_deg_s is None:
-        return None
-    return sign * settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0
-
-
-def _chopped(settings: TemperatureSettings) -> Routine[None]:
-    for _ in range(settings.cycles):
-        previous, v_vc_v = 0.0, 0.0
-        points: list[Point] = []
-        for sign in CHOPPED:
-            if sign != previous:
-                v_vc_v = yield from _level(settings, float(sign), previous)
-            rate_deg_s = sign * settings.level_deg_s
-            table_deg_s = _table_deg_s(settings, float(sign))
-            points.append(
-                (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
-            )
-            previous = float(sign)
-        require_answer(settings, points)
 
 
 def temperature_characteristics(settings: TemperatureSettings, found: TemperatureResult) -> Characteristics:

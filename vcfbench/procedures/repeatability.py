@@ -1,0 +1,236 @@
+"""Repeatability over switch-ons: scale factor and bias from one power-on to the next, and the transient after each.
+
+The gyroscope is off and cools, is switched on, warms up and is measured; so many times. The standard deviation from
+switch-on to switch-on is the repeatability of JJF 1535-2015 (3.2) and GJB 2426A, and IEEE 1431, 12.9 and 12.11, ask for
+it. It is stated with the limits that so few switch-ons leave it (chi-square), beside what noise alone makes.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+from statistics import fmean, stdev
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from msgspec import Meta, Struct
+
+from vcfbench import steps
+from vcfbench.analysis.chopped import CHOPPED, Block
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, u_of_combination
+from vcfbench.analysis.sampling import Sampling
+from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
+from vcfbench.procedures.shared.known.scale_factor import LevelSettings, read_scale_factor, scale_factor_used
+from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, mean_of_records, quantity_row
+from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from vcfbench.records.schema import Point
+    from vcfbench.steps.measured import Measured
+    from vcfbench.steps.step import Routine
+
+_AT_LEVELS, _AFTER_POWER_ON = 1, 2
+"""Steps of the points: the chopped block when warm, the window just after the drive has locked."""
+
+
+class RepeatabilitySettings(LevelSettings, frozen=True, kw_only=True):
+    """Settings of the repeatability over switch-ons, beside those of all procedures."""
+
+    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after each power-on")] = 1800.0
+    power_cycles: Annotated[
+        int, Meta(ge=3, le=100, description="how often it is switched on", extra={"option": True})
+    ] = 7
+    off_s: Annotated[float, Meta(ge=1.0, le=86_400.0, description="without power before each but the first")] = 1800.0
+    cycles: Annotated[int, Meta(ge=1, le=100, description="blocks 0, +, -, -, +, 0 after each power-on")] = 1
+
+
+class SwitchOn(Struct, frozen=True):
+    """One switch-on: bias when warm, V and deg/s, slope at the level, output just after power-on less that when warm.
+
+    `slope` is in V/(deg/s), of the table or of the rate that V_Vc stands for.
+    """
+
+    bias_v: float
+    bias_deg_s: float
+    slope: float
+    transient_deg_s: float
+
+
+class Spread(Struct, frozen=True):
+    """Standard deviation from switch-on to switch-on, with the limits that hold the true one with 95 %.
+
+    `by_noise` is what readings and flicker alone would make.
+    """
+
+    value: float
+    low: float
+    high: float
+    by_noise: float
+    unit: str
+
+
+class RepeatabilityResult(Struct, frozen=True):
+    """Result of the repeatability over switch-ons."""
+
+    switch_ons: tuple[SwitchOn, ...]
+    bias: Spread
+    scale_factor: Spread
+    turn_on_transient: Measurand
+    """Output just after power-on less that when warm, mean over the switch-ons."""
+    scale_factor_v_per_deg_s: float
+    scale_factor_from: str
+
+    def acceptance_values(self) -> Mapping[str, float | None]:
+        """Return the values that ``[acceptance]`` limits, by its keys."""
+        return {
+            "bias_repeatability_deg_s": self.bias.value,
+            "scale_factor_repeatability_ppm": self.scale_factor.value,
+        }
+
+    def quantities(self) -> Iterator[tuple[str, Measurand]]:
+        """Yield the values for a data sheet, by its names."""
+        yield "turn-on transient", self.turn_on_transient
+
+
+def repeatability(settings: RepeatabilitySettings) -> steps.Plan:
+    """Switch on, warm up, measure, switch off and cool; so many times."""
+    yield from read_scale_factor(settings)
+    return (yield from routines.off_afterwards(settings, routines.held_at_rest(settings, _switched_on(settings))))
+
+
+def _switched_on(settings: RepeatabilitySettings) -> Routine[steps.Outcome]:
+    yield from routines.source_off(settings)
+    for number in range(settings.power_cycles):
+        if number:
+            yield steps.DisableSupply()
+            yield steps.Settle(settings.off_s, "gyroscope cools")
+        yield steps.Note(f"Switch-on {number + 1} of {settings.power_cycles}")
+        yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+        for rail in routines.rails_of(settings):  # noqa: UP028  # a tuple cannot be sent results
+            yield rail
+        yield steps.EnableSupply()
+        yield steps.Settle(settings.settle_s, "rails up, drive loop starts")
+        yield steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)
+        yield from routines.look_at_drive(settings)
+        due_deg_s = table_due_deg_s(settings, 0.0)
+        yield from routines.take(settings, _AFTER_POWER_ON, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=due_deg_s)
+        yield steps.Settle(settings.start_up_s, "warm-up")
+        yield from watched(settings, chopped(settings, settings.cycles))
+    return steps.Outcome(f"{settings.power_cycles} switch-ons")
+
+
+def results(settings: RepeatabilitySettings, measured: Measured) -> RepeatabilityResult:
+    """Return the spread from switch-on to switch-on."""
+    scale = scale_factor_used(settings, measured)
+    windows = [(step, each) for step, each in measured.found(steps.Window) if isinstance(step, steps.Acquire)]
+    early = [each for step, each in windows if step.step == _AFTER_POWER_ON]
+    warm = [each for step, each in windows if step.step == _AT_LEVELS]
+    size = len(CHOPPED)
+    blocks = [Block(tuple(each.mean_v for each in warm[at : at + size])) for at in range(0, len(warm), size)]
+    own = [blocks[at : at + settings.cycles] for at in range(0, len(blocks), settings.cycles)]
+    found = tuple(_switch_on(settings, scale.value, first.mean_v, each) for first, each in zip(early, own, strict=True))
+    readings = math.sqrt(fmean(each.std_v**2 / each.point.n for each in warm)) / abs(scale.value)
+    begins_s = [float(each.readings[0].t_s) for each in warm[:: size * settings.cycles]]
+    of_bias = math.hypot(readings / math.sqrt(2.0 * settings.cycles), _flicker_deg_s(settings, begins_s))
+    of_slope = 1e6 * readings / math.sqrt(4.0 * settings.cycles) / settings.level_deg_s
+    slope = fmean(each.slope for each in found)
+    return RepeatabilityResult(
+        found,
+        _spread([each.bias_deg_s for each in found], of_bias, "deg/s"),
+        _spread([1e6 * each.slope / slope for each in found], of_slope, "ppm"),
+        mean_of_records([each.transient_deg_s for each in found], "deg/s"),
+        scale.value,
+        scale.source,
+    )
+
+
+def _switch_on(settings: RepeatabilitySettings, scale: float, early_v: float, blocks: Sequence[Block]) -> SwitchOn:
+    bias_v = fmean(each.zero_v for each in blocks)
+    rise_v = fmean(each.differences_v[0] - each.differences_v[1] for each in blocks)
+    slope = rise_v / (2.0 * settings.level_deg_s)
+    return SwitchOn(bias_v, bias_v / scale, slope, (early_v - bias_v) / scale)
+
+
+def _spread(values: Sequence[float], by_noise: float, unit: str) -> Spread:
+    """Return the standard deviation with its chi-square limits (95 %)."""
+    from scipy.special import chdtri  # noqa: PLC0415  # SciPy takes longer to import than all else
+
+    dof, found = len(values) - 1, stdev(values)
+    low, high = (found * math.sqrt(dof / float(chdtri(dof, tail))) for tail in (0.025, 0.975))
+    return Spread(found, low, high, by_noise, unit)
+
+
+def _flicker_deg_s(settings: RepeatabilitySettings, begins_s: Sequence[float]) -> float:
+    """Return the standard deviation that flicker alone makes between windows that begin then, deg/s.
+
+    That of a sample is the root of half the mean square of all pairs' differences, which flicker has though its
+    variance has no limit.
+    """
+    b_deg_s = (settings.station.sources.bias_instability_deg_h or 0.0) / 3600.0
+    flicker = NoiseFit(Coefficients(bias_instability=b_deg_s), {}, np.zeros((len(Term), len(Term))))
+    lasts_s, sampling = settings.samples * settings.sample_interval_s, Sampling.without_gaps(settings.sample_interval_s)
+    pairs = [
+        u_of_combination(flicker, sampling, [one, other], [one + lasts_s, other + lasts_s], [1.0, -1.0]).u
+        for one, other in combinations(begins_s, 2)
+    ]
+    return math.sqrt(0.5 * fmean(each**2 for each in pairs))
+
+
+def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: RepeatabilityResult) -> Report:
+    """Report each switch-on, and the spread."""
+    numbers = list(range(1, len(found.switch_ons) + 1))
+    columns = (
+        *(Column("switch-on"), Column("bias", "deg/s", ".5f"), Column("slope", "mV/(deg/s)", ".6f")),
+        Column("transient", "deg/s", ".4f"),
+    )
+    rows = [
+        (number, each.bias_deg_s, 1e3 * each.slope, each.transient_deg_s)
+        for number, each in zip(numbers, found.switch_ons, strict=True)
+    ]
+    spreads = [("bias", found.bias), ("scale factor", found.scale_factor)]
+    heads = (
+        *(Column("repeatability", align="left"), Column("s", format=".3g"), Column("from, 95 %", format=".3g")),
+        *(Column("to, 95 %", format=".3g"), Column("by noise alone", format=".2g"), Column("unit", align="left")),
+    )
+    with_what = "the table" if settings.by.value == "table" else "V_Vc"
+    said = (
+        f"s is the standard deviation over {len(numbers)} switch-ons, each after {settings.off_s:g} s without power "
+        f"and {settings.start_up_s:g} s of warm-up (JJF 1535, 3.2); slope taken with {with_what}; for deg/s "
+        f"{found.scale_factor_v_per_deg_s:.6g} V/(deg/s), {found.scale_factor_from}"
+    )
+    biases = Series("bias", numbers, [each.bias_deg_s for each in found.switch_ons])
+    return Report(
+        [
+            Table(heads, [(name, s.value, s.low, s.high, s.by_noise, s.unit) for name, s in spreads]),
+            Table(QUANTITY_COLUMNS, [quantity_row(*each) for each in found.quantities()]),
+            Table(columns, rows, "Switch-ons"),
+            Text(said),
+            Figure("Bias from switch-on to switch-on", Axis("switch-on"), Axis("bias", "deg/s"), [biases]),
+        ]
+    )
+
+
+REPEATABILITY = Procedure(
+    name="repeatability",
+    title=BUILT_IN["repeatability"][1],
+    method=(
+        "The gyroscope is switched on, warms up, and its output is taken at rest and at a rate of both signs, chopped "
+        "against drift; then it is switched off and cools. The standard deviations of bias and scale factor from one "
+        "switch-on to the next are their repeatability."
+    ),
+    settings=RepeatabilitySettings,
+    plan=repeatability,
+    results=results,
+    report=report,
+    needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
+    uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates},
+    in_one_piece="its switch-ons are alike only where nothing comes between them",
+)
+"""The repeatability over switch-ons."""

@@ -1,0 +1,54 @@
+"""The output at a level of both signs, chopped against drift, the level being a rate of the table or a V_Vc."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vcfbench import steps
+from vcfbench.analysis.chopped import CHOPPED
+from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactorBy
+from vcfbench.procedures.shared.steady.walk import require_answer
+
+if TYPE_CHECKING:
+    from vcfbench.records.schema import Point
+    from vcfbench.steps.step import Routine
+
+
+def to_level(settings: LevelSettings, sign: float, previous: float = 0.0) -> Routine[float]:
+    """Apply the level with this sign; at 0 V_Vc is off. Return V_Vc as it reads back, V."""
+    if settings.by is ScaleFactorBy.TABLE:
+        rate, before = sign * settings.level_deg_s, previous * settings.level_deg_s
+        yield from routines.go_to_rate(settings, rate, previous_deg_s=before)
+        return 0.0
+    if sign == 0.0:
+        yield steps.DisableVvc()
+        yield steps.Settle(settings.settle_s, "gyro settles, generator off")
+        return 0.0
+    if previous == 0.0:
+        yield from routines.v_vc_on()
+    return (yield from routines.set_v_vc(settings, sign * settings.level_v))
+
+
+def table_due_deg_s(settings: LevelSettings, sign: float) -> float | None:
+    """Return the due readback of the table, None where there is none."""
+    if settings.station.limits.max_rate_deg_s is None:
+        return None
+    return sign * settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0
+
+
+def chopped(settings: LevelSettings, cycles: int) -> Routine[None]:
+    """Take the six windows 0, +, -, -, +, 0 at the level, `cycles` times."""
+    for _ in range(cycles):
+        previous, v_vc_v = 0.0, 0.0
+        points: list[Point] = []
+        for sign in CHOPPED:
+            if sign != previous:
+                v_vc_v = yield from to_level(settings, float(sign), previous)
+            rate_deg_s = sign * settings.level_deg_s
+            table_deg_s = table_due_deg_s(settings, float(sign))
+            points.append(
+                (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
+            )
+            previous = float(sign)
+        require_answer(settings, points)
