@@ -242,7 +242,8 @@ def ring_downs(
 
 def results(settings: ResonanceSettings, measured: Measured) -> Resonances:
     """Combine the records of each way, and compare the ways."""
-    decays, released = ([found for _, found in measured.found(kind)] for kind in (SenseDecay, DriveDecay))
+    decays = [found for _, found in measured.found(SenseDecay)]
+    released = [found for _, found in measured.found(DriveDecay)]
     return combined(band_of(settings, measured), decays, released)
 
 
