@@ -53,7 +53,15 @@ class _Added(Struct, frozen=True):
         """Return both after the input's non-linearity, from `start_s`."""
         own, slope = self.first.piece(start_s, bend), bend[1]
         if isinstance(self.second, Drive):
-            more = _linear(self.second, slope, own)
+            # `slope` times a source that goes on for ever, over the time of another piece
+            drive = self.second
+            sines = (Sine(drive.amplitude_v, drive.frequency_hz, drive.phase_rad), *drive.overtones)
+            terms = []
+            for each in sines:
+                speed = math.tau * each.frequency_hz
+                size = -1j * cmath.rect(slope * each.amplitude_v, speed * own.start_s + each.phase_rad)
+                terms.append((size, 1j * speed))
+            more = Piece(own.start_s, own.stop_s, slope * drive.dc_v, 0.0, tuple(terms))
         else:
             more = self.second.piece(own.start_s, (0.0, slope, 0.0, 0.0))
         return Piece(
@@ -71,14 +79,3 @@ class _Added(Struct, frozen=True):
     def components(self) -> tuple[Component, ...]:
         """Return the components of both."""
         return *self.first.components(), *self.second.components()
-
-
-def _linear(drive: Drive, slope: float, beside: Piece) -> Piece:
-    """Return `slope` times a source that goes on for ever, over the time of another piece."""
-    sines = (Sine(drive.amplitude_v, drive.frequency_hz, drive.phase_rad), *drive.overtones)
-    terms = []
-    for each in sines:
-        speed = math.tau * each.frequency_hz
-        size = -1j * cmath.rect(slope * each.amplitude_v, speed * beside.start_s + each.phase_rad)
-        terms.append((size, 1j * speed))
-    return Piece(beside.start_s, beside.stop_s, slope * drive.dc_v, 0.0, tuple(terms))

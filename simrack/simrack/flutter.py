@@ -54,7 +54,12 @@ class Flutter(Struct, frozen=True):
         """Return the flutter of one specimen: each band's variance, in one line of it."""
         further = np.geomspace(_EVEN_TO, _REACH, _GEOMETRIC)
         edges = loop_hz * np.concatenate((np.linspace(0.0, _EVEN_TO, _EVEN + 1), further[1:], [_REACH**3]))
-        variances = np.diff(np.interp(edges, *_gathered(loop_hz, damping)))
+        frequencies = np.concatenate(([0.0], loop_hz * np.geomspace(1e-3, _REACH**3, _GRID)))
+        through = (2.0 * damping * loop_hz * frequencies) ** 2
+        density = through / ((loop_hz**2 - frequencies**2) ** 2 + through)
+        steps = 0.5 * (density[1:] + density[:-1]) * np.diff(frequencies)
+        below = np.concatenate(([0.0], np.cumsum(steps)))  # variance of the rate below each frequency
+        variances = np.diff(np.interp(edges, frequencies, below))
         spots = edges[1:-2] + (edges[2:-1] - edges[1:-2]) * random.uniform(size=LINES - 2)
         # below, where the angle is flat, what stands for the band's angle as for its rate; above, next to nothing
         places = np.concatenate(([edges[1] / math.sqrt(3.0)], spots, [edges[-2] * math.sqrt(2.0)]))
@@ -69,12 +74,3 @@ class Flutter(Struct, frozen=True):
     def angle_at(self, instant_s: float) -> float:
         """Return the angle, s/sqrt(Hz)."""
         return float((self.angles_s @ np.exp(1j * self.speeds_rad_s * instant_s)).real)
-
-
-def _gathered(loop_hz: float, damping: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return frequencies and the variance of the rate that lies below each."""
-    frequencies = np.concatenate(([0.0], loop_hz * np.geomspace(1e-3, _REACH**3, _GRID)))
-    through = (2.0 * damping * loop_hz * frequencies) ** 2
-    density = through / ((loop_hz**2 - frequencies**2) ** 2 + through)
-    steps = 0.5 * (density[1:] + density[:-1]) * np.diff(frequencies)
-    return frequencies, np.concatenate(([0.0], np.cumsum(steps)))

@@ -406,7 +406,13 @@ class TableMotion:
 
     def _then(self, profile: _Profile, stop_s: float, angle: float, off_deg: float) -> None:
         self._profiles.append(profile)
-        segment = self._follow(profile, stop_s, angle)
+        scale = 1 + self._mechanics.rate_error
+        steady = scale * (profile.rate_deg_s - self._lag_s * profile.slope_deg_s2)
+        free = (scale * self._free(profile), self._pole)
+        ripple = self._ripple(profile, angle) if stop_s == math.inf and profile.rate_deg_s else ()
+        forced = [(scale * a, s) for a, s in self._followed(profile)]
+        slope = scale * profile.slope_deg_s2
+        segment = RateSegment(profile.start_s, stop_s, angle, steady, slope, (free, *forced, *ripple))
         self._segments.append(segment if self._flutter is None else self._fluttering(segment, self._flutter, off_deg))
 
     def _fluttering(self, segment: RateSegment, flutter: Flutter, off_deg: float) -> RateSegment:
@@ -426,18 +432,11 @@ class TableMotion:
             return 0.0
         return self.segment(instant_s).fluttered_deg(instant_s, abs(self._pole))
 
-    def _follow(self, profile: _Profile, stop_s: float, angle: float) -> RateSegment:
-        scale = 1 + self._mechanics.rate_error
-        steady = scale * (profile.rate_deg_s - self._lag_s * profile.slope_deg_s2)
-        free = (scale * self._free(profile), self._pole)
-        ripple = self._ripple(profile, angle) if stop_s == math.inf and profile.rate_deg_s else ()
-        forced = [(scale * a, s) for a, s in self._followed(profile)]
-        slope = scale * profile.slope_deg_s2
-        return RateSegment(profile.start_s, stop_s, angle, steady, slope, (free, *forced, *ripple))
-
     def _ripple(self, profile: _Profile, angle: float) -> Sequence[tuple[complex, complex]]:
         """Return the oscillators of the angle error sum A sin(k angle + phase), once the loop has settled."""
-        scale, lead = 1 + self._mechanics.rate_error, self._settled_lead(profile)
+        scale, rate = 1 + self._mechanics.rate_error, profile.loop_deg_s - profile.rate_deg_s
+        # angle by which the settling loop runs ahead of the profile in the end, deg
+        lead = (profile.loop_deg_s2 - 2 * self._pole.real * rate) / abs(self._pole) ** 2
         origin, turning = math.radians(angle + scale * lead), math.radians(scale * profile.rate_deg_s)
         return [
             (
@@ -447,9 +446,3 @@ class TableMotion:
             for each in self._ripples
             for k in (each.harmonic,)
         ]
-
-    def _settled_lead(self, profile: _Profile) -> float:
-        """Return the angle by which the settling loop runs ahead of the profile in the end, deg."""
-        natural_squared = abs(self._pole) ** 2
-        rate = profile.loop_deg_s - profile.rate_deg_s
-        return (profile.loop_deg_s2 - 2 * self._pole.real * rate) / natural_squared

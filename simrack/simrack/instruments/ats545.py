@@ -14,19 +14,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from msgspec import Struct, field
 
+from simrack import scpi
 from simrack.adjustment import Adjustment
-from simrack.scpi import (
-    COMMON_COMMANDS,
-    GPIB,
-    RS232,
-    Command,
-    CommandTable,
-    Dialect,
-    Number,
-    ScpiEngine,
-    ScpiError,
-    ScpiTwin,
-)
 from simrack.scpi import Limits as Range
 
 if TYPE_CHECKING:
@@ -35,6 +24,9 @@ if TYPE_CHECKING:
     import numpy as np
 
     from simrack.world import World
+
+ROWS = scpi.Rows()
+"""Rows that stand on their handlers."""
 
 _FASTEST_K_S = 18.0
 """-55 to 125 degC in about 10 s, as the maker says of an unloaded nozzle."""
@@ -95,7 +87,7 @@ class _Settings(Struct):
     sensor: int = 0
 
 
-class TemptronicATS545Twin(ScpiTwin):
+class TemptronicATS545Twin(scpi.ScpiTwin):
     """The stream of air.
 
     Args:
@@ -119,14 +111,14 @@ class TemptronicATS545Twin(ScpiTwin):
         self.head_down = True
         self.faults = 0
         self.settings, self.setpoints = _Settings(), _setpoints()
-        kinds = {"gpib": GPIB, "rs232": RS232}
-        self.engine = ScpiEngine(self, _TABLE, self._clock, dialect=_DIALECT, interface=kinds[interface])
+        kinds = {"gpib": scpi.GPIB, "rs232": scpi.RS232}
+        self.engine = scpi.ScpiEngine(self, _TABLE, self._clock, dialect=_DIALECT, interface=kinds[interface])
 
     def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes; changes between panel and remote control make no difference here."""
         rest = _LOCAL.sub(b"", data)
         if rest or not data:
-            ScpiTwin.write(self, rest, end=end)
+            scpi.ScpiTwin.write(self, rest, end=end)
 
     def identity(self) -> str:
         """Return the identity; of the real one only the maker's name is known."""
@@ -157,7 +149,11 @@ class TemptronicATS545Twin(ScpiTwin):
             true_c = self._air_c + (self._errors.air_offset_k if self.flow else 0.0)
             if abs(true_c - self._world.ambient_c()) > 1e-9:
                 self._world.set_ambient_c(true_c)
-        self._watch(now)
+        controlled_c = self._device_c() if self.settings.device_mode and self.settings.sensor else self._air_c
+        if not self.flow or abs(controlled_c - self.setpoint.temperature_c) > self.setpoint.window_k:
+            self._inside_since_s = None
+        elif self._inside_since_s is None:
+            self._inside_since_s = now
 
     def _after(self, passed_s: float) -> float:
         if not self.flow:
@@ -169,14 +165,6 @@ class TemptronicATS545Twin(ScpiTwin):
 
     def _speed_k_s(self) -> float:
         return min(_FASTEST_K_S, self.setpoint.ramp_k_min / 60.0) or _FASTEST_K_S
-
-    def _watch(self, now_s: float) -> None:
-        """Note since when the controlled temperature has been within its window."""
-        inside = self.flow and abs(self._controlled_c() - self.setpoint.temperature_c) <= self.setpoint.window_k
-        self._inside_since_s = (self._inside_since_s if self._inside_since_s is not None else now_s) if inside else None
-
-    def _controlled_c(self) -> float:
-        return self._device_c() if self.settings.device_mode and self.settings.sensor else self._air_c
 
     def _device_c(self) -> float:
         return self._world.glance_temperature_c() + self._errors.device_offset_k
@@ -196,7 +184,7 @@ class TemptronicATS545Twin(ScpiTwin):
         """FLOW: with the head up nothing comes out."""
         self.service()
         if value and not self.head_down:
-            raise ScpiError(-221)
+            raise scpi.ScpiError(-221)
         self.flow, self._inside_since_s = bool(value), None
         self.service()
 
@@ -209,9 +197,9 @@ class TemptronicATS545Twin(ScpiTwin):
         """SETP: beyond the limits of the air it is refused."""
         self.service()
         if not self.settings.low_c <= temperature_c <= self.settings.high_c:
-            raise ScpiError(-222)
+            raise scpi.ScpiError(-222)
         if not _COLDEST_C <= temperature_c <= _HOTTEST_C:
-            raise ScpiError(-222)
+            raise scpi.ScpiError(-222)
         self.setpoint.temperature_c, self._inside_since_s = round(temperature_c, 1), None
         self.service()
 
@@ -264,7 +252,7 @@ def _whole(value: float) -> str:
     return str(int(value))
 
 
-def _of_setpoint(pattern: str, name: str, low: float, high: float) -> Command:
+def _of_setpoint(pattern: str, name: str, low: float, high: float) -> scpi.Command:
     def write(stream: TemptronicATS545Twin, value: float) -> None:
         stream.service()
         setattr(stream.setpoint, name, value)
@@ -273,10 +261,10 @@ def _of_setpoint(pattern: str, name: str, low: float, high: float) -> Command:
     def read(stream: TemptronicATS545Twin) -> float:
         return float(getattr(stream.setpoint, name))
 
-    return Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_one_decimal)
+    return scpi.Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_one_decimal)
 
 
-def _of_settings(pattern: str, name: str, low: float, high: float) -> Command:
+def _of_settings(pattern: str, name: str, low: float, high: float) -> scpi.Command:
     def write(stream: TemptronicATS545Twin, value: float) -> None:
         kind = type(getattr(stream.settings, name))
         setattr(stream.settings, name, kind(value))
@@ -285,10 +273,10 @@ def _of_settings(pattern: str, name: str, low: float, high: float) -> Command:
         return float(getattr(stream.settings, name))
 
     reply = _one_decimal if name.endswith("_c") else _whole
-    return Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=reply)
+    return scpi.Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=reply)
 
 
-def _kept(pattern: str, low: float, high: float) -> Command:
+def _kept(pattern: str, low: float, high: float) -> scpi.Command:
     """Return a setting that is kept and changes nothing here."""
 
     def write(stream: TemptronicATS545Twin, value: float) -> None:
@@ -297,11 +285,11 @@ def _kept(pattern: str, low: float, high: float) -> Command:
     def read(stream: TemptronicATS545Twin) -> float:
         return stream.settings.numbers[pattern]
 
-    return Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_whole)
+    return scpi.Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_whole)
 
 
-def _number(low: float, high: float) -> Number:
-    return Number(limits=Range(low, high, low), named=False)
+def _number(low: float, high: float) -> scpi.Number:
+    return scpi.Number(limits=Range(low, high, low), named=False)
 
 
 def _move_head(stream: TemptronicATS545Twin, value: float) -> None:
@@ -310,26 +298,30 @@ def _move_head(stream: TemptronicATS545Twin, value: float) -> None:
         stream.set_flow(0.0)
 
 
+@ROWS.do("CLER")
 def _clear_faults(stream: TemptronicATS545Twin) -> None:
     stream.faults = 0
 
 
-def _asked(pattern: str, query: Callable[[TemptronicATS545Twin], float], reply: Callable[[float], str]) -> Command:
-    return Command(pattern, query=query, reply=reply)
+def _asked(pattern: str, query: Callable[[TemptronicATS545Twin], float], reply: Callable[[float], str]) -> scpi.Command:
+    return scpi.Command(pattern, query=query, reply=reply)
 
 
-_TABLE = CommandTable(
-    *(each for each in COMMON_COMMANDS if each.pattern != "SYSTem:ERRor"),
-    Command("FLOW", (_number(0, 1),), do=TemptronicATS545Twin.set_flow),
-    Command("HEAD", (_number(0, 1),), do=_move_head, query=lambda stream: int(stream.head_down), query_parameters=()),
-    Command(
+_TABLE = scpi.CommandTable(
+    *ROWS,
+    *(each for each in scpi.COMMON_COMMANDS if each.pattern != "SYSTem:ERRor"),
+    scpi.Command("FLOW", (_number(0, 1),), do=TemptronicATS545Twin.set_flow),
+    scpi.Command(
+        "HEAD", (_number(0, 1),), do=_move_head, query=lambda stream: int(stream.head_down), query_parameters=()
+    ),
+    scpi.Command(
         "SETN",
         (_number(0, 2),),
         do=TemptronicATS545Twin.select,
         query=lambda stream: stream.settings.number,
         query_parameters=(),
     ),
-    Command(
+    scpi.Command(
         "SETP",
         (_number(-99.9, 225.0),),
         do=TemptronicATS545Twin.set_temperature,
@@ -349,8 +341,7 @@ _TABLE = CommandTable(
     _kept("ADMD", 10, 300),
     _kept("LRNM", 0, 1),
     _kept("CYCC", 0, 9999),
-    Command("RSTO", do=TemptronicATS545Twin.reset),
-    Command("CLER", do=_clear_faults),
+    scpi.Command("RSTO", do=TemptronicATS545Twin.reset),
     _asked("TEMP", TemptronicATS545Twin.temperature_c, _one_decimal),
     _asked("TMPA", TemptronicATS545Twin.air_c, _one_decimal),
     _asked("TMPD", TemptronicATS545Twin.sensed_c, _one_decimal),
@@ -363,4 +354,4 @@ _TABLE = CommandTable(
     _asked("FLRL", lambda stream: 8.5 if stream.flow else 0.0, _one_decimal),
     _asked("WHAT", lambda _stream: 10, _whole),
 )
-_DIALECT = Dialect(integer=_whole)
+_DIALECT = scpi.Dialect(integer=_whole)

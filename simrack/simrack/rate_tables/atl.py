@@ -16,6 +16,7 @@ import math
 import re
 from typing import TYPE_CHECKING, ClassVar
 
+from simrack.handlers import Handlers
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import LineDevice, SerialTiming
@@ -40,6 +41,8 @@ class AtlTable(Interlocked, LineDevice):
     What SRV0 has switched off only SRV1 switches on again (likely; unverified).
     """
 
+    _COMMANDS = Handlers()
+
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, prompt_after_motion: bool = True) -> None:
@@ -48,22 +51,7 @@ class AtlTable(Interlocked, LineDevice):
         self._prompt_after_motion = prompt_after_motion
         self._servo_off = False
         self._commands: dict[str, Callable[[float | None], str]] = {
-            "JOG": self._jog,
-            "STO": self._stop,
-            "ACL": self._accelerate,
-            "HOM": self._home,
-            "PPO": self._position,
-            "PVE": self._velocity,
-            "SRV": self._servo,
-            "ZER": self._zero,
-            "HOF": self._zero,
-            "VEL": self._speed,
-            "MOV": self._go_to,
-            "P": self._go_to,
-            "RMO": self._go_by,
-            "STA": self._status,
-            "MCO": self._complete,
-            "SGO": self._oscillate,
+            **self._COMMANDS.bound(self),
             **{verb: self._setting(verb) for verb in ("AMP", "FRQ", "PER", "CYC")},
             **{verb: lambda _: "" for verb in ("DIR", "SAV", "CAL", "CLU", "REX")},
         }
@@ -94,6 +82,7 @@ class AtlTable(Interlocked, LineDevice):
             return None
         return f"{data}\r\n{_PROMPT}".encode()
 
+    @_COMMANDS.of("JOG")
     def _jog(self, rate_deg_s: float | None) -> str:
         if rate_deg_s is None or abs(rate_deg_s) > _MAX_RATE_DEG_S:
             return _REFUSED
@@ -107,6 +96,7 @@ class AtlTable(Interlocked, LineDevice):
         """Return whether the drive is on for a motion, which switches it on unless SRV0 has switched it off."""
         return not self._servo_off and self._axis.enable()
 
+    @_COMMANDS.of("HOM")
     def _home(self, value: float | None) -> str:
         """Move to zero; whether the real prompt waits for the end is unknown, here it does not."""
         if value is not None:
@@ -120,23 +110,28 @@ class AtlTable(Interlocked, LineDevice):
         self._axis.go_to(position_deg, speed_deg_s)
         return ""
 
+    @_COMMANDS.of("VEL")
     def _speed(self, speed_deg_s: float | None) -> str:
         if speed_deg_s is None or not 0.0 < speed_deg_s <= _MAX_RATE_DEG_S:
             return _REFUSED
         self._speed_deg_s = speed_deg_s
         return ""
 
+    @_COMMANDS.of("MOV", "P")
     def _go_to(self, position_deg: float | None) -> str:
         return _REFUSED if position_deg is None else self._move_to(position_deg, self._speed_deg_s)
 
+    @_COMMANDS.of("RMO")
     def _go_by(self, angle_deg: float | None) -> str:
         if angle_deg is None:
             return _REFUSED
         return self._move_to(self._axis.position_deg() + angle_deg, self._speed_deg_s)
 
+    @_COMMANDS.of("STA")
     def _status(self, value: float | None) -> str:
         return _REFUSED if value is not None else str(int(self._axis.moving()))
 
+    @_COMMANDS.of("MCO")
     def _complete(self, tolerance: float | None) -> str:
         return _REFUSED if tolerance is None else str(int(not self._axis.moving()))
 
@@ -151,6 +146,7 @@ class AtlTable(Interlocked, LineDevice):
 
         return take
 
+    @_COMMANDS.of("SGO")
     def _oscillate(self, value: float | None) -> str:
         """Oscillate by AMP, FRQ and CYC; no number of cycles is for ever."""
         amplitude_deg, frequency_hz, cycles = self._sine["AMP"], self._sine["FRQ"], self._sine["CYC"]
@@ -161,24 +157,29 @@ class AtlTable(Interlocked, LineDevice):
         self._sine_ends_s = self._clock.now() + cycles / frequency_hz if cycles else None
         return ""
 
+    @_COMMANDS.of("STO")
     def _stop(self, value: float | None) -> str:
         if value is not None:
             return _REFUSED
         self._end_sine()
         return ""
 
+    @_COMMANDS.of("ACL")
     def _accelerate(self, acceleration_deg_s2: float | None) -> str:
         if acceleration_deg_s2 is None or acceleration_deg_s2 <= 0.0:
             return _REFUSED
         self._axis.change_acceleration(acceleration_deg_s2)
         return ""
 
+    @_COMMANDS.of("PPO")
     def _position(self, value: float | None) -> str:
         return _REFUSED if value is not None else f"{self._axis.position_deg() % 360.0:.4f}"
 
+    @_COMMANDS.of("PVE")
     def _velocity(self, value: float | None) -> str:
         return _REFUSED if value is not None else f"{self._axis.rate_deg_s() + 0.0:.4f}"
 
+    @_COMMANDS.of("SRV")
     def _servo(self, value: float | None) -> str:
         if value not in {0.0, 1.0}:
             return _REFUSED
@@ -188,6 +189,7 @@ class AtlTable(Interlocked, LineDevice):
         self._axis.disable()
         return ""
 
+    @_COMMANDS.of("ZER", "HOF")
     def _zero(self, position_deg: float | None) -> str:
         self._axis.set_zero(position_deg or 0.0)
         return ""

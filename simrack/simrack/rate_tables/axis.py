@@ -355,7 +355,7 @@ class ServoAxis(TableAxis):
             return
         if self.barred:
             self._shut_down(*(cause for cause in INTERLOCKS if cause in self.broken))
-        elif self._overrun():
+        elif abs(self.rate_deg_s()) > self._trip_deg_s:
             self._shut_down("over_rate")
         elif self._beyond_travel():
             self._halt("travel")
@@ -376,9 +376,6 @@ class ServoAxis(TableAxis):
         self._latch(cause)
         self.moves.cancel()
         self._motion.demand_rate(0.0, self.acceleration_deg_s2 if cause == "travel" else _LOCKED_DEG_S2)
-
-    def _overrun(self) -> bool:
-        return abs(self.rate_deg_s()) > self._trip_deg_s
 
     def _beyond_travel(self) -> bool:
         """Tell whether the axis goes on outwards beyond an end of its travel."""

@@ -14,6 +14,7 @@ import re
 from collections import deque
 from typing import TYPE_CHECKING, ClassVar
 
+from simrack.handlers import Handlers
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import LineDevice, SerialTiming
@@ -65,6 +66,8 @@ class _Refused(Exception):
 class EspTable(Interlocked, LineDevice):
     """The controller; motor off after power-up. Errors go to a queue read by TE? or TB?."""
 
+    _OF_AXIS = Handlers()
+
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors) -> None:
@@ -84,12 +87,7 @@ class EspTable(Interlocked, LineDevice):
         }
         self._of_axis: dict[str, Callable[[str], str | None]] = {
             "ID": lambda _: "URS75CC, SN0001",
-            "MO": self._motor_on,
-            "MF": self._motor_off,
-            "VA": self._velocity,
-            "AC": self._acceleration,
-            "AG": self._deceleration,
-            "MV": self._move,
+            **self._OF_AXIS.bound(self),
             "PA": lambda value: self._go_to(0.0, value),
             "PR": lambda value: self._go_to(self._axis.position_deg(), value),
             "OR": lambda _: self._go_to(0.0, "0"),
@@ -97,14 +95,11 @@ class EspTable(Interlocked, LineDevice):
             "MD": lambda _: str(int(not self._axis.moving())),
             "TP": lambda _: f"{self._axis.position_deg() + 0.0:.4f}",
             "TV": lambda _: f"{self._axis.rate_deg_s() + 0.0:.4f}",
-            "DH": self._define_home,
             "DP": lambda _: f"{self._target_deg + 0.0:.4f}",
-            "SN": self._units,
             "SL": lambda value: self._soft_limit(0, value),
             "SR": lambda value: self._soft_limit(1, value),
             "VU": lambda value: _fixed_limit(value, _MAX_RATE_DEG_S),
             "AU": lambda value: _fixed_limit(value, _MAX_ACCELERATION_DEG_S2),
-            "WS": self._wait_for_stop,
         }
         self._target_deg = 0.0
         self._soft_deg = [-math.inf, math.inf]
@@ -144,10 +139,12 @@ class EspTable(Interlocked, LineDevice):
             self._stop()
             self._errors.append(_BELOW_LIMIT)
 
+    @_OF_AXIS.of("WS")
     def _wait_for_stop(self, value: str) -> None:
         """Let the following commands wait until the axis stands, and milliseconds beyond that."""
         self._waiting_s = _number(value or "0", 60_000.0) / 1e3
 
+    @_OF_AXIS.of("SN")
     def _units(self, value: str) -> str | None:
         if value == "?":
             return str(_DEGREE)
@@ -208,6 +205,7 @@ class EspTable(Interlocked, LineDevice):
         number = self._errors.popleft() if self._errors else 0
         return f"{number}, {round(self._clock.now() * 2500)}, {_WORDS[number]}"
 
+    @_OF_AXIS.of("MO")
     def _motor_on(self, value: str) -> str | None:
         if value == "?":
             return str(int(self._axis.enabled))
@@ -216,6 +214,7 @@ class EspTable(Interlocked, LineDevice):
             raise _Refused(_SHUT_DOWN.get(min(self._axis.broken), _INTERLOCK))
         return None
 
+    @_OF_AXIS.of("MF")
     def _motor_off(self, value: str) -> str | None:
         if value == "?":
             return str(int(not self._axis.enabled))
@@ -223,6 +222,7 @@ class EspTable(Interlocked, LineDevice):
         self._direction = 0
         return None
 
+    @_OF_AXIS.of("VA")
     def _velocity(self, value: str) -> str | None:
         if value == "?":
             return f"{self._velocity_deg_s:.4f}"
@@ -231,18 +231,21 @@ class EspTable(Interlocked, LineDevice):
             self._axis.run(self._direction * self._velocity_deg_s)
         return None
 
+    @_OF_AXIS.of("AC")
     def _acceleration(self, value: str) -> str | None:
         if value == "?":
             return f"{self._axis.acceleration_deg_s2:.4f}"
         self._axis.change_acceleration(_positive(value))
         return None
 
+    @_OF_AXIS.of("AG")
     def _deceleration(self, value: str) -> str | None:
         if value == "?":
             return f"{self._deceleration_deg_s2:.4f}"
         self._deceleration_deg_s2 = _positive(value)
         return None
 
+    @_OF_AXIS.of("MV")
     def _move(self, value: str) -> str | None:
         if value not in {"+", "-"}:
             raise _Refused(_AXIS_RANGE)
@@ -279,6 +282,7 @@ class EspTable(Interlocked, LineDevice):
         self._direction = 0
         self._axis.disable()
 
+    @_OF_AXIS.of("DH")
     def _define_home(self, value: str) -> str | None:
         self._axis.set_zero(_number(value or "0", 1e6))
         return None

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from msgspec import Struct
 
+from simrack.handlers import Handlers
 from simrack.motion import RateRipple
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from simrack.rate_tables.interlocked import Interlocked
@@ -83,6 +84,8 @@ def longitudinal_redundancy(text: str) -> str:
 class ZaberTable(Interlocked, LineDevice):
     """The stage; the drive is on after power-up."""
 
+    _ACTIONS = Handlers()
+
     errors_class: ClassVar = StepperErrors
 
     def __init__(self, world: TableWorld, errors: StepperErrors, microsteps_per_deg: float = 640000.0 / 360.0) -> None:
@@ -118,17 +121,10 @@ class ZaberTable(Interlocked, LineDevice):
         self._max_speed_deg_s = _POWER_UP_SPEED_DEG_S
         self._checksums = False
         self._actions: dict[str, Callable[[tuple[str, ...]], str]] = {
-            "get": self._get,
-            "set": self._set,
-            "move": self._move,
+            **self._ACTIONS.bound(self),
             "stop": lambda _: self._stop(),
             "estop": lambda _: self._stop(),
             "home": lambda _: self._go_to(0.0),
-            "driver": self._driver,
-            "warnings": self._warnings,
-            "tools": self._tools,
-            "system": self._system,
-            "renumber": self._renumber,
         }
 
     def _advance(self) -> None:
@@ -192,6 +188,7 @@ class ZaberTable(Interlocked, LineDevice):
             up.append("FO")
         return [*up, "NI"] if self._interrupted else up
 
+    @_ACTIONS.of("get")
     def _get(self, words: tuple[str, ...]) -> str:
         values = self._readings()
         if len(words) != 1 or words[0] not in values:
@@ -213,6 +210,7 @@ class ZaberTable(Interlocked, LineDevice):
             "motion.busy": str(int(self._axis.moving())),
         }
 
+    @_ACTIONS.of("set")
     def _set(self, words: tuple[str, ...]) -> str:
         if len(words) != 2 or words[0] not in {"accel", "maxspeed", "pos", "comm.checksum", "comm.alert"}:
             raise _Rejected("BADCOMMAND")
@@ -224,17 +222,15 @@ class ZaberTable(Interlocked, LineDevice):
         elif words[0] == "comm.alert":
             self._alerts, self._was_moving = bool(value), self._axis.moving()
         else:
-            self._set_limit(words[0], value)
+            if not 1 <= value <= _FASTEST:
+                raise _Rejected("BADDATA")
+            if words[0] == "accel":
+                self._axis.change_acceleration(value / self._per_deg / _ACCELERATION_UNIT)
+            else:
+                self._max_speed_deg_s = value / self._per_deg / _VELOCITY_UNIT
         return "0"
 
-    def _set_limit(self, name: str, value: float) -> None:
-        if not 1 <= value <= _FASTEST:
-            raise _Rejected("BADDATA")
-        if name == "accel":
-            self._axis.change_acceleration(value / self._per_deg / _ACCELERATION_UNIT)
-        else:
-            self._max_speed_deg_s = value / self._per_deg / _VELOCITY_UNIT
-
+    @_ACTIONS.of("move")
     def _move(self, words: tuple[str, ...]) -> str:
         if len(words) != 2 or words[0] not in {"vel", "abs", "rel"}:
             raise _Rejected("BADCOMMAND")
@@ -256,6 +252,7 @@ class ZaberTable(Interlocked, LineDevice):
         self._axis.go_to(position_deg, self._max_speed_deg_s)
         return "0"
 
+    @_ACTIONS.of("tools")
     def _tools(self, words: tuple[str, ...]) -> str:
         """Echo; park or unpark: a parked axis takes no movement. A moving one cannot be parked."""
         if words[:1] == ("echo",):
@@ -267,6 +264,7 @@ class ZaberTable(Interlocked, LineDevice):
         self._parked = words[1] == "park"
         return "0"
 
+    @_ACTIONS.of("system")
     def _system(self, words: tuple[str, ...]) -> str:
         """Take the settings of power-up; the axis comes to rest, and its drive is on."""
         if words != ("reset",):
@@ -278,6 +276,7 @@ class ZaberTable(Interlocked, LineDevice):
         self._axis.enable()
         return "0"
 
+    @_ACTIONS.of("renumber")
     def _renumber(self, words: tuple[str, ...]) -> str:
         """Take another address; here the first is the only one, for there is no chain."""
         if words not in {(), ("1",)}:
@@ -296,6 +295,7 @@ class ZaberTable(Interlocked, LineDevice):
             self._axis.run(0.0)
         return "0"
 
+    @_ACTIONS.of("driver")
     def _driver(self, words: tuple[str, ...]) -> str:
         if words not in {("enable",), ("disable",)}:
             raise _Rejected("BADCOMMAND")
@@ -305,6 +305,7 @@ class ZaberTable(Interlocked, LineDevice):
             raise _Rejected("DRIVERDISABLED")
         return "0"
 
+    @_ACTIONS.of("warnings")
     def _warnings(self, words: tuple[str, ...]) -> str:
         if words not in {(), ("clear",)}:
             raise _Rejected("BADCOMMAND")

@@ -41,7 +41,7 @@ What happens by itself goes into the model's `service()` and `next_event_s()`; *
 `operations_end_s()`.
 """
 
-from simrack.scpi.attributes import Settings, attribute
+from simrack.scpi.attributes import Rows, Settings, attribute
 from simrack.scpi.common import COMMON_COMMANDS, MASK_16, condition, enable, event, next_error
 from simrack.scpi.engine import (
     GPIB,
@@ -113,6 +113,7 @@ __all__ = [
     "Pending",
     "Quantity",
     "Register",
+    "Rows",
     "ScpiEngine",
     "ScpiError",
     "ScpiModel",

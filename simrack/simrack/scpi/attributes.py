@@ -1,10 +1,10 @@
-"""Settings of an instrument: typed values, and the command that sets and asks for one of them."""
+"""Settings of an instrument: typed values, the command of one of them, and rows that stand on their handlers."""
 
 from __future__ import annotations
 
 from copy import deepcopy
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from msgspec import Struct
 
@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from simrack.scpi.parameters import Parameter
+
+
+_Handler = TypeVar("_Handler", bound="Callable[..., Any]")
 
 
 class Settings(Struct):
@@ -83,3 +86,31 @@ def attribute(
         reply=str if isinstance(reply, str) else reply,
         takes_s=takes_s,
     )
+
+
+class Rows(list[Command]):
+    """Rows of a command table that stand on their handlers, for what takes more than an expression.
+
+    `@ROWS.do("*TRG", urgent=True)` above a function declares `Command("*TRG", do=function, urgent=True)`.
+    """
+
+    def do(self, pattern: str, parameters: tuple[Parameter, ...] = (), **more: Any) -> Callable[[_Handler], _Handler]:
+        """Declare a :class:`Command` whose command form is the function below."""
+        return self._keep(lambda handler: Command(pattern, parameters, do=handler, **more))
+
+    def query(
+        self, pattern: str, parameters: tuple[Parameter, ...] = (), **more: Any
+    ) -> Callable[[_Handler], _Handler]:
+        """Declare a :class:`Command` whose query is the function below."""
+        return self._keep(lambda handler: Command(pattern, parameters, query=handler, **more))
+
+    def attribute(self, *row: Any, **more: Any) -> Callable[[_Handler], _Handler]:
+        """Declare an :func:`attribute` that the function below sets."""
+        return self._keep(lambda handler: attribute(*row, do=handler, **more))
+
+    def _keep(self, row_of: Callable[[_Handler], Command]) -> Callable[[_Handler], _Handler]:
+        def keep(handler: _Handler) -> _Handler:
+            self.append(row_of(handler))
+            return handler
+
+        return keep

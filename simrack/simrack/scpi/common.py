@@ -23,32 +23,12 @@ _FLAG = Integer(limits=Limits(-32767, 32767), named=False)
 """Parameter of *PSC: a number, not ON or OFF; anything but 0 is on (IEEE 488.2, 10.25)."""
 
 
-def _clear_status(model: ScpiModel) -> None:
-    model.engine.clear_status()
-
-
-def _esr(model: ScpiModel) -> str:
-    return model.engine.dialect.integer(model.engine.status.read_esr())
-
-
-def _identity(model: ScpiModel) -> str:
-    return model.identity()
-
-
-def _announce(model: ScpiModel) -> None:
-    model.engine.announce_completion()
-
-
 def _completed(model: ScpiModel) -> Any:
     return model.engine.when_operations_end(lambda: "1")
 
 
 def _wait(model: ScpiModel) -> Any:
     return model.engine.when_operations_end(lambda: None)
-
-
-def _reset(model: ScpiModel) -> None:
-    model.reset()
 
 
 def _stb(model: ScpiModel) -> str:
@@ -63,13 +43,13 @@ def next_error(model: ScpiModel) -> str:
 
 
 COMMON_COMMANDS = (
-    Command("*CLS", do=_clear_status),
+    Command("*CLS", do=lambda model: model.engine.clear_status()),
     attribute("*ESE", _MASK_8, "engine.status.ese", _INTEGER, query_parameters=()),
-    Command("*ESR", query=_esr),
-    Command("*IDN", query=_identity, indefinite=True),
-    Command("*OPC", do=_announce, query=_completed),
+    Command("*ESR", query=lambda model: model.engine.dialect.integer(model.engine.status.read_esr())),
+    Command("*IDN", query=lambda model: model.identity(), indefinite=True),
+    Command("*OPC", do=lambda model: model.engine.announce_completion(), query=_completed),
     attribute("*PSC", _FLAG, "engine.clears_masks_at_power_on", boolean, convert=bool, query_parameters=()),
-    Command("*RST", do=_reset),
+    Command("*RST", do=lambda model: model.reset()),
     attribute("*SRE", _MASK_8, "engine.status.sre", _INTEGER, convert=lambda mask: mask & ~64, query_parameters=()),
     Command("*STB", query=_stb),
     Command("*WAI", do=_wait),

@@ -362,7 +362,8 @@ class ScpiEngine:
             self.clear()
             data = data.rpartition(break_byte)[2]
         self._partial += data
-        while (index := self._message_end()) >= 0:
+        blocks, partial = self.dialect.takes_blocks, self._partial
+        while (index := find_message_end(partial) if blocks else partial.find(b"\n")) >= 0:
             message = bytes(self._partial[: index + 1])
             del self._partial[: index + 1]
             self._accept(message)
@@ -373,9 +374,6 @@ class ScpiEngine:
         elif len(self._partial) > self.dialect.input_limit:
             self._partial.clear()
             self._overflow()
-
-    def _message_end(self) -> int:
-        return find_message_end(self._partial) if self.dialect.takes_blocks else self._partial.find(b"\n")
 
     def _accept(self, message: bytes) -> None:
         """Queue a message; the tail of one that was too long is dropped with its terminator."""
@@ -466,12 +464,12 @@ class ScpiEngine:
             self._refuse(step.error)
         elif step.takes_s > 0.0:
             self._pending_step = step
-            self._pending = Pending.at(self.clock.now() + step.takes_s, lambda: self._invoke(step))
+            self._pending = Pending.at(
+                self.clock.now() + step.takes_s,
+                lambda: step.handler(self.model, *(step.resolve(self.model) if step.settling else step.arguments)),
+            )
         else:
             self._call(step)
-
-    def _invoke(self, step: CompiledUnit) -> Any:
-        return step.handler(self.model, *(step.resolve(self.model) if step.settling else step.arguments))
 
     def _call(self, step: CompiledUnit) -> None:
         try:

@@ -120,7 +120,12 @@ def _block_end(data: bytes | bytearray, position: int, digits: int) -> int:
 def _unit(text: str, position: int) -> tuple[Unit, int]:
     try:
         unit, position = _header(text, position)
-        position = _after_header(text, position)
+        if position < len(text) and text[position] not in _BLANK and text[position] != ";":
+            character = text[position]
+            if character == ",":
+                raise ScpiError(-103)  # noqa: TRY301
+            raise ScpiError(-102 if character in ":?" else -101)  # noqa: TRY301
+        position = _skip_blanks(text, position)
     except ScpiError as error:
         return Unit(error=error), position
     try:
@@ -137,33 +142,16 @@ def _header(text: str, position: int) -> tuple[Unit, int]:
         _refuse_character(text, position + from_root)
     mnemonics = tuple(match[1].upper().split(":"))
     common = mnemonics[0].startswith("*")  # after a colon too, which IEEE 488.2, 7.6.1 has not, and boxes take
-    _check_mnemonics(mnemonics)
+    if any(len(mnemonic) > _MNEMONIC_LIMIT for mnemonic in mnemonics):
+        raise ScpiError(-112)
     _check_blanks_around_colon(text, match.end())
     unit = Unit(mnemonics, query=match[2] is not None, common=common, from_root=from_root)
     return unit, match.end()
 
 
-def _check_mnemonics(mnemonics: tuple[str, ...]) -> None:
-    if any(len(mnemonic) > _MNEMONIC_LIMIT for mnemonic in mnemonics):
-        raise ScpiError(-112)
-
-
 def _check_blanks_around_colon(text: str, position: int) -> None:
     if text.startswith(":", _skip_blanks(text, position)):
         raise ScpiError(-102)
-
-
-def _after_header(text: str, position: int) -> int:
-    if position < len(text) and text[position] not in _BLANK and text[position] != ";":
-        _refuse_after_header(text, position)
-    return _skip_blanks(text, position)
-
-
-def _refuse_after_header(text: str, position: int) -> NoReturn:
-    character = text[position]
-    if character == ",":
-        raise ScpiError(-103)
-    raise ScpiError(-102 if character in ":?" else -101)
 
 
 def _refuse_character(text: str, position: int) -> NoReturn:
@@ -182,36 +170,33 @@ def _tokens(text: str, position: int) -> tuple[tuple[Token, ...], int]:
         if position >= len(text) or text[position] == ";":
             return tuple(tokens), position
         if text[position] != "," or end != position:
-            _refuse_between(text, position)
+            character = text[position]
+            if character in ":,":  # a comma comes here after a blank, which the guide forbids
+                raise ScpiError(-102)
+            raise ScpiError(-103 if character.isalnum() or character in "+-.'\"(" else -101)
         position = _skip_blanks(text, position + 1)
-
-
-def _refuse_between(text: str, position: int) -> NoReturn:
-    character = text[position]
-    if character in ":,":  # a comma comes here after a blank, which the guide forbids
-        raise ScpiError(-102)
-    raise ScpiError(-103 if character.isalnum() or character in "+-.'\"(" else -101)
 
 
 def _token(text: str, position: int) -> tuple[Token, int]:
     character = text[position : position + 1]
     if character.isalpha() and character.isascii():
-        return _word(text, position)
+        match = _WORD.match(text, position)
+        assert match is not None  # noqa: S101  (it begins with a letter)
+        return Token(TokenKind.WORD, match[0].upper()), match.end()
     if character in _STRING:
         return _string(text, position, character)
     if character == "#":
         return _hash(text, position)
     if character == "(":
-        return _expression(text, position)
+        depth = 0
+        for end in range(position, len(text)):
+            depth += (text[end] == "(") - (text[end] == ")")
+            if depth == 0:
+                return Token(TokenKind.EXPRESSION, text[position + 1 : end]), end + 1
+        raise ScpiError(-171)
     if character and character in "+-.0123456789":
         return _number(text, position)
     _refuse_character(text, position)
-
-
-def _word(text: str, position: int) -> tuple[Token, int]:
-    match = _WORD.match(text, position)
-    assert match is not None  # noqa: S101  (the caller saw a letter)
-    return Token(TokenKind.WORD, match[0].upper()), match.end()
 
 
 def _string(text: str, position: int, quote: str) -> tuple[Token, int]:
@@ -225,7 +210,14 @@ def _number(text: str, position: int) -> tuple[Token, int]:
     match = _NUMBER.match(text, position)
     if match is None:
         raise ScpiError(-121)
-    number = _decimal(match[1], match[2] or "0")
+    # -123, -124 beyond the limits of IEEE 488.2, 7.7.2.4. Infinity is only a word.
+    mantissa = match[1]
+    exponent = match[2] or "0"
+    if len(exponent.lstrip("+-0")) > len(str(_LARGEST_EXPONENT)) or abs(int(exponent)) > _LARGEST_EXPONENT:
+        raise ScpiError(-123)
+    if len(mantissa.lstrip("+-0").replace(".", "")) > _LONGEST_MANTISSA:
+        raise ScpiError(-124)
+    number = min(max(float(f"{mantissa}E{exponent}"), -_LARGEST), _LARGEST)
     suffix = _SUFFIX.match(text, match.end())
     end = match.end() if suffix is None else suffix.end()
     if end < len(text) and text[end] in "+-.":
@@ -234,15 +226,6 @@ def _number(text: str, position: int) -> tuple[Token, int]:
     if len(unit) > _MNEMONIC_LIMIT:
         raise ScpiError(-134)
     return Token(TokenKind.NUMBER, match[0], number, unit), end
-
-
-def _decimal(mantissa: str, exponent: str) -> float:
-    """Return the number; -123, -124 beyond the limits of IEEE 488.2, 7.7.2.4. Infinity is only a word."""
-    if len(exponent.lstrip("+-0")) > len(str(_LARGEST_EXPONENT)) or abs(int(exponent)) > _LARGEST_EXPONENT:
-        raise ScpiError(-123)
-    if len(mantissa.lstrip("+-0").replace(".", "")) > _LONGEST_MANTISSA:
-        raise ScpiError(-124)
-    return min(max(float(f"{mantissa}E{exponent}"), -_LARGEST), _LARGEST)
 
 
 def _hash(text: str, position: int) -> tuple[Token, int]:
@@ -274,15 +257,6 @@ def _block(text: str, position: int) -> tuple[Token, int]:
         raise ScpiError(-161)
     end = start + int(length)
     return Token(TokenKind.BLOCK, text[start:end]), end
-
-
-def _expression(text: str, position: int) -> tuple[Token, int]:
-    depth = 0
-    for end in range(position, len(text)):
-        depth += (text[end] == "(") - (text[end] == ")")
-        if depth == 0:
-            return Token(TokenKind.EXPRESSION, text[position + 1 : end]), end + 1
-    raise ScpiError(-171)
 
 
 def _skip_blanks(text: str, position: int) -> int:

@@ -174,7 +174,13 @@ class Number(Parameter, frozen=True, kw_only=True):
     def parse(self, token: Token) -> Any:
         """Return a Quantity, a Special, or a float for a word."""
         if token.kind is TokenKind.WORD:
-            return self._word(token)
+            specials = self.specials
+            if not specials:
+                raise self.refuse_kind(token)
+            if token.text not in specials:
+                raise ScpiError(-224)
+            value = specials[token.text]
+            return Quantity(value, "") if self.with_unit and not isinstance(value, Special) else value
         if token.kind is not TokenKind.NUMBER:
             raise self.refuse_kind(token)
         quantity = self._scale(token)
@@ -220,15 +226,6 @@ class Number(Parameter, frozen=True, kw_only=True):
             raise violation.error
         model.engine.report(violation.error)
         return violation.value
-
-    def _word(self, token: Token) -> Any:
-        specials = self.specials
-        if not specials:
-            raise self.refuse_kind(token)
-        if token.text not in specials:
-            raise ScpiError(-224)
-        value = specials[token.text]
-        return Quantity(value, "") if self.with_unit and not isinstance(value, Special) else value
 
     def _scale(self, token: Token) -> Quantity:
         if not token.suffix:

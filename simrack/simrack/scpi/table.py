@@ -211,7 +211,10 @@ class CommandTable:
             raise ScpiError(-113)
         query_limit = _limit_query(command) if unit.query and unit.tokens and self._limit_queries else None
         if query_limit is not None:
-            return _limit_step(command, unit, query_limit)
+            if len(unit.tokens) > 1:
+                raise ScpiError(-108)
+            word = _SPECIALS.parse(unit.tokens[0])
+            return CompiledUnit(lambda model, which: query_limit.special(which, model), (Special[word],), command, unit)
         parameters = (command.query_parameters or ()) if unit.query else command.parameters
         wanted = _spread(parameters, len(unit.tokens), command)
         arguments = [_argument(parameter, token) for parameter, token in _pairs(wanted, unit.tokens)]
@@ -226,7 +229,10 @@ class CommandTable:
         for word in full:
             mnemonic, node = _next(node, word)
             if mnemonic.suffixes is not None:
-                suffixes.append(_suffix(mnemonic, word))
+                number = mnemonic.match(word)
+                if number is None:
+                    raise ScpiError(-114)
+                suffixes.append(number)
         command = node.asking if unit.query else node.doing
         if command is None:
             raise ScpiError(-113)
@@ -241,13 +247,6 @@ def _next(node: _Node, word: str) -> tuple[Mnemonic, _Node]:
         if known.suffixes is not None:
             return known, child
     raise ScpiError(-113)
-
-
-def _suffix(mnemonic: Mnemonic, word: str) -> int:
-    number = mnemonic.match(word)
-    if number is None:
-        raise ScpiError(-114)
-    return number
 
 
 def _spread(parameters: tuple[Parameter, ...], given: int, command: Command) -> tuple[Parameter, ...]:
@@ -284,10 +283,3 @@ def _limit_query(command: Command) -> Number | None:
 
 
 _SPECIALS = Choice(tuple(special.value for special in Special))
-
-
-def _limit_step(command: Command, unit: Unit, number: Number) -> CompiledUnit:
-    if len(unit.tokens) > 1:
-        raise ScpiError(-108)
-    word = _SPECIALS.parse(unit.tokens[0])
-    return CompiledUnit(lambda model, which: number.special(which, model), (Special[word],), command, unit)

@@ -39,6 +39,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Protocol
 
 from simrack.faults import Fault, fault_from
+from simrack.handlers import Handlers
 from simrack.serve.clock import MAX_SPEED
 from simrack.serve.peer import is_welcome
 from simrack.serve.wire import Connection, Listener
@@ -131,7 +132,9 @@ class ControlServer:
         self.server = server
         self.leader: _Control | None = None
         self.connections: set[_Control] = set()
-        self._listener = Listener(server.loop, address, self._accept)
+        self._listener = Listener(
+            server.loop, address, lambda connection: self.connections.add(_Control(self, connection))
+        )
         self.port = self._listener.port
 
     def close(self) -> None:
@@ -140,12 +143,11 @@ class ControlServer:
         for connection in tuple(self.connections):
             connection.close()
 
-    def _accept(self, connection: socket.socket) -> None:
-        self.connections.add(_Control(self, connection))
-
 
 class _Control(Connection):
     """One control connection."""
+
+    _COMMANDS = Handlers()
 
     def __init__(self, control: ControlServer, connection: socket.socket) -> None:
         self._control = control
@@ -162,18 +164,10 @@ class _Control(Connection):
             "list": self._server.listed,
             "get": self._server.get,
             "set": self._server.set,
-            "speed": self._speed,
+            **self._COMMANDS.bound(self),
             "pause": lambda: self._pause(paused=True),
             "resume": lambda: self._pause(paused=False),
             "now": self._server.clock.now,
-            "advance": self._advance,
-            "lead": self._lead,
-            "sleep_until": self._sleep_until,
-            "hear": self._hear,
-            "await": self._await,
-            "fault": self._fault,
-            "clear_faults": self._clear_faults,
-            "reset": self._reset,
             "stop": self._server.stop,
         }
         super().__init__(self._server.loop, connection)
@@ -240,23 +234,21 @@ class _Control(Connection):
             request = _parsed(line)
             if "id" in request:
                 reply["id"] = _plain(request.pop("id"))
-            return json.dumps({**reply, "ok": True, "result": self._obey(request)}).encode()
+            command = self._commands.get(str(request.pop("do", None)))
+            if command is None:
+                raise Refused(f"{_OBJECT} {', '.join(self._commands)}")  # noqa: TRY301
+            for name, value in request.items():
+                if isinstance(value, float) and not math.isfinite(value):
+                    raise Refused(f"{name} cannot be {value}")  # noqa: TRY301
+            return json.dumps({**reply, "ok": True, "result": command(**request)}).encode()
         except _NotYet:
             raise
         except Exception as error:  # noqa: BLE001  (whatever a quantity is told, the others are still served)
             return json.dumps({**reply, "ok": False, "error": str(error) or type(error).__name__}).encode()
 
-    def _obey(self, request: dict[str, Any]) -> Any:
-        command = self._commands.get(str(request.pop("do", None)))
-        if command is None:
-            raise Refused(f"{_OBJECT} {', '.join(self._commands)}")
-        for name, value in request.items():
-            if isinstance(value, float) and not math.isfinite(value):
-                raise Refused(f"{name} cannot be {value}")
-        return command(**request)
-
     # --- time ---------------------------------------------------------------------------------------------
 
+    @_COMMANDS.of("speed")
     def _speed(self, value: Any) -> Any:
         speed = MAX_SPEED if value == "max" else _number(value, "speed")
         self._server.clock.start()
@@ -268,11 +260,13 @@ class _Control(Connection):
         self._server.clock.paused = paused
         return self._server.clock.now()
 
+    @_COMMANDS.of("advance")
     def _advance(self, seconds: float) -> float:
         if self._goal_s is None:
             self._goal_s = self._server.clock.now() + _positive(seconds)
         return self._sleep_until(self._goal_s)
 
+    @_COMMANDS.of("lead")
     def _lead(self, awaits: Any = False) -> float:  # noqa: FBT002  (a word of a request)
         self._require_lead()
         self._control.leader = self
@@ -286,6 +280,7 @@ class _Control(Connection):
         if self._control.leader not in (None, self):
             raise Refused("another connection leads the clock")
 
+    @_COMMANDS.of("sleep_until")
     def _sleep_until(self, instant_s: float) -> float:
         self._require_lead()
         self._server.clock.start()
@@ -293,11 +288,14 @@ class _Control(Connection):
         return self._server.clock.now()
 
     def _pass_until(self, done: Callable[[], bool], instant_s: float) -> None:
-        if not self._server.passage.pass_until(done, _instant(instant_s), _MOST_STEPS):
+        if not -_LONGEST_S <= _number(instant_s, "an instant") <= _LONGEST_S:
+            raise Refused(f"bench time does not go as far as {instant_s:g} s")
+        if not self._server.passage.pass_until(done, float(instant_s), _MOST_STEPS):
             raise _NotYet(0.0, "time passes")
 
     # --- wires on which the leader waits ------------------------------------------------------------------
 
+    @_COMMANDS.of("hear")
     def _hear(self, instrument: str, address: Any) -> dict[str, int]:
         self._require_lead()
         client = self._wire(instrument, address)
@@ -305,6 +303,7 @@ class _Control(Connection):
         client.heard = True
         return {"taken": client.taken, "said": client.said}
 
+    @_COMMANDS.of("await")
     def _await(self, instrument: str, address: Any, taken: int, said: int, until_s: float | None = None) -> int:
         """Let time pass until more than `said` bytes were sent to a wire; the bytes from there come first."""
         self._require_lead()
@@ -333,16 +332,19 @@ class _Control(Connection):
 
     # --- faults -------------------------------------------------------------------------------------------
 
+    @_COMMANDS.of("fault")
     def _fault(self, instrument: str, kind: Any, **when: Any) -> float:
         self._server.clock.start()
         now = self._server.clock.now()
         self._server.add_fault(fault_from({"instrument": instrument, "kind": kind, "at_s": now, **when}))
         return now
 
+    @_COMMANDS.of("clear_faults")
     def _clear_faults(self, instrument: str | None = None) -> float:
         self._server.end_faults(instrument)
         return self._server.clock.now()
 
+    @_COMMANDS.of("reset")
     def _reset(self, seed: int | None = None) -> float:
         if self._control.leader not in (None, self):
             raise Refused("another connection leads the clock")
@@ -377,9 +379,3 @@ def _positive(seconds: Any) -> float:
     if not 0 <= _number(seconds, "seconds") < math.inf:
         raise Refused(f"time goes forwards, not by {seconds} s")
     return float(seconds)
-
-
-def _instant(instant_s: Any) -> float:
-    if not -_LONGEST_S <= _number(instant_s, "an instant") <= _LONGEST_S:
-        raise Refused(f"bench time does not go as far as {instant_s:g} s")
-    return float(instant_s)

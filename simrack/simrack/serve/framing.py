@@ -35,7 +35,9 @@ def shortest_calls(
 def message_sizes(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], int]]:
     """Return how to find the end of a message for `device`, and of the rest of one that is too long."""
     if isinstance(device, ScpiTwin):
-        return _scpi_size if device.engine.dialect.takes_blocks else _newline_size, _newline_size
+        if device.engine.dialect.takes_blocks:
+            return lambda data: find_message_end(data) + 1, _newline_size
+        return _newline_size, _newline_size
     if isinstance(device, FrameDevice):
         return device.message_size, device.message_size
     return (_line_size, _line_size) if isinstance(device, LineDevice) else (len, len)
@@ -58,8 +60,3 @@ def _line_size(data: Bytes) -> int:
     """Return the length of the first line in `data`, ended by CR or LF, 0 while it is incomplete."""
     ends = [index for index in (data.find(b"\r"), data.find(b"\n")) if index >= 0]
     return min(ends) + 1 if ends else 0
-
-
-def _scpi_size(data: Bytes) -> int:
-    """Return the length of the first message in `data`, 0 while it is incomplete."""
-    return find_message_end(data) + 1

@@ -92,7 +92,9 @@ class _Channel(Connection):
             self.handle(message)
 
     def _next_message(self) -> _Message | None:
-        self._drop_skipped()
+        dropped = min(self._skip, len(self._input))
+        del self._input[:dropped]
+        self._skip -= dropped
         if self._skip or len(self._input) < _HEADER.size:
             return None
         prologue, kind, control, parameter, size = _HEADER.unpack_from(self._input)
@@ -110,11 +112,6 @@ class _Channel(Connection):
         payload = bytes(self._input[_HEADER.size : end])
         del self._input[:end]
         return _Message(kind, control, parameter, payload)
-
-    def _drop_skipped(self) -> None:
-        dropped = min(self._skip, len(self._input))
-        del self._input[:dropped]
-        self._skip -= dropped
 
     def _introduce(self, message: _Message) -> None:
         """Take the first message, which says the kind of this connection."""
@@ -205,7 +202,10 @@ class _Session(Client):
         if self._async is None:
             self._sync.fail(_NOT_BOTH_CHANNELS, "the asynchronous channel is not established")
         elif message.kind == _CLEAR_COMPLETE:
-            self._finish_clear(message)
+            self._clearing = self._unread = False
+            self._overlapped = bool(message.control & 1)
+            self._ids = count(_FIRST_ID, 2)
+            self._sync.post(_CLEAR_ACKNOWLEDGE, message.control & 1)
         elif self._clearing:
             return  # abandoned by the client, as everything until its device clear is complete
         elif message.kind in (_DATA, _DATA_END):
@@ -245,12 +245,6 @@ class _Session(Client):
             self._sync.post(_INTERRUPTED, 0, message.parameter)
             self._async.post(_ASYNC_INTERRUPTED, 0, message.parameter)
             self.instrument.complain(-410)
-
-    def _finish_clear(self, message: _Message) -> None:
-        self._clearing = self._unread = False
-        self._overlapped = bool(message.control & 1)
-        self._ids = count(_FIRST_ID, 2)
-        self._sync.post(_CLEAR_ACKNOWLEDGE, message.control & 1)
 
     # --- asynchronous channel -----------------------------------------------------------------------------
 
@@ -383,7 +377,7 @@ class HislipServer:
         self.channels: set[_Channel] = set()
         self._numbers = count(1)
         self._shares: dict[ServedInstrument, dict[_Session, str]] = {}
-        self.listener = Listener(loop, address, self._accept)
+        self.listener = Listener(loop, address, lambda connection: self.channels.add(_Channel(self, connection)))
         self.port = self.listener.port
 
     def close(self) -> None:
@@ -428,6 +422,3 @@ class HislipServer:
                 instrument.unlock()
         else:
             self.sharers(instrument)[session] = key
-
-    def _accept(self, connection: socket.socket) -> None:
-        self.channels.add(_Channel(self, connection))

@@ -282,7 +282,8 @@ class ServedInstrument:
         if self._open() and not self.waiting and not client.blocked:
             self.execute(client, message, tag, asks=asks)
             return
-        if self._passes(message):
+        # Whether `message` is a trigger, which must reach a measurement that waits for one
+        if self.engine is not None and message.strip().upper() == _TRIGGER:
             self.device.write(message, end=True)  # with the personality of whose measurement waits for it
             self.serve()
             return
@@ -373,7 +374,11 @@ class ServedInstrument:
         """Do everything due, deliver finished answers, let the next in."""
         self.device.wake_at()
         self._drain()
-        self._deliver_late()
+        while self.late and self.late[0][0] <= self.clock.now():
+            _, client, data, end = self.late.popleft()
+            if not client.closed:
+                client.deliver(data, end=end)
+                client.refill()
         if self.holder is not None and not self.holder.pushes:
             self.holder.refill()
         self.turn()
@@ -492,7 +497,12 @@ class ServedInstrument:
         """Note when the device next does something by itself."""
         wake = self._wake_at()
         if self.late or self.lines:
-            wake = self._next_arrival(wake)
+            # `wake`, or when something that is on its way arrives if that comes first
+            arrivals = [line.next_s for line in self.lines if line.next_s < _NOTHING]
+            arrivals += [arrives_s for arrives_s, *_ in self.late][:1]
+            if wake is not None and wake > self.clock.now():
+                arrivals.append(wake)
+            wake = min(arrivals, default=wake)
         if wake is None or wake <= self.clock.now():
             self.due_s = _NOTHING
         else:
@@ -500,22 +510,11 @@ class ServedInstrument:
             if self.passage is not None and wake < self.passage.next_due_s:
                 self.passage.next_due_s = wake
         if self.watches_service:
-            self._watch_service()
-
-    def _next_arrival(self, wake: float | None) -> float | None:
-        """Return `wake`, or when something that is on its way arrives if that comes first."""
-        arrivals = [line.next_s for line in self.lines if line.next_s < _NOTHING]
-        arrivals += [arrives_s for arrives_s, *_ in self.late][:1]
-        if wake is not None and wake > self.clock.now():
-            arrivals.append(wake)
-        return min(arrivals, default=wake)
-
-    def _watch_service(self) -> None:
-        requested = self.engine is not None and self.engine.requests_service()
-        if requested and not self._requested:
-            for client in tuple(self.clients):
-                client.service_requested()
-        self._requested = requested
+            requested = self.engine is not None and self.engine.requests_service()
+            if requested and not self._requested:
+                for client in tuple(self.clients):
+                    client.service_requested()
+            self._requested = requested
 
     # --- whose turn it is ---------------------------------------------------------------------------------
 
@@ -536,19 +535,12 @@ class ServedInstrument:
             return True  # its own business: an unread answer is lost to the next message
         if self.busy:
             return False
-        self._put_aside(holder)
-        return self._open()
-
-    def _put_aside(self, holder: Client) -> None:
         if self.engine is None or self.engine.status_now() & 16:
             data, end = self.device.read(WHOLE_RESPONSE)
             if data:
                 self._hand_out(holder, data, end=end)
         self.holder = None
-
-    def _passes(self, message: bytes) -> bool:
-        """Whether `message` is a trigger, which must reach a measurement that waits for one."""
-        return self.engine is not None and message.strip().upper() == _TRIGGER
+        return self._open()
 
     def _drain(self) -> None:
         """Hand a pushing holder the ready bytes; let go of it when there is nothing more to come."""
@@ -591,10 +583,3 @@ class ServedInstrument:
         arrives_s = max(self.clock.now() + late_s, self.late[-1][0] if self.late else 0.0)
         self.late.append((arrives_s, client, data, end))
         return b"", False
-
-    def _deliver_late(self) -> None:
-        while self.late and self.late[0][0] <= self.clock.now():
-            _, client, data, end = self.late.popleft()
-            if not client.closed:
-                client.deliver(data, end=end)
-                client.refill()

@@ -67,7 +67,8 @@ class InterruptChannel:
         except BlockingIOError:
             pass  # a client that does not take its interrupts loses them
         except OSError:
-            self._lost()
+            if not self._to.datagrams:
+                self.close()
 
     def close(self) -> None:
         """End the channel; waiters for its opening are told that it does not open."""
@@ -108,10 +109,6 @@ class InterruptChannel:
         except OSError:
             alive = self._to.datagrams
         if not alive:
-            self.close()
-
-    def _lost(self) -> None:
-        if not self._to.datagrams:
             self.close()
 
     def _tell(self, *, reached: bool) -> None:

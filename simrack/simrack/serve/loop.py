@@ -215,7 +215,11 @@ class Loop:
         ready = dict(self._poller.poll(0))
         for fd in [*ready, *(self._slow - ready.keys())]:
             if fd in self._handlers:
-                _guarded(self._handlers[fd], ready.get(fd, READ))
+                handler = self._handlers[fd]
+                try:
+                    handler(ready.get(fd, READ))
+                except Exception:  # noqa: BLE001  (as in run)
+                    _drop(handler)
         for action in actions:
             _done(action)
 
@@ -242,13 +246,6 @@ def _done(action: Callable[[], None]) -> None:
         action()
     except Exception:  # noqa: BLE001  (as in run)
         traceback.print_exc(file=sys.stderr)
-
-
-def _guarded(handler: Callable[[int], None], mask: int) -> None:
-    try:
-        handler(mask)
-    except Exception:  # noqa: BLE001  (as in run)
-        _drop(handler)
 
 
 def _drop(handler: Callable[[int], None]) -> None:

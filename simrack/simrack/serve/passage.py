@@ -18,15 +18,6 @@ _PATIENCE_S = 0.005
 """Wall time without a word from anybody after which a lockstep clock goes on to the next status that comes unasked."""
 
 
-def _served(instrument: ServedInstrument) -> None:
-    """Serve `instrument`; one that makes a mistake is left alone until somebody speaks to it, the others go on."""
-    try:
-        instrument.serve()
-    except Exception:  # noqa: BLE001  (as in the loop)
-        traceback.print_exc(file=sys.stderr)
-        instrument.due_s = _NOTHING
-
-
 def _worked(instrument: ServedInstrument) -> bool:
     """Let `instrument` work out a slice; return whether there is more, which one that makes a mistake does not have."""
     try:
@@ -149,10 +140,15 @@ class AttendedPassage:
     def _arrive(self, due_s: float) -> None:
         """Do everything due."""
         self.clock.move(due_s)
-        self._do_errands(due_s)
+        while self.errands and self.errands[0][0] <= due_s:
+            self.errands.pop(0)[1]()
         for each in self.instruments:
             if each.due_s <= due_s:
-                _served(each)
+                try:
+                    each.serve()
+                except Exception:  # noqa: BLE001  (left alone until somebody speaks to it; the others go on)
+                    traceback.print_exc(file=sys.stderr)
+                    each.due_s = _NOTHING
 
     def _earliest(self) -> float:
         due = min((each.due_s for each in self.instruments), default=_NOTHING)
@@ -160,7 +156,3 @@ class AttendedPassage:
             due = min(due, self.errands[0][0])
         self.next_due_s = due
         return due
-
-    def _do_errands(self, now_s: float) -> None:
-        while self.errands and self.errands[0][0] <= now_s:
-            self.errands.pop(0)[1]()

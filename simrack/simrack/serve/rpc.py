@@ -133,10 +133,7 @@ class RpcConnection(Connection):
     def _next_calls(self) -> None:
         while not self.closed and self._calling is None and (record := self._next_record()) is not None:
             self._serve(record)
-        self._hold()
-
-    def _hold(self) -> None:
-        """Receive no more while a call is being served and others wait already."""
+        # Receive no more while a call is being served and others wait already
         self.hold(held=self._calling is not None and len(self._input) > _WAITING)
 
     def _next_record(self) -> bytes | None:
@@ -168,7 +165,11 @@ class RpcConnection(Connection):
         self._calling = call.xid
         procedures = self.programs.get((call.program, call.version))
         if procedures is None:
-            self._refuse_program(call)
+            versions = [version for program, version in self.programs if program == call.program]
+            if versions:
+                self.answer(call.xid, struct.pack(">2I", min(versions), max(versions)), _VERSION_MISMATCH)
+            else:
+                self.answer(call.xid, b"", _NO_PROGRAM)
             return
         procedure = procedures.get(call.procedure)
         if procedure is None:
@@ -181,10 +182,3 @@ class RpcConnection(Connection):
             return
         if result is not None:
             self.answer(call.xid, result)
-
-    def _refuse_program(self, call: Call) -> None:
-        versions = [version for program, version in self.programs if program == call.program]
-        if versions:
-            self.answer(call.xid, struct.pack(">2I", min(versions), max(versions)), _VERSION_MISMATCH)
-        else:
-            self.answer(call.xid, b"", _NO_PROGRAM)

@@ -90,7 +90,15 @@ class SerialPty(Pty):
         if self._inside:
             return
         self._inside = True
-        self._line.configure(self._frame(), handshake=self._handshake)
+        import termios  # noqa: PLC0415  (there is none on Windows)
+
+        # the client's settings, as far as a pseudo-terminal shows them
+        settings = termios.tcgetattr(self._slave)
+        speed = next((baud for baud in _BAUDS if getattr(termios, f"B{baud}", None) == settings[5]), _USUAL_BAUD)
+        self._line.configure(
+            CharacterFrame(float(speed), stop_bits=2.0 if settings[2] & termios.CSTOPB else 1.0),
+            handshake=self._handshake,
+        )
         if data:
             self._line.write(data)
         arrived, _ = self._line.read(_CHUNK)
@@ -101,14 +109,6 @@ class SerialPty(Pty):
         self._held_back = self._handshake and waiting > 0 and self.instrument.engine is not None
         self._watch()
         self.instrument.touched()
-
-    def _frame(self) -> CharacterFrame:
-        """Return the client's settings, as far as a pseudo-terminal shows them."""
-        import termios  # noqa: PLC0415  (there is none on Windows)
-
-        settings = termios.tcgetattr(self._slave)
-        speed = next((baud for baud in _BAUDS if getattr(termios, f"B{baud}", None) == settings[5]), _USUAL_BAUD)
-        return CharacterFrame(float(speed), stop_bits=2.0 if settings[2] & termios.CSTOPB else 1.0)
 
 
 class _Far:

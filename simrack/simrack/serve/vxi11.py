@@ -14,6 +14,7 @@ from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from simrack.handlers import Handlers
 from simrack.serve.instrument import VXI11, WHOLE_RESPONSE, Client, ServedInstrument
 from simrack.serve.interrupts import Destination, InterruptChannel
 from simrack.serve.rpc import Call, RpcConnection, opaque
@@ -180,31 +181,22 @@ class Vxi11Server:
 class _Core(RpcConnection):
     """A connection to the core or abort program."""
 
+    _CORE = Handlers()
+
     def __init__(self, server: Vxi11Server, connection: socket.socket) -> None:
         super().__init__(server.loop, connection)
         self._server = server
         self._own: dict[int, _Link] = {}
         self.interrupts: InterruptChannel | None = None
-        self.programs = {(CORE, 1): self._core_procedures(), (ABORT, 1): {1: self._abort}}
-
-    def _core_procedures(self) -> dict[int, Callable[[Call], bytes | None]]:
-        return {
-            10: self._create_link,
-            11: self._write,
-            12: self._read,
+        core = {
+            **self._CORE.bound(self),
             13: partial(self._generic, _read_status, _PAIR),
             14: partial(self._generic, _trigger, _INT),
             15: partial(self._generic, _clear, _INT),
             16: partial(self._generic, _accept_quietly, _INT),
             17: partial(self._generic, _accept_quietly, _INT),
-            18: self._lock,
-            19: self._unlock,
-            20: self._enable_service_requests,
-            22: self._command_bus,
-            23: self._destroy_link,
-            25: self._create_interrupts,
-            26: self._destroy_interrupts,
         }
+        self.programs = {(CORE, 1): core, (ABORT, 1): {1: self._abort}}
 
     def gone(self) -> None:
         """Destroy the links of the connection."""
@@ -216,6 +208,7 @@ class _Core(RpcConnection):
 
     # --- procedures ---------------------------------------------------------------------------------------
 
+    @_CORE.of(10)
     def _create_link(self, call: Call) -> bytes | None:
         _client, lock, lock_timeout_ms = call.arguments.words(_CREATE)
         name = call.arguments.opaque().decode("latin-1").lower()
@@ -237,6 +230,7 @@ class _Core(RpcConnection):
 
         return self._when_free(call, link, lock_timeout_ms, locked)
 
+    @_CORE.of(11)
     def _write(self, call: Call) -> bytes | None:
         number, _io_ms, lock_ms, flags = call.arguments.words(_WRITE)
         data = call.arguments.opaque()
@@ -257,6 +251,7 @@ class _Core(RpcConnection):
 
         return self._when_free(call, link, lock_ms if flags & _WAIT_LOCK else 0, write)
 
+    @_CORE.of(12)
     def _read(self, call: Call) -> bytes | None:
         number, size, io_ms, lock_ms, flags, character = call.arguments.words(_READ)
         link = self._own.get(number)
@@ -286,6 +281,7 @@ class _Core(RpcConnection):
             lambda error: _refusal(refused, error) if error else action(link),
         )
 
+    @_CORE.of(18)
     def _lock(self, call: Call) -> bytes | None:
         number, flags, lock_ms = call.arguments.words(_LOCK)
         link = self._own.get(number)
@@ -301,6 +297,7 @@ class _Core(RpcConnection):
 
         return self._when_free(call, link, lock_ms if flags & _WAIT_LOCK else 0, lock)
 
+    @_CORE.of(19)
     def _unlock(self, call: Call) -> bytes:
         link = self._own.get(call.arguments.words(_INT)[0])
         if link is None:
@@ -310,6 +307,7 @@ class _Core(RpcConnection):
         link.instrument.unlock()
         return _INT.pack(_NO_ERROR)
 
+    @_CORE.of(23)
     def _destroy_link(self, call: Call) -> bytes:
         link = self._own.get(call.arguments.words(_INT)[0])
         if link is None:
@@ -330,6 +328,7 @@ class _Core(RpcConnection):
 
     # --- service requests -----------------------------------------------------------------------------------
 
+    @_CORE.of(25)
     def _create_interrupts(self, call: Call) -> bytes | None:
         """Connect to the program that the client serves for its interrupts."""
         address, port, program, version, family = call.arguments.words(_REMOTE)
@@ -343,12 +342,14 @@ class _Core(RpcConnection):
         self.interrupts = InterruptChannel(self.loop, Destination(host, port, program, version, family == _UDP), opened)
         return None
 
+    @_CORE.of(26)
     def _destroy_interrupts(self, _call: Call) -> bytes:
         if self.interrupts is None or self.interrupts.closed:
             return _INT.pack(_NO_CHANNEL)
         self.interrupts.close()
         return _INT.pack(_NO_ERROR)
 
+    @_CORE.of(20)
     def _enable_service_requests(self, call: Call) -> bytes:
         number, enable = call.arguments.words(_ENABLE)
         handle = call.arguments.opaque()
@@ -362,6 +363,7 @@ class _Core(RpcConnection):
         link.instrument.touched()
         return _INT.pack(_NO_ERROR)
 
+    @_CORE.of(22)
     def _command_bus(self, call: Call) -> bytes:
         known = call.arguments.words(_INT)[0] in self._own
         return _INT.pack(_UNSUPPORTED if known else _BAD_LINK) + opaque(b"")

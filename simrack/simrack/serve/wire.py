@@ -51,7 +51,10 @@ class Listener:
             except (BlockingIOError, ConnectionError):
                 return
             except OSError:
-                self._take_breath()
+                # Listen again a little later: without descriptors left the socket would be ready all the time,
+                # for nothing
+                self._loop.unwatch(self._socket.fileno())
+                self._loop.call_later(_BREATH_S, self._listen_again)
                 return
             self._welcome(connection)
 
@@ -65,11 +68,6 @@ class Listener:
             self._accept(connection)
         except OSError:  # it has gone already
             connection.close()
-
-    def _take_breath(self) -> None:
-        """Listen again a little later: without descriptors left the socket would be ready all the time, for nothing."""
-        self._loop.unwatch(self._socket.fileno())
-        self._loop.call_later(_BREATH_S, self._listen_again)
 
     def _listen_again(self) -> None:
         if self._socket.fileno() >= 0:

@@ -107,11 +107,12 @@ class _Session:
         self.rest = b""
         self.offset = 0
         self.ended = False
+        board = str(getattr(place.parsed, "board", "0"))
         self.attributes: dict[int, Any] = {
             ResourceAttribute.resource_name: place.name,
             ResourceAttribute.resource_class: place.parsed.resource_class,
             ResourceAttribute.interface_type: place.parsed.interface_type_const,
-            ResourceAttribute.interface_number: _board_number(place.parsed),
+            ResourceAttribute.interface_number: (int(board) if board.isdigit() else 0),
             ResourceAttribute.resource_manufacturer_name: maker,
             ResourceAttribute.timeout_value: _DEFAULT_TIMEOUT_MS,
             ResourceAttribute.termchar: _LINE_FEED,
@@ -120,7 +121,11 @@ class _Session:
         }
         if self.kind[0] is InterfaceType.asrl:
             self.attributes[ResourceAttribute.asrl_end_in] = constants.SerialTermination.termination_char
-        self._learn_names()
+        parsed, known = self.place.parsed, self.attributes
+        for attribute, field, convert in _NAME_ATTRIBUTES:
+            value = getattr(parsed, field, None)
+            if value is not None and attributes.AttributesByID[attribute].in_resource(self.kind):
+                known[attribute] = convert(value)
         self.terminator: int | None = None
         """The byte that ends a read, None when only END does."""
         self.sends_end = True
@@ -129,13 +134,6 @@ class _Session:
         self.line = place.device if isinstance(place.device, HandshakeLine) else None
         if self.line is not None:
             visa_serial.configure(self.line, self.attributes)
-
-    def _learn_names(self) -> None:
-        parsed, known = self.place.parsed, self.attributes
-        for attribute, field, convert in _NAME_ATTRIBUTES:
-            value = getattr(parsed, field, None)
-            if value is not None and attributes.AttributesByID[attribute].in_resource(self.kind):
-                known[attribute] = convert(value)
 
     def learn_ends(self) -> None:
         """Work out the ends of a read, and of a write."""
@@ -150,11 +148,6 @@ class _Session:
         self.rest = b""
         self.offset = 0
         self.ended = False
-
-
-def _board_number(parsed: rname.ResourceName) -> int:
-    board = str(getattr(parsed, "board", "0"))
-    return int(board) if board.isdigit() else 0
 
 
 def _number(text: str) -> int:

@@ -15,12 +15,8 @@ from simrack.instruments.agilent33220a import (
     sweep_commands,
     system_commands,
 )
-from simrack.instruments.agilent33220a.instrument import (
-    GeneratorErrors,
-    GeneratorWorld,
-    OutputRange,
-    SimulatedAgilent33220A,
-)
+from simrack.instruments.agilent33220a.instrument import GeneratorWorld, SimulatedAgilent33220A
+from simrack.instruments.agilent33220a.settings import GeneratorErrors, OutputRange
 from simrack.scpi import COMMON_COMMANDS, CommandTable
 
 __all__ = ["Agilent33220ATwin", "GeneratorErrors", "GeneratorWorld", "OutputRange"]

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING
 
 from simrack.instruments.agilent33220a.arbitrary import crest, mean
 from simrack.instruments.agilent33220a.declarations import NameParameter, names_reply, nr3, setting
-from simrack.scpi import Choice, Command, Limits, Number, Parameter, ScpiError, signed_integer
+from simrack.scpi import Choice, Command, Limits, Number, Parameter, Rows, ScpiError, signed_integer
 from simrack.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 
 class _DacPoints(Parameter, frozen=True, kw_only=True):
@@ -27,11 +30,13 @@ class _DacPoints(Parameter, frozen=True, kw_only=True):
         return token.number
 
 
+@ROWS.do("DATA", (Choice(("VOLATILE",)), Number(limits=Limits(-1.0, 1.0))), repeat=True)
 def _load_points(model: _Model, place: str, *points: float) -> None:
     del place
     model.load(list(points))
 
 
+@ROWS.do("DATA:DAC", (Choice(("VOLATILE",)), _DacPoints()), repeat=True)
 def _load_dac(model: _Model, place: str, first: bytes | float, *others: bytes | float) -> None:
     del place
     values = _dac_block(first, model.state.order) if isinstance(first, bytes) else _dac_list((first, *others))
@@ -62,6 +67,7 @@ def _attribute(name: str, of: Callable[[Sequence[float]], float], reply: Callabl
     )
 
 
+@ROWS.do("DATA:DELete:ALL")
 def _delete_all(model: _Model) -> None:
     for name in model.memory.kept_names():
         model.delete(name)
@@ -74,8 +80,7 @@ def _set_user(model: _Model, name: str) -> None:
 
 
 COMMANDS = (
-    Command("DATA", (Choice(("VOLATILE",)), Number(limits=Limits(-1.0, 1.0))), do=_load_points, repeat=True),
-    Command("DATA:DAC", (Choice(("VOLATILE",)), _DacPoints()), do=_load_dac, repeat=True),
+    *ROWS,
     setting("FORMat:BORDer", Choice(("NORMal", "SWAPped")), "state.order"),
     Command(
         "DATA:COPY",
@@ -86,7 +91,6 @@ COMMANDS = (
     Command("DATA:NVOLatile:CATalog", query=lambda model: names_reply(model.memory.kept_names())),
     Command("DATA:NVOLatile:FREE", query=lambda model: 4 - len(model.memory.kept_names()), reply=signed_integer),
     Command("DATA:DELete[:NAME]", (NameParameter(),), do=lambda model, name: model.delete(name)),
-    Command("DATA:DELete:ALL", do=_delete_all),
     _attribute("AVERage", mean),
     _attribute("CFACtor", crest),
     _attribute("POINts", len, signed_integer),

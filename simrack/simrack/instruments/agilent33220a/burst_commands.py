@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING
 
 from simrack.instruments.agilent33220a.declarations import POLARITIES, SLOPES, angle, mode_switch, nr3, setting
 from simrack.instruments.agilent33220a.settings import conflict
-from simrack.scpi import Choice, Command, Limits, Number, ScpiError, attribute
+from simrack.scpi import Choice, Command, Limits, Number, Rows, ScpiError, attribute
 
 if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 
 def _fit_burst_mode(model: _Model) -> None:
@@ -19,6 +22,12 @@ def _fit_burst_mode(model: _Model) -> None:
     model.restart()
 
 
+@ROWS.attribute(
+    "[SOURce:]BURSt:NCYCles",
+    Number(limits=Limits(1, 50000), words={"INFinity": math.inf}, name="burst count"),
+    "state.cycles",
+    nr3,
+)
 def _set_cycles(model: _Model, cycles: float) -> None:
     model.state.cycles = cycles
     if math.isinf(cycles) and model.state.trigger == "IMM":
@@ -28,6 +37,7 @@ def _set_cycles(model: _Model, cycles: float) -> None:
     model.settle()
 
 
+@ROWS.attribute("TRIGger:SOURce", Choice(("IMMediate", "EXTernal", "BUS")), "state.trigger")
 def _set_trigger(model: _Model, source: str) -> None:
     if source == "IMM" and math.isinf(model.state.cycles):
         model.state.cycles = 50000.0
@@ -36,6 +46,7 @@ def _set_trigger(model: _Model, source: str) -> None:
     model.restart()
 
 
+@ROWS.do("*TRG", urgent=True)
 def _bus_trigger(model: _Model) -> None:
     if model.state.trigger != "BUS":
         raise ScpiError(-211)
@@ -43,14 +54,8 @@ def _bus_trigger(model: _Model) -> None:
 
 
 COMMANDS = (
+    *ROWS,
     attribute("[SOURce:]BURSt:MODE", Choice(("TRIGgered", "GATed")), "state.burst_mode", then=_fit_burst_mode),
-    attribute(
-        "[SOURce:]BURSt:NCYCles",
-        Number(limits=Limits(1, 50000), words={"INFinity": math.inf}, name="burst count"),
-        "state.cycles",
-        nr3,
-        do=_set_cycles,
-    ),
     setting(
         "[SOURce:]BURSt:INTernal:PERiod",
         Number(unit="S", limits=Limits(1e-6, 500.0), name="burst period"),
@@ -60,9 +65,7 @@ COMMANDS = (
     angle("[SOURce:]BURSt:PHASe", "state.burst_phase_deg", -360.0, 360.0),
     mode_switch("[SOURce:]BURSt:STATe", "BURS"),
     setting("[SOURce:]BURSt:GATE:POLarity", POLARITIES, "state.gate"),
-    attribute("TRIGger:SOURce", Choice(("IMMediate", "EXTernal", "BUS")), "state.trigger", do=_set_trigger),
     setting("TRIGger:SLOPe", SLOPES, "state.slope"),
     setting("TRIGger:DELay", Number(unit="S", limits=Limits(0.0, 85.0), name="trigger delay"), "state.delay_s", nr3),
     Command("TRIGger", do=lambda model: model.fire()),
-    Command("*TRG", do=_bus_trigger, urgent=True),
 )

@@ -7,19 +7,7 @@ from functools import partial
 from operator import methodcaller
 from typing import TYPE_CHECKING
 
-from simrack.scpi import (
-    Boolean,
-    Choice,
-    Command,
-    Limits,
-    Number,
-    Parameter,
-    ScpiError,
-    attribute,
-    boolean,
-    quoted,
-    real,
-)
+from simrack import scpi
 from simrack.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
@@ -27,10 +15,10 @@ if TYPE_CHECKING:
 
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
-nr3 = real(13)
+nr3 = scpi.real(13)
 
 
-class NameParameter(Parameter, frozen=True, kw_only=True):
+class NameParameter(scpi.Parameter, frozen=True, kw_only=True):
     """A free name without quotes: a letter, then letters, digits or underscores, at most 12 (unverified)."""
 
     def parse(self, token: Token) -> str:
@@ -38,39 +26,39 @@ class NameParameter(Parameter, frozen=True, kw_only=True):
         if token.kind is not TokenKind.WORD:
             raise self.refuse_kind(token)
         if len(token.text) > 12:
-            raise ScpiError(-144)
+            raise scpi.ScpiError(-144)
         return token.text
 
 
-setting = partial(attribute, then=methodcaller("settle"))
+setting = partial(scpi.attribute, then=methodcaller("settle"))
 """A setting after which the others are made to fit it."""
 
 
-def mode_switch(pattern: str, mode: str) -> Command:
+def mode_switch(pattern: str, mode: str) -> scpi.Command:
     """Declare the switch of one of the modes, of which only one can be on."""
-    return Command(
+    return scpi.Command(
         pattern,
-        (Boolean(),),
+        (scpi.Boolean(),),
         do=lambda model, state: model.switch_mode(mode, on=state),
         query=lambda model: model.state.mode == mode,
-        reply=boolean,
+        reply=scpi.boolean,
     )
 
 
-def frequency_limits(model: _Model) -> Limits:
+def frequency_limits(model: _Model) -> scpi.Limits:
     """Return the frequency limits of the function, Hz."""
-    return Limits(*model.kind.frequency_hz[model.state.function], default=1000.0)
+    return scpi.Limits(*model.kind.frequency_hz[model.state.function], default=1000.0)
 
 
-def _angle_limits(reach_deg: float, low_deg: float) -> Callable[[_Model], Limits]:
-    def limits(model: _Model) -> Limits:
+def _angle_limits(reach_deg: float, low_deg: float) -> Callable[[_Model], scpi.Limits]:
+    def limits(model: _Model) -> scpi.Limits:
         factor = math.pi / 180.0 if model.state.angle == "RAD" else 1.0
-        return Limits(low_deg * factor, reach_deg * factor)
+        return scpi.Limits(low_deg * factor, reach_deg * factor)
 
     return limits
 
 
-def angle(pattern: str, path: str, low_deg: float, high_deg: float) -> Command:
+def angle(pattern: str, path: str, low_deg: float, high_deg: float) -> scpi.Command:
     """Declare an angle: kept in degrees, said in UNIT:ANGLe."""
     name = path.removeprefix("state.")
 
@@ -82,16 +70,18 @@ def angle(pattern: str, path: str, low_deg: float, high_deg: float) -> Command:
         degrees: float = getattr(model.state, name)
         return math.radians(degrees) if model.state.angle == "RAD" else degrees
 
-    return Command(pattern, (Number(limits=_angle_limits(high_deg, low_deg)),), do=write, query=read, reply=nr3)
+    return scpi.Command(
+        pattern, (scpi.Number(limits=_angle_limits(high_deg, low_deg)),), do=write, query=read, reply=nr3
+    )
 
 
 def names_reply(names: list[str]) -> str:
     """Return names in quotes, with commas between them; of none an empty string."""
-    return ",".join(map(quoted, names)) or '""'
+    return ",".join(map(scpi.quoted, names)) or '""'
 
 
-SLOPES = Choice(("POSitive", "NEGative"))
-POLARITIES = Choice(("NORMal", "INVerted"))
+SLOPES = scpi.Choice(("POSitive", "NEGative"))
+POLARITIES = scpi.Choice(("NORMal", "INVerted"))
 FIRST_HZ = 1e-6
 SWITCH_S = 0.1
 LEVEL_S = 0.03

@@ -17,37 +17,17 @@ import math
 from copy import deepcopy
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
+from simrack import scpi
+from simrack.instruments.agilent33220a import settings
 from simrack.instruments.agilent33220a.arbitrary import MOST_POINTS, ArbitraryMemory
 from simrack.instruments.agilent33220a.levels import Levels
 from simrack.instruments.agilent33220a.modulation import Player
 from simrack.instruments.agilent33220a.rules import SettingRules
-from simrack.instruments.agilent33220a.settings import (
-    KIND_33220A,
-    GeneratorErrors,
-    GeneratorKind,
-    GeneratorSettings,
-    OutputRange,
-    Panel,
-)
-from simrack.scpi import (
-    GPIB,
-    LAN,
-    USB,
-    Dialect,
-    Register,
-    ScpiEngine,
-    ScpiError,
-    ScpiTwin,
-    Status,
-    clip,
-)
 
 if TYPE_CHECKING:
     from simrack.clock import Clock
     from simrack.scpi import CommandTable
     from simrack.sources import Drive, Played
-
-__all__ = ["GeneratorErrors", "GeneratorWorld", "OutputRange", "SimulatedAgilent33220A"]
 
 _LONGEST_LINE = 15 * MOST_POINTS + 1024
 """Every point of the longest waveform as -1.2345678E-01 and a comma; what a real one takes is unverified."""
@@ -66,23 +46,23 @@ class GeneratorWorld(Protocol):
         ...
 
 
-class SimulatedAgilent33220A(ScpiTwin):
+class SimulatedAgilent33220A(scpi.ScpiTwin):
     """The generator. `interface` is usb, gpib or lan; it has no RS-232. `noise_seed` tells which noise is its own.
 
     `model` is what it calls itself, where it stands for a generator that speaks the same words; `node` is what its
     output is wired to.
     """
 
-    errors_class: ClassVar = GeneratorErrors
+    errors_class: ClassVar = settings.GeneratorErrors
     own_name: ClassVar[str] = "33220A"
-    kind: ClassVar[GeneratorKind] = KIND_33220A
+    kind: ClassVar[settings.GeneratorKind] = settings.KIND_33220A
     table: ClassVar[CommandTable]
     longest_line: ClassVar[int] = _LONGEST_LINE
 
     def __init__(
         self,
         world: GeneratorWorld,
-        errors: GeneratorErrors,
+        errors: settings.GeneratorErrors,
         interface: str = "usb",
         noise_seed: int = 0,
         model: str | None = None,
@@ -95,17 +75,17 @@ class SimulatedAgilent33220A(ScpiTwin):
         self.state = self.reset_state()
         self._stored = {0: self.reset_state()}  # at power-down; it was off for long
         self.state_names = {0: "AUTO_RECALL", 1: "STATE_1", 2: "STATE_2", 3: "STATE_3", 4: "STATE_4"}
-        self.panel = Panel()
+        self.panel = settings.Panel()
         self._started_s: float | None = None
         self._driven: Drive | Played | None = None
-        self._questionable = Register()
-        self.engine = ScpiEngine(
+        self._questionable = scpi.Register()
+        self.engine = scpi.ScpiEngine(
             self,
             self.table,
             world.clock,
-            dialect=Dialect(out_of_range=clip, input_limit=self.longest_line),
-            interface={"usb": USB, "gpib": GPIB, "lan": LAN}[interface],
-            status=Status({3: self._questionable}),
+            dialect=scpi.Dialect(out_of_range=scpi.clip, input_limit=self.longest_line),
+            interface={"usb": scpi.USB, "gpib": scpi.GPIB, "lan": scpi.LAN}[interface],
+            status=scpi.Status({3: self._questionable}),
         )
         self.memory = self.made_memory((1 << errors.dac_bits) // 2 - 1 if errors.dac_bits else 0)
         self.levels = self.made_levels(errors)
@@ -118,16 +98,16 @@ class SimulatedAgilent33220A(ScpiTwin):
         """Return the waveform memory of the model."""
         return ArbitraryMemory(full_scale)
 
-    def made_levels(self, errors: GeneratorErrors) -> Levels:
+    def made_levels(self, errors: settings.GeneratorErrors) -> Levels:
         """Return the rules between amplitude and offset of the model."""
         return Levels(self.state, errors, self.memory, self.engine.report)
 
-    def reset_state(self) -> GeneratorSettings:
+    def reset_state(self) -> settings.GeneratorSettings:
         """Return the settings of ``*RST``."""
-        return GeneratorSettings()
+        return settings.GeneratorSettings()
 
     @property
-    def questionable(self) -> Register:
+    def questionable(self) -> scpi.Register:
         """The QUEStionable register; this model never sets its bits: nothing here overloads or loses lock."""
         return self._questionable
 
@@ -149,7 +129,8 @@ class SimulatedAgilent33220A(ScpiTwin):
         """*OPC, *OPC? and *WAI wait for a triggered burst or sweep."""
         if self._started_s is None or not self._triggered():
             return -math.inf
-        return self._started_s + self._length_s()
+        state = self.state
+        return self._started_s + float(state.sweep_s if state.mode == "SWE" else state.cycles / state.frequency_hz)
 
     # --- states -----------------------------------------------------------------------------------------------------
 
@@ -160,7 +141,7 @@ class SimulatedAgilent33220A(ScpiTwin):
     def recall(self, place: int) -> None:
         """*RCL; an empty place is error 810 (unverified)."""
         if place not in self._stored:
-            raise ScpiError(810, "State has not been stored")
+            raise scpi.ScpiError(810, "State has not been stored")
         self.state.take(self._stored[place])
         self.restart()
 
@@ -206,7 +187,7 @@ class SimulatedAgilent33220A(ScpiTwin):
     def fire(self) -> None:
         """Take a trigger; -211 when neither burst nor sweep waits for one. One under way goes on (unverified)."""
         if not self._triggered():
-            raise ScpiError(-211)
+            raise scpi.ScpiError(-211)
         now = self.engine.clock.now()
         if self.operations_end_s() <= now:
             self._started_s = now + self._delay_s()
@@ -217,10 +198,6 @@ class SimulatedAgilent33220A(ScpiTwin):
         state = self.state
         gated = state.mode == "BURS" and state.burst_mode == "GAT"
         return state.mode in {"BURS", "SWE"} and state.trigger != "IMM" and not gated
-
-    def _length_s(self) -> float:
-        state = self.state
-        return float(state.sweep_s if state.mode == "SWE" else state.cycles / state.frequency_hz)
 
     def restart(self) -> None:
         """Begin with bursts or sweeps anew: those of the internal timer now, others with the next trigger."""

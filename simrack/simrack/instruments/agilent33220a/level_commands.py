@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING
 
 from simrack.instruments.agilent33220a.declarations import LEVEL_S, nr3
 from simrack.instruments.agilent33220a.settings import MAX_PEAK_V, conflict
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, Quantity, attribute, boolean
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, Quantity, Rows, attribute, boolean
 
 if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 
 def _amplitude_limits(model: _Model) -> Limits:
@@ -49,19 +52,9 @@ def vpp_of(model: _Model, given: Quantity) -> float:
     return model.levels.in_vpp(model.levels.rounded(given.value), unit)
 
 
-def _set_amplitude(model: _Model, given: Quantity) -> None:
-    model.levels.set_amplitude(vpp_of(model, given))
-    model.update()
-
-
 def amplitude_shown(model: _Model) -> float:
     """Return the amplitude in the unit in use."""
     return model.levels.in_unit(model.levels.amplitude_vpp(), model.state.unit)
-
-
-def _set_offset(model: _Model, volts: float) -> None:
-    model.levels.set_offset(model.levels.rounded(volts))
-    model.update()
 
 
 def offset_shown(model: _Model) -> float:
@@ -104,13 +97,7 @@ def _set_unit(model: _Model, unit: str) -> None:
     model.state.unit = unit
 
 
-def _set_load(model: _Model, ohm: float) -> None:
-    """Change the load that voltages are shown for; the output stays."""
-    model.state.load_ohm = ohm
-    if math.isinf(ohm) and model.state.unit == "DBM":
-        _set_unit(model, "DBM")
-
-
+@ROWS.attribute("[SOURce:]VOLTage:RANGe:AUTO", Boolean(words=("ONCE",)), "state.range_auto", boolean)
 def _set_range_auto(model: _Model, state: object) -> None:
     model.state.range_auto = True
     model.update()
@@ -122,23 +109,29 @@ AMPLITUDE = Number(unit=AMPLITUDE_UNITS, limits=_amplitude_limits, with_unit=Tru
 LOAD = Number(unit="OHM", limits=Limits(1.0, 10000.0, 50.0), words={"INFinity": math.inf})
 OFFSET = Number(unit="V", limits=_offset_limits, name="offset")
 
+
+@ROWS.do("[SOURce:]VOLTage", (AMPLITUDE,), query=amplitude_shown, reply=nr3, takes_s=LEVEL_S)
+def _set_amplitude(model: _Model, given: Quantity) -> None:
+    model.levels.set_amplitude(vpp_of(model, given))
+    model.update()
+
+
+@ROWS.do("[SOURce:]VOLTage:OFFSet", (OFFSET,), query=offset_shown, reply=nr3, takes_s=LEVEL_S)
+def _set_offset(model: _Model, volts: float) -> None:
+    model.levels.set_offset(model.levels.rounded(volts))
+    model.update()
+
+
+@ROWS.attribute("OUTPut:LOAD", LOAD, "state.load_ohm", nr3)
+def _set_load(model: _Model, ohm: float) -> None:
+    """Change the load that voltages are shown for; the output stays."""
+    model.state.load_ohm = ohm
+    if math.isinf(ohm) and model.state.unit == "DBM":
+        _set_unit(model, "DBM")
+
+
 COMMANDS = (
-    Command(
-        "[SOURce:]VOLTage",
-        (AMPLITUDE,),
-        do=_set_amplitude,
-        query=amplitude_shown,
-        reply=nr3,
-        takes_s=LEVEL_S,
-    ),
-    Command(
-        "[SOURce:]VOLTage:OFFSet",
-        (OFFSET,),
-        do=_set_offset,
-        query=offset_shown,
-        reply=nr3,
-        takes_s=LEVEL_S,
-    ),
+    *ROWS,
     Command(
         "[SOURce:]VOLTage:HIGH",
         (Number(unit="V", limits=_level_limits, name="high level"),),
@@ -156,6 +149,4 @@ COMMANDS = (
         takes_s=LEVEL_S,
     ),
     attribute("[SOURce:]VOLTage:UNIT", Choice(("VPP", "VRMS", "DBM")), "state.unit", do=_set_unit),
-    attribute("[SOURce:]VOLTage:RANGe:AUTO", Boolean(words=("ONCE",)), "state.range_auto", boolean, do=_set_range_auto),
-    attribute("OUTPut:LOAD", LOAD, "state.load_ohm", nr3, do=_set_load),
 )

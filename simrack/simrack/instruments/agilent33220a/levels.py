@@ -125,9 +125,7 @@ class Levels:
         index = fitting if settings.range_auto else max(fitting, settings.range)
         settings.range = index
         used = ranges[index]
-        return self._quantised(settings.offset_v, used.upper_v) * (1.0 + used.gain_error) + used.offset_error_v
-
-    def _quantised(self, volts: float, upper_v: float) -> float:
+        volts = settings.offset_v
         bits = self._errors.dac_bits
-        step = 2.0 * upper_v / 2**bits
-        return round(volts / step) * step if bits else volts
+        step = 2.0 * used.upper_v / 2**bits
+        return (round(volts / step) * step if bits else volts) * (1.0 + used.gain_error) + used.offset_error_v

@@ -86,7 +86,10 @@ class Player:
             peak = -peak
         phase = self._turned(started_s, now_s)
         if phase is None:
-            return Drive(direct + peak * self._idle(), source_ohm=SOURCE_OHM)
+            import numpy as np  # noqa: PLC0415
+
+            between_bursts = float(self._waveform().values(np.array([self._burst_phase() % 1.0]))[0])
+            return Drive(direct + peak * between_bursts, source_ohm=SOURCE_OHM)
         return self._sine(direct, peak, phase) or self._playing(direct, peak, phase)
 
     def _noise(self, direct_v: float, peak_v: float) -> Played:
@@ -182,19 +185,16 @@ class Player:
             case "SQU":
                 return Rhythm(shapes.PulseCycle(0.5), hz)
             case "NOIS":
-                return Rhythm(self._modulating_noise(), _NOISE_CYCLES_HZ)
+                import numpy as np  # noqa: PLC0415
+
+                from simrack.instruments.agilent33220a.noise import CREST, gaussian  # noqa: PLC0415
+                from simrack.instruments.agilent33220a.waveforms import held  # noqa: PLC0415
+
+                drawn = gaussian(self._noise_seed, 32, np.arange(_NOISE_POINTS)) / CREST
+                return Rhythm(held(np.clip(drawn, -1.0, 1.0).tolist()), _NOISE_CYCLES_HZ)
             case "USER":
                 return Rhythm(self._memory.waveform(self._settings.user), hz)
         return Rhythm(shapes.ramp({"RAMP": 1.0, "NRAM": 0.0, "TRI": 0.5}[modulation.function]), hz)
-
-    def _modulating_noise(self) -> Cycle:
-        import numpy as np  # noqa: PLC0415
-
-        from simrack.instruments.agilent33220a.noise import CREST, gaussian  # noqa: PLC0415
-        from simrack.instruments.agilent33220a.waveforms import held  # noqa: PLC0415
-
-        drawn = gaussian(self._noise_seed, 32, np.arange(_NOISE_POINTS)) / CREST
-        return held(np.clip(drawn, -1.0, 1.0).tolist())
 
     # --- the phase ----------------------------------------------------------------------------------------------
 
@@ -218,12 +218,6 @@ class Player:
         settings = self._settings
         gated = settings.burst_mode == "GAT" and settings.gate == "INV"
         return bool(settings.mode != "BURS" or gated)
-
-    def _idle(self) -> float:
-        """Return where the waveform stands between bursts."""
-        import numpy as np  # noqa: PLC0415
-
-        return float(self._waveform().values(np.array([self._burst_phase() % 1.0]))[0])
 
     def _burst_phase(self) -> float:
         """Return the phase at which bursts begin, cycles; pulses have no other than 0 (33250A guide, unverified)."""

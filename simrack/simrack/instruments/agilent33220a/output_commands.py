@@ -4,32 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from simrack.instruments.agilent33220a.declarations import (
-    LEVEL_S,
-    POLARITIES,
-    SLOPES,
-    SWITCH_S,
-    TUNE_S,
-    angle,
-    frequency_limits,
-    nr3,
-    setting,
-)
-from simrack.instruments.agilent33220a.level_commands import (
-    AMPLITUDE,
-    AMPLITUDE_UNITS,
-    OFFSET,
-    amplitude_shown,
-    offset_shown,
-    vpp_of,
-)
+from simrack.instruments.agilent33220a import declarations, level_commands
 from simrack.instruments.agilent33220a.settings import FUNCTIONS
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, Parameter, Special, attribute, boolean, quoted
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, Parameter, Rows, Special, attribute, boolean, quoted
 
 if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
+
+@ROWS.attribute(
+    "[SOURce:]FUNCtion[:SHAPe]", Choice(tuple(FUNCTIONS.values())), "state.function", takes_s=declarations.SWITCH_S
+)
 def _select(model: _Model, function: str) -> None:
     model.rules.select(function)
     model.update()
@@ -45,23 +33,18 @@ def _apply(function: str) -> Command:
         low, high = model.kind.frequency_hz[function]
         model.state.frequency_hz = min(max(1000.0 if frequency is None else frequency, low), high)
         model.rules.select(function)
-        _apply_levels(model, amplitude, offset)
+        # Set amplitude, then the offset that fits it; direct voltage ignores the amplitude and keeps the old one.
+        # What MIN and MAX stand for depends on the function, and those of the offset on the amplitude: both come
+        # late.
+        if model.state.function != "DC":
+            given = Special.DEF if amplitude is None else amplitude
+            model.levels.set_amplitude(level_commands.vpp_of(model, level_commands.AMPLITUDE.settle(given, model)))
+        volts = level_commands.OFFSET.settle(Special.DEF if offset is None else offset, model)
+        model.levels.set_offset(model.levels.rounded(volts))
         model.state.output = True
         model.update()
 
-    return Command(f"APPLy:{FUNCTIONS[function]}", _apply_parameters(function), do=write, takes_s=SWITCH_S)
-
-
-def _apply_levels(model: _Model, amplitude: Any, offset: Any) -> None:
-    """Set amplitude, then the offset that fits it; direct voltage ignores the amplitude and keeps the old one.
-
-    What MIN and MAX stand for depends on the function, and those of the offset on the amplitude: both come late.
-    """
-    if model.state.function != "DC":
-        given = Special.DEF if amplitude is None else amplitude
-        model.levels.set_amplitude(vpp_of(model, AMPLITUDE.settle(given, model)))
-    volts = OFFSET.settle(Special.DEF if offset is None else offset, model)
-    model.levels.set_offset(model.levels.rounded(volts))
+    return Command(f"APPLy:{FUNCTIONS[function]}", _apply_parameters(function), do=write, takes_s=declarations.SWITCH_S)
 
 
 _FREQUENCY_WORDS = {"RAMP": "ramp frequency", "PULS": "pulse frequency", "USER": "user frequency"}
@@ -74,14 +57,15 @@ def _apply_parameters(function: str) -> tuple[Parameter, ...]:
 
     return (
         Number(unit="HZ", limits=limits, name=_FREQUENCY_WORDS.get(function, "frequency"), required=False),
-        Number(unit=AMPLITUDE_UNITS, deferred=True, with_unit=True, required=False),
+        Number(unit=level_commands.AMPLITUDE_UNITS, deferred=True, with_unit=True, required=False),
         Number(unit="V", deferred=True, required=False),
     )
 
 
+@ROWS.query("APPLy")
 def _applied(model: _Model) -> str:
-    values = (model.state.frequency_hz, amplitude_shown(model), offset_shown(model))
-    return quoted(f"{model.state.function} " + ",".join(map(nr3, values)))
+    values = (model.state.frequency_hz, level_commands.amplitude_shown(model), level_commands.offset_shown(model))
+    return quoted(f"{model.state.function} " + ",".join(map(declarations.nr3, values)))
 
 
 def _duty_limits(model: _Model) -> Limits:
@@ -92,40 +76,40 @@ def _duty_word(model: _Model) -> str:
     return "duty cycle" if model.state.frequency_hz <= 10e6 else "duty cycle limited by frequency"
 
 
-def _frequency_word(model: _Model) -> str:
-    return _FREQUENCY_WORDS.get(model.state.function, "frequency")
-
-
 COMMANDS = (
+    *ROWS,
     *(_apply(function) for function in FUNCTIONS),
-    Command("APPLy", query=_applied),
-    attribute(
-        "[SOURce:]FUNCtion[:SHAPe]", Choice(tuple(FUNCTIONS.values())), "state.function", do=_select, takes_s=SWITCH_S
-    ),
     attribute(
         "[SOURce:]FREQuency",
-        Number(unit="HZ", limits=frequency_limits, name=_frequency_word),
+        Number(
+            unit="HZ",
+            limits=declarations.frequency_limits,
+            name=lambda model: _FREQUENCY_WORDS.get(model.state.function, "frequency"),
+        ),
         "state.frequency_hz",
-        nr3,
+        declarations.nr3,
         do=lambda model, value: model.set_frequency(value),
-        takes_s=TUNE_S,
+        takes_s=declarations.TUNE_S,
     ),
-    setting(
+    declarations.setting(
         "[SOURce:]FUNCtion:SQUare:DCYCle",
         Number(unit="PCT", limits=_duty_limits, name=_duty_word),
         "state.duty_percent",
-        nr3,
+        declarations.nr3,
     ),
-    setting(
-        "[SOURce:]FUNCtion:RAMP:SYMMetry", Number(unit="PCT", limits=Limits(0.0, 100.0)), "state.symmetry_percent", nr3
+    declarations.setting(
+        "[SOURce:]FUNCtion:RAMP:SYMMetry",
+        Number(unit="PCT", limits=Limits(0.0, 100.0)),
+        "state.symmetry_percent",
+        declarations.nr3,
     ),
-    setting("OUTPut[:STATe]", Boolean(), "state.output", boolean, takes_s=LEVEL_S),
-    setting("OUTPut:POLarity", POLARITIES, "state.polarity"),
-    setting("OUTPut:SYNC[:STATe]", Boolean(), "state.sync", boolean),
-    setting("OUTPut:TRIGger[:STATe]", Boolean(), "state.trigger_out", boolean),
-    setting("OUTPut:TRIGger:SLOPe", SLOPES, "state.trigger_out_slope"),
-    angle("[SOURce:]PHASe[:ADJust]", "state.phase_deg", -360.0, 360.0),
+    declarations.setting("OUTPut[:STATe]", Boolean(), "state.output", boolean, takes_s=declarations.LEVEL_S),
+    declarations.setting("OUTPut:POLarity", declarations.POLARITIES, "state.polarity"),
+    declarations.setting("OUTPut:SYNC[:STATe]", Boolean(), "state.sync", boolean),
+    declarations.setting("OUTPut:TRIGger[:STATe]", Boolean(), "state.trigger_out", boolean),
+    declarations.setting("OUTPut:TRIGger:SLOPe", declarations.SLOPES, "state.trigger_out_slope"),
+    declarations.angle("[SOURce:]PHASe[:ADJust]", "state.phase_deg", -360.0, 360.0),
     Command("[SOURce:]PHASe:REFerence", do=lambda model: model.take_phase_as_reference()),
-    setting("[SOURce:]PHASe:UNLock:ERRor:STATe", Boolean(), "state.unlock_error", boolean),
-    setting("UNIT:ANGLe", Choice(("DEGree", "RADian")), "state.angle"),
+    declarations.setting("[SOURce:]PHASe:UNLock:ERRor:STATe", Boolean(), "state.unlock_error", boolean),
+    declarations.setting("UNIT:ANGLe", Choice(("DEGree", "RADian")), "state.angle"),
 )

@@ -105,7 +105,20 @@ class Playing(Struct, frozen=True):
         corners = self.waveform.corners
         often_hz = math.inf if corners is None else len(corners) * run.hz
         if (run.hz >= _LINES_HZ and often_hz > _SELDOM_HZ) or corners is None:
-            return self._lines(start_s, run, bend)
+            # Lines of its spectrum
+            edges = np.arange(BINS + 1) / BINS
+            means = [np.diff(self.waveform.integral(power, edges)) * BINS for power in POWERS]
+            made = self._mixed(means, bend, 1.0)
+            order = np.arange(1, min(int(_HIGHEST_LINE_HZ / run.hz), _MOST_LINES) + 1)
+            spectrum = 2 * np.fft.rfft(made)[order] / BINS / np.sinc(order / BINS)
+            spectrum *= np.exp(2j * math.pi * order * (run.cycles % 1.0 - 0.5 / BINS))
+            least = _FORGOTTEN * max(float(np.abs(made).max()), 1e-300)
+            terms = [
+                (complex(a), 2j * math.pi * run.hz * float(n))
+                for a, n in zip(spectrum, order, strict=True)
+                if abs(a) > least
+            ]
+            return Piece(start_s, run.until_s, float(made.mean()), 0.0, tuple(terms))
         return self._straight(start_s, run, corners, bend) if often_hz < _OFTEN_HZ else None
 
     def _straight(self, start_s: float, run: SteadyRun, corners: tuple[float, ...], bend: Bend) -> Piece:
@@ -121,22 +134,6 @@ class Playing(Struct, frozen=True):
         made = bent(self.offset_v + self.peak_v * (first + rise * parts), bend)
         chord = float(made[-1] - made[0])
         return Piece(start_s, stop, float(made[0]), chord / lasts, _sines(made - made[0] - chord * parts, lasts))
-
-    def _lines(self, start_s: float, run: SteadyRun, bend: Bend) -> Piece:
-        """Return the lines of its spectrum."""
-        edges = np.arange(BINS + 1) / BINS
-        means = [np.diff(self.waveform.integral(power, edges)) * BINS for power in POWERS]
-        made = self._mixed(means, bend, 1.0)
-        order = np.arange(1, min(int(_HIGHEST_LINE_HZ / run.hz), _MOST_LINES) + 1)
-        spectrum = 2 * np.fft.rfft(made)[order] / BINS / np.sinc(order / BINS)
-        spectrum *= np.exp(2j * math.pi * order * (run.cycles % 1.0 - 0.5 / BINS))
-        least = _FORGOTTEN * max(float(np.abs(made).max()), 1e-300)
-        terms = [
-            (complex(a), 2j * math.pi * run.hz * float(n))
-            for a, n in zip(spectrum, order, strict=True)
-            if abs(a) > least
-        ]
-        return Piece(start_s, run.until_s, float(made.mean()), 0.0, tuple(terms))
 
     # --- means ---------------------------------------------------------------------------------------------------
 

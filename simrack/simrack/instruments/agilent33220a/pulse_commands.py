@@ -12,15 +12,6 @@ if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 
-def _set_period(model: _Model, seconds: float) -> None:
-    model.set_frequency(1.0 / seconds)
-
-
-def _width_limits(model: _Model) -> Limits:
-    """Return the widths that fit the period, s."""
-    return Limits(*width_limits_s(model.state, model.kind))
-
-
 def _duty_of_pulse_limits(model: _Model) -> Limits:
     shortest, longest = width_limits_s(model.state, model.kind)
     return Limits(100.0 * shortest * model.state.frequency_hz, 100.0 * longest * model.state.frequency_hz)
@@ -31,22 +22,23 @@ def _set_pulse_duty(model: _Model, percent: float) -> None:
     model.settle()
 
 
-def _edge_limits(model: _Model) -> Limits:
-    return Limits(model.kind.edge_s[0], longest_edge_s(model.state, model.kind))
-
-
 COMMANDS = (
     Command(
         "[SOURce:]PULSe:PERiod",
         (Number(unit="S", limits=Limits(200e-9, 2000.0)),),
-        do=_set_period,
+        do=lambda model, seconds: model.set_frequency(1.0 / seconds),
         query=lambda model: 1.0 / model.state.frequency_hz,
         reply=nr3,
         takes_s=TUNE_S,
     ),
+    # Widths that fit the period, s
     setting(
         "[SOURce:]FUNCtion:PULSe:WIDTh",
-        Number(unit="S", limits=_width_limits, name="pulse width limited by period"),
+        Number(
+            unit="S",
+            limits=lambda model: Limits(*width_limits_s(model.state, model.kind)),
+            name="pulse width limited by period",
+        ),
         "state.width_s",
         nr3,
     ),
@@ -60,7 +52,11 @@ COMMANDS = (
     setting("[SOURce:]FUNCtion:PULSe:HOLD", Choice(("WIDTh", "DCYCle")), "state.hold"),
     setting(
         "[SOURce:]FUNCtion:PULSe:TRANsition",
-        Number(unit="S", limits=_edge_limits, name="pulse edge time"),
+        Number(
+            unit="S",
+            limits=lambda model: Limits(model.kind.edge_s[0], longest_edge_s(model.state, model.kind)),
+            name="pulse edge time",
+        ),
         "state.edge_s",
         nr3,
     ),

@@ -122,7 +122,18 @@ class SettingRules:
         """Make settings fit each other again after one of them has changed."""
         self._fit_square()
         self._fit_pulse()
-        self._fit_deviation()
+        # Keep FM above 0 Hz and not too far above the highest frequency, and PWM within the pulse
+        settings = self._settings
+        if settings.mode == "PWM":
+            self._lower(
+                "pwm_deviation_s",
+                widest_swing_s(settings, self._kind),
+                "PWM deviation decreased due to pulse parameters",
+            )
+        if settings.mode == "FM":
+            highest = self._kind.frequency_hz[settings.function][1] + _ABOVE_HZ - settings.frequency_hz
+            self._lower("fm_deviation_hz", settings.frequency_hz, "FM deviation cannot exceed carrier")
+            self._lower("fm_deviation_hz", highest, "FM deviation exceeds max frequency")
         self._fit_burst()
         self._fit_marker()
         self._fit_connector()
@@ -155,20 +166,6 @@ class SettingRules:
         if getattr(self._settings, name) > highest * _ROUND_OFF:
             setattr(self._settings, name, highest)
             self._conflict(words)
-
-    def _fit_deviation(self) -> None:
-        """Keep FM above 0 Hz and not too far above the highest frequency, and PWM within the pulse."""
-        settings = self._settings
-        if settings.mode == "PWM":
-            self._lower(
-                "pwm_deviation_s",
-                widest_swing_s(settings, self._kind),
-                "PWM deviation decreased due to pulse parameters",
-            )
-        if settings.mode == "FM":
-            highest = self._kind.frequency_hz[settings.function][1] + _ABOVE_HZ - settings.frequency_hz
-            self._lower("fm_deviation_hz", settings.frequency_hz, "FM deviation cannot exceed carrier")
-            self._lower("fm_deviation_hz", highest, "FM deviation exceeds max frequency")
 
     def _fit_burst(self) -> None:
         settings = self._settings

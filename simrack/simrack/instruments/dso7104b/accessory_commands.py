@@ -9,27 +9,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from simrack import scpi
 from simrack.instruments.dso7104b.declarations import (
     nothing,
-)
-from simrack.scpi import (
-    Boolean,
-    Choice,
-    Command,
-    Integer,
-    Limits,
-    Number,
-    ScpiError,
-    Text,
-    attribute,
-    boolean,
-    comma_list,
-    quoted,
-    signed_integer,
 )
 
 if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+
+ROWS = scpi.Rows()
+"""Rows that stand on their handlers."""
 
 _CALIBRATED = {"DATE": (1, 1, 2026), "TIME": (12, 0, 0)}
 """When the user calibration was last done: day, month, year; hours, minutes, seconds."""
@@ -38,15 +27,16 @@ _CALIBRATED = {"DATE": (1, 1, 2026), "TIME": (12, 0, 0)}
 def _no_medium(_: SimulatedDso7104B, *arguments: object) -> None:
     """Nothing is plugged in that files could be on."""
     del arguments
-    raise ScpiError(-252)
+    raise scpi.ScpiError(-252)
 
 
 # --- the input EXTernal
 
 
+@ROWS.query("EXTernal")
 def _external_learned(model: SimulatedDso7104B) -> str:
     own = model.state.external
-    limit = boolean(own.bandwidth_limit)
+    limit = scpi.boolean(own.bandwidth_limit)
     return f":EXT:BWL {limit};RANG {_short(own.range_v)};UNIT {own.unit};PROB {own.probe:+.3E}"
 
 
@@ -57,72 +47,76 @@ def _short(value: float) -> str:
 
 
 _EXTERNAL = (
-    Command("EXTernal", query=_external_learned),
-    attribute("EXTernal:BWLimit", Boolean(), "state.external.bandwidth_limit", boolean),
-    attribute("EXTernal:RANGe", Number(unit="V", limits=Limits(1.0, 8000.0)), "state.external.range_v", "nr3"),
-    attribute("EXTernal:PROBe", Number(limits=Limits(0.1, 1000.0)), "state.external.probe", "nr3"),
-    Command("EXTernal:PROBe:ID", query=lambda _: "NONE"),
-    attribute("EXTernal:PROBe:STYPe", Choice(("DIFFerential", "SINGle")), "state.external.probe_type"),
-    attribute("EXTernal:UNITs", Choice(("VOLT", "AMPere")), "state.external.unit"),
-    Command("EXTernal:IMPedance", query=lambda _: "ONEM"),
-    Command("EXTernal:PROTection", query=lambda _: "NORM"),
+    scpi.attribute("EXTernal:BWLimit", scpi.Boolean(), "state.external.bandwidth_limit", scpi.boolean),
+    scpi.attribute(
+        "EXTernal:RANGe", scpi.Number(unit="V", limits=scpi.Limits(1.0, 8000.0)), "state.external.range_v", "nr3"
+    ),
+    scpi.attribute("EXTernal:PROBe", scpi.Number(limits=scpi.Limits(0.1, 1000.0)), "state.external.probe", "nr3"),
+    scpi.Command("EXTernal:PROBe:ID", query=lambda _: "NONE"),
+    scpi.attribute("EXTernal:PROBe:STYPe", scpi.Choice(("DIFFerential", "SINGle")), "state.external.probe_type"),
+    scpi.attribute("EXTernal:UNITs", scpi.Choice(("VOLT", "AMPere")), "state.external.unit"),
+    scpi.Command("EXTernal:IMPedance", query=lambda _: "ONEM"),
+    scpi.Command("EXTernal:PROTection", query=lambda _: "NORM"),
 )
 
 # --- user calibration
 
 
 _CALIBRATION = (
-    Command("CALibrate:DATE", query=lambda _: _CALIBRATED["DATE"], reply=comma_list(signed_integer)),
-    Command("CALibrate:TIME", query=lambda _: _CALIBRATED["TIME"], reply=comma_list(signed_integer)),
-    attribute("CALibrate:LABel", Text(limit=32), "calibration_label", quoted),
-    Command("CALibrate:STARt", do=nothing),
-    Command("CALibrate:STATus", query=lambda _: '+0,"Calibrated"'),
-    Command("CALibrate:SWITch", query=lambda _: "UNPR"),
-    Command("CALibrate:TEMPerature", query=lambda model: model.nr3(0.0)),
+    scpi.Command("CALibrate:DATE", query=lambda _: _CALIBRATED["DATE"], reply=scpi.comma_list(scpi.signed_integer)),
+    scpi.Command("CALibrate:TIME", query=lambda _: _CALIBRATED["TIME"], reply=scpi.comma_list(scpi.signed_integer)),
+    scpi.attribute("CALibrate:LABel", scpi.Text(limit=32), "calibration_label", scpi.quoted),
+    scpi.Command("CALibrate:STARt", do=nothing),
+    scpi.Command("CALibrate:STATus", query=lambda _: '+0,"Calibrated"'),
+    scpi.Command("CALibrate:SWITch", query=lambda _: "UNPR"),
+    scpi.Command("CALibrate:TEMPerature", query=lambda model: model.nr3(0.0)),
 )
 """A calibration takes nothing off the errors of the specimen."""
 
 # --- files
 
 
+@ROWS.query("SAVE")
 def _saving_learned(model: SimulatedDso7104B) -> str:
     state = model.state
     return f':SAVE:FIL "{state.save.name}";PWD "{state.save.folder}"'
 
 
-def _recalling_learned(model: SimulatedDso7104B) -> str:
-    return f':REC:FIL "{model.state.recall.name}";PWD "{model.state.recall.folder}"'
-
-
-_PATH, _NAME = Text(limit=254), Text(limit=254, required=False)
+_PATH, _NAME = scpi.Text(limit=254), scpi.Text(limit=254, required=False)
 
 _FILES = (
-    Command("SAVE", query=_saving_learned),
-    attribute("SAVE:FILename", _PATH, "state.save.name", quoted),
-    attribute("SAVE:PWD", _PATH, "state.save.folder", quoted),
-    attribute("SAVE:IMAGe:AREA", Choice(("GRATicule", "SCReen")), "state.save.image_area"),
-    attribute("SAVE:IMAGe:FACTors", Boolean(), "state.save.image_factors", boolean),
-    attribute(
-        "SAVE:IMAGe:FORMat", Choice(("TIFF", "BMP", "BMP24bit", "BMP8bit", "PNG", "NONE")), "state.save.image_format"
+    scpi.attribute("SAVE:FILename", _PATH, "state.save.name", scpi.quoted),
+    scpi.attribute("SAVE:PWD", _PATH, "state.save.folder", scpi.quoted),
+    scpi.attribute("SAVE:IMAGe:AREA", scpi.Choice(("GRATicule", "SCReen")), "state.save.image_area"),
+    scpi.attribute("SAVE:IMAGe:FACTors", scpi.Boolean(), "state.save.image_factors", scpi.boolean),
+    scpi.attribute(
+        "SAVE:IMAGe:FORMat",
+        scpi.Choice(("TIFF", "BMP", "BMP24bit", "BMP8bit", "PNG", "NONE")),
+        "state.save.image_format",
     ),
-    attribute("SAVE:IMAGe:INKSaver", Boolean(), "state.save.image_ink_saver", boolean),
-    attribute("SAVE:IMAGe:PALette", Choice(("COLor", "GRAYscale", "MONochrome")), "state.save.image_palette"),
-    attribute(
-        "SAVE:WAVeform:FORMat", Choice(("ALB", "ASCiixy", "CSV", "BINary", "NONE")), "state.save.waveform_format"
+    scpi.attribute("SAVE:IMAGe:INKSaver", scpi.Boolean(), "state.save.image_ink_saver", scpi.boolean),
+    scpi.attribute("SAVE:IMAGe:PALette", scpi.Choice(("COLor", "GRAYscale", "MONochrome")), "state.save.image_palette"),
+    scpi.attribute(
+        "SAVE:WAVeform:FORMat", scpi.Choice(("ALB", "ASCiixy", "CSV", "BINary", "NONE")), "state.save.waveform_format"
     ),
-    attribute(
-        "SAVE:WAVeform:LENGth", Integer(limits=Limits(100, 8_000_000)), "state.save.waveform_points", signed_integer
+    scpi.attribute(
+        "SAVE:WAVeform:LENGth",
+        scpi.Integer(limits=scpi.Limits(100, 8_000_000)),
+        "state.save.waveform_points",
+        scpi.signed_integer,
     ),
-    Command("SAVE:IMAGe[:STARt]", (_NAME,), do=_no_medium),
-    Command("SAVE:SETup[:STARt]", (_NAME,), do=_no_medium),
-    Command("SAVE:WAVeform[:STARt]", (_NAME,), do=_no_medium),
-    Command("RECall", query=_recalling_learned),
-    attribute("RECall:FILename", _PATH, "state.recall.name", quoted),
-    attribute("RECall:PWD", _PATH, "state.recall.folder", quoted),
-    Command("RECall:IMAGe[:STARt]", (_NAME,), do=_no_medium),
-    Command("RECall:SETup[:STARt]", (_NAME,), do=_no_medium),
+    scpi.Command("SAVE:IMAGe[:STARt]", (_NAME,), do=_no_medium),
+    scpi.Command("SAVE:SETup[:STARt]", (_NAME,), do=_no_medium),
+    scpi.Command("SAVE:WAVeform[:STARt]", (_NAME,), do=_no_medium),
+    scpi.Command(
+        "RECall", query=lambda model: f':REC:FIL "{model.state.recall.name}";PWD "{model.state.recall.folder}"'
+    ),
+    scpi.attribute("RECall:FILename", _PATH, "state.recall.name", scpi.quoted),
+    scpi.attribute("RECall:PWD", _PATH, "state.recall.folder", scpi.quoted),
+    scpi.Command("RECall:IMAGe[:STARt]", (_NAME,), do=_no_medium),
+    scpi.Command("RECall:SETup[:STARt]", (_NAME,), do=_no_medium),
 )
 """Setups are kept by *SAV and :SYSTem:SETup?; of files there are only the names."""
 
-ACCESSORY_COMMANDS = (*_EXTERNAL, *_CALIBRATION, *_FILES)
+ACCESSORY_COMMANDS = (*ROWS, *_EXTERNAL, *_CALIBRATION, *_FILES)
 """Commands of :EXTernal, :CALibrate, :SAVE and :RECall."""

@@ -157,18 +157,15 @@ class _Swept(_Armed):
         if self._found is None:
             self._found = self._look()
             if self._found is None:
-                self._search_longer()
+                # Look for the trigger in a longer stretch, but not past the patience of AUTO
+                longest = self._armed_s + AUTO_TRIGGER_S - self._world.clock.now()
+                self._search_s = max(self._search_s, min(2.0 * self._search_s, longest))
                 self._arm()
                 return None
             if self._pace.repeats > 1:
                 self.due_s += self._repeats_s()
                 return None
         return self._found
-
-    def _search_longer(self) -> None:
-        """Look for the trigger in a longer stretch, but not past the patience of AUTO."""
-        longest = self._armed_s + AUTO_TRIGGER_S - self._world.clock.now()
-        self._search_s = max(self._search_s, min(2.0 * self._search_s, longest))
 
     def _look(self) -> CapturedRecord | None:
         opening = self._start_s + self._before_s
@@ -203,7 +200,22 @@ class _Patient(_Armed):
         if self._world.clock.now() < self.due_s:
             return None
         if not self._complete:
-            self._go_on()
+            # Take every trigger whose record is over; come back for the next
+            now = self._world.clock.now()
+            while not self._complete:
+                trigger_s = self._next(now - self._after_s)
+                if trigger_s is None:
+                    break
+                self._triggers_s.append(trigger_s)
+                self._complete = len(self._triggers_s) >= max(1, self._pace.segments)
+                refilled_s = trigger_s + self._after_s + _REARM_S + self._before_s
+                self._from_s = self._waiting_since_s = max(refilled_s, trigger_s + self._pace.holdoff_s)
+                self._search_s = max(_SEARCH_S, self.screen.range_s)
+            if not self._complete:
+                if not self._triggers_s:
+                    self._recording.forget(self._from_s - self._before_s - _REMEMBERED_S)
+                self._search_s = min(2.0 * self._search_s, max(self._search_s, _LONGEST_SEARCH_S))
+                self.due_s = max(now, self._from_s + self._after_s) + self._search_s
             if not self._complete:
                 return None
             self.close()
@@ -211,27 +223,6 @@ class _Patient(_Armed):
                 self.due_s += self._repeats_s()
                 return None
         return CapturedRecord(self._signals, tuple(self._triggers_s))
-
-    def _go_on(self) -> None:
-        """Take every trigger whose record is over; come back for the next."""
-        now = self._world.clock.now()
-        while not self._complete:
-            trigger_s = self._next(now - self._after_s)
-            if trigger_s is None:
-                break
-            self._take(trigger_s)
-        if not self._complete:
-            if not self._triggers_s:
-                self._recording.forget(self._from_s - self._before_s - _REMEMBERED_S)
-            self._search_s = min(2.0 * self._search_s, max(self._search_s, _LONGEST_SEARCH_S))
-            self.due_s = max(now, self._from_s + self._after_s) + self._search_s
-
-    def _take(self, trigger_s: float) -> None:
-        self._triggers_s.append(trigger_s)
-        self._complete = len(self._triggers_s) >= max(1, self._pace.segments)
-        refilled_s = trigger_s + self._after_s + _REARM_S + self._before_s
-        self._from_s = self._waiting_since_s = max(refilled_s, trigger_s + self._pace.holdoff_s)
-        self._search_s = max(_SEARCH_S, self.screen.range_s)
 
     def _next(self, horizon_s: float) -> float | None:
         """Return the next trigger up to the horizon, real, forced or automatic."""

@@ -5,32 +5,23 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from simrack import scpi
 from simrack.instruments.dso7104b.declarations import VOLTS, clipped
-from simrack.scpi import (
-    Boolean,
-    Choice,
-    Command,
-    Limits,
-    Number,
-    Parameter,
-    ScpiError,
-    Text,
-    attribute,
-    boolean,
-    quoted,
-)
 
 if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
     from simrack.scpi.lexer import Token
 
+ROWS = scpi.Rows()
+"""Rows that stand on their handlers."""
 
-class _Label(Text, frozen=True):
+
+class _Label(scpi.Text, frozen=True):
     """A channel's label: ten capitals are kept (siblings' guide, as quoted by PyMeasure's DSOX1102G)."""
 
     def parse(self, token: Token) -> str:
         """Return the label as it will be shown."""
-        return Text.parse(self, token)[:10].upper()
+        return scpi.Text.parse(self, token)[:10].upper()
 
 
 def _set_range(model: SimulatedDso7104B, channel: int, volts: float) -> None:
@@ -40,10 +31,6 @@ def _set_range(model: SimulatedDso7104B, channel: int, volts: float) -> None:
     reach = _offset_reach(model, channel)
     offset = model.state.channel[channel].offset_v
     model.state.channel[channel].offset_v = min(max(offset, -reach), reach)
-
-
-def _set_scale(model: SimulatedDso7104B, channel: int, volts: float) -> None:
-    _set_range(model, channel, 8.0 * volts)
 
 
 def _offset_reach(model: SimulatedDso7104B, channel: int) -> float:
@@ -68,15 +55,17 @@ def _set_probe(model: SimulatedDso7104B, channel: int, ratio: float) -> None:
 def _set_impedance(model: SimulatedDso7104B, channel: int, word: str) -> None:
     """Change the input resistance; 50 ohm only once the protection is cleared (that number of refusal unverified)."""
     if word == "FIFT" and model.state.channel[channel].protection == "TRIP":
-        raise ScpiError(-221)
+        raise scpi.ScpiError(-221)
     model.state.channel[channel].impedance = word
     model.inputs.terminate(channel, fifty=word == "FIFT")
 
 
+@ROWS.do("CHANnel<1-4>:PROTection[:CLEar]")
 def _clear_protection(model: SimulatedDso7104B, channel: int) -> None:
     model.state.channel[channel].protection = "NORM"
 
 
+@ROWS.query("CHANnel<1-4>")
 def _learned(model: SimulatedDso7104B, channel: int) -> str:
     """Return the learn string of one channel, in the shape of a recorded one."""
     own = model.state.channel[channel]
@@ -85,9 +74,9 @@ def _learned(model: SimulatedDso7104B, channel: int) -> str:
         f"OFFS {own.offset_v:+.5E}",
         f"COUP {own.coupling}",
         f"IMP {own.impedance}",
-        f"DISP {boolean(own.shown)}",
-        f"BWL {boolean(own.bandwidth_limit)}",
-        f"INV {boolean(own.inverted)}",
+        f"DISP {scpi.boolean(own.shown)}",
+        f"BWL {scpi.boolean(own.bandwidth_limit)}",
+        f"INV {scpi.boolean(own.inverted)}",
         f'LAB "{own.label}"',
         f"UNIT {own.unit}",
         f"PROB {_engineering(own.probe, 2)}",
@@ -105,34 +94,33 @@ def _engineering(value: float, digits: int) -> str:
     return f"{mantissa:+.{decimals}f}E{exponent:+03d}"
 
 
-def _channel(name: str, parameter: Parameter, field: str, reply: Any = str, **more: Any) -> Command:
+def _channel(name: str, parameter: scpi.Parameter, field: str, reply: Any = str, **more: Any) -> scpi.Command:
     """Declare a setting of each channel."""
-    return attribute(f"CHANnel<1-4>:{name}", parameter, f"state.channel[].{field}", reply, **more)
+    return scpi.attribute(f"CHANnel<1-4>:{name}", parameter, f"state.channel[].{field}", reply, **more)
 
 
 VERTICAL_COMMANDS = (
-    Command("CHANnel<1-4>", query=_learned),
+    *ROWS,
     _channel("RANGe", VOLTS, "range_v", "nr3", do=_set_range),
-    Command(
+    scpi.Command(
         "CHANnel<1-4>:SCALe",
         (VOLTS,),
-        do=_set_scale,
+        do=lambda model, channel, volts: _set_range(model, channel, 8.0 * volts),
         query=lambda model, n: model.nr3(model.state.channel[n].range_v / 8.0),
     ),
     _channel("OFFSet", VOLTS, "offset_v", "nr3", do=_set_offset),
-    _channel("PROBe", Number(limits=Limits(0.1, 1000.0)), "probe", "nr3", do=_set_probe),
-    Command("CHANnel<1-4>:PROBe:ID", query=lambda *_: "NONE"),
-    _channel("PROBe:SKEW", Number(unit="S", limits=Limits(-100e-9, 100e-9)), "skew_s", "nr3"),
-    _channel("PROBe:STYPe", Choice(("DIFFerential", "SINGle")), "probe_type"),
-    _channel("BWLimit", Boolean(), "bandwidth_limit", boolean),
-    _channel("COUPling", Choice(("AC", "DC")), "coupling"),
-    _channel("DISPlay", Boolean(), "shown", boolean),
-    _channel("IMPedance", Choice(("ONEMeg", "FIFTy")), "impedance", do=_set_impedance),
-    _channel("INVert", Boolean(), "inverted", boolean),
-    _channel("LABel", _Label(), "label", quoted),
-    Command("CHANnel<1-4>:PROTection[:CLEar]", do=_clear_protection),
-    Command("CHANnel<1-4>:PROTection", query=lambda model, n: model.state.channel[n].protection),
-    _channel("UNITs", Choice(("VOLT", "AMPere")), "unit"),
-    _channel("VERNier", Boolean(), "vernier", boolean),
+    _channel("PROBe", scpi.Number(limits=scpi.Limits(0.1, 1000.0)), "probe", "nr3", do=_set_probe),
+    scpi.Command("CHANnel<1-4>:PROBe:ID", query=lambda *_: "NONE"),
+    _channel("PROBe:SKEW", scpi.Number(unit="S", limits=scpi.Limits(-100e-9, 100e-9)), "skew_s", "nr3"),
+    _channel("PROBe:STYPe", scpi.Choice(("DIFFerential", "SINGle")), "probe_type"),
+    _channel("BWLimit", scpi.Boolean(), "bandwidth_limit", scpi.boolean),
+    _channel("COUPling", scpi.Choice(("AC", "DC")), "coupling"),
+    _channel("DISPlay", scpi.Boolean(), "shown", scpi.boolean),
+    _channel("IMPedance", scpi.Choice(("ONEMeg", "FIFTy")), "impedance", do=_set_impedance),
+    _channel("INVert", scpi.Boolean(), "inverted", scpi.boolean),
+    _channel("LABel", _Label(), "label", scpi.quoted),
+    scpi.Command("CHANnel<1-4>:PROTection", query=lambda model, n: model.state.channel[n].protection),
+    _channel("UNITs", scpi.Choice(("VOLT", "AMPere")), "unit"),
+    _channel("VERNier", scpi.Boolean(), "vernier", scpi.boolean),
 )
 """Commands of :CHANnel<n>. Of the 50 ohm overload the siblings' guides say NORM and TRIP."""

@@ -143,15 +143,12 @@ class Video:
             return None
         if self._LINE_PULSE.fits(began, change, exactly):
             return self._line(began, exactly)
-        return self._broad(began, change, exactly)
+        first = not self._in_field and len(self._lines) == 3
+        self._in_field = self._BROAD_PULSE.fits(began, change, exactly)
+        return exactly(change) if self._field and first and self._in_field else None
 
     def _line(self, pulse: Change, exactly: Callable[[Change], float]) -> float | None:
         regular = bool(self._lines) and self._spacing.fits(self._lines[-1], pulse, exactly)
         self._lines = [*self._lines[-2:], pulse] if regular else [pulse]
         self._in_field = False
         return exactly(pulse) if len(self._lines) == 3 and not self._field else None
-
-    def _broad(self, began: Change, end: Change, exactly: Callable[[Change], float]) -> float | None:
-        first = not self._in_field and len(self._lines) == 3
-        self._in_field = self._BROAD_PULSE.fits(began, end, exactly)
-        return exactly(end) if self._field and first and self._in_field else None

@@ -171,13 +171,10 @@ class Signals:
         if math.isinf(view.limit_hz):
             return read(times_s)
         tau_s = time_constant_s(view.limit_hz)
-        known = self._known(node, times_s)
+        known = closed_form(self.capture.pieces(node), float(times_s[0]), float(times_s[-1]))
         if known is not None:
             return known.low_passed(tau_s).at(times_s)
         return low_passed(read, times_s, tau_s, self.capture.finest_s(node))
-
-    def _known(self, node: str, times_s: NDArray[np.float64]) -> Sines | None:
-        return closed_form(self.capture.pieces(node), float(times_s[0]), float(times_s[-1]))
 
     def _blocked(self, channel: int, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the voltage of an input's blocking capacitor."""

@@ -22,6 +22,7 @@ from copy import deepcopy
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from simrack import scpi
 from simrack.instruments.dso7104b.acquisition import Acquisition, Arming, CapturedRecord, acquisition
 from simrack.instruments.dso7104b.conditions import NeverMet
 from simrack.instruments.dso7104b.coupling import Coupling
@@ -35,21 +36,6 @@ from simrack.instruments.dso7104b.showing import ShownRecords
 from simrack.instruments.dso7104b.termination import Terminations
 from simrack.instruments.dso7104b.trigger import Trigger
 from simrack.instruments.dso7104b.trigger_settings import comparator_of, trigger_of
-from simrack.scpi import (
-    GPIB,
-    LAN,
-    USB,
-    CommandTable,
-    Dialect,
-    Limits,
-    Pending,
-    Register,
-    ScpiEngine,
-    ScpiError,
-    ScpiTwin,
-    Status,
-    real,
-)
 from simrack.scpi.parameters import Violation
 
 if TYPE_CHECKING:
@@ -63,13 +49,13 @@ _OVERLOAD, _HARDWARE = 11, 12
 _PATIENCE_S = 0.1
 
 
-def _clip_plainly(value: float, limits: Limits, word: str) -> Violation:
+def _clip_plainly(value: float, limits: scpi.Limits, word: str) -> Violation:
     """Clip to the nearest legal value and queue a plain -222."""
     del word
-    return Violation(limits.maximum if value > limits.maximum else limits.minimum, ScpiError(-222))
+    return Violation(limits.maximum if value > limits.maximum else limits.minimum, scpi.ScpiError(-222))
 
 
-class SimulatedDso7104B(ScpiTwin):
+class SimulatedDso7104B(scpi.ScpiTwin):
     """The oscilloscope. `channels` says which node each input sees; `interface` is usb, gpib or lan.
 
     `model` is what it calls itself, where it stands for an oscilloscope that speaks the same words.
@@ -77,7 +63,7 @@ class SimulatedDso7104B(ScpiTwin):
 
     errors_class: ClassVar = ScopeErrors
     kind: ClassVar[ScopeKind] = KIND_7000B
-    table: ClassVar[CommandTable]
+    table: ClassVar[scpi.CommandTable]
 
     def __init__(
         self,
@@ -92,15 +78,15 @@ class SimulatedDso7104B(ScpiTwin):
         self._nodes = dict(channels)
         self._errors = errors
         self.exponent_digits = errors.exponent_digits
-        self.nr3: Callable[[float], str] = real(self.kind.decimals, errors.exponent_digits)
+        self.nr3: Callable[[float], str] = scpi.real(self.kind.decimals, errors.exponent_digits)
         self.state = ScopeSettings()
         self.inputs = Terminations(world, self._nodes, self._trip)
         self._stored: dict[int, ScopeSettings] = {}
-        self.operation: Register = Register()
-        self.triggered: Register = Register()
+        self.operation: scpi.Register = scpi.Register()
+        self.triggered: scpi.Register = scpi.Register()
         self.triggered.enable = 1
-        self.overload: Register = Register(self.operation, _OVERLOAD)
-        self.hardware: Register = Register(self.operation, _HARDWARE)
+        self.overload: scpi.Register = scpi.Register(self.operation, _OVERLOAD)
+        self.hardware: scpi.Register = scpi.Register(self.operation, _HARDWARE)
         self.message = ""
         self.calibration_label = ""
         self.installed: list[Installed] = []
@@ -113,13 +99,13 @@ class SimulatedDso7104B(ScpiTwin):
         self._coupling = Coupling(world, self._nodes)
         self._last_trigger_s = -math.inf
         self._number = 0
-        self.engine = ScpiEngine(
+        self.engine = scpi.ScpiEngine(
             self,
             self.table,
             world.clock,
-            dialect=Dialect(queue_depth=30, out_of_range=_clip_plainly, input_limit=1 << 24),
-            interface={"usb": USB, "gpib": GPIB, "lan": LAN}[interface],
-            status=Status({7: self.operation, 0: self.triggered}, (self.overload, self.hardware)),
+            dialect=scpi.Dialect(queue_depth=30, out_of_range=_clip_plainly, input_limit=1 << 24),
+            interface={"usb": scpi.USB, "gpib": scpi.GPIB, "lan": scpi.LAN}[interface],
+            status=scpi.Status({7: self.operation, 0: self.triggered}, (self.overload, self.hardware)),
         )
         self.run()
 
@@ -166,7 +152,15 @@ class SimulatedDso7104B(ScpiTwin):
             return
         found = armed.step()
         if found is not None:
-            self._finish(armed, found)
+            segmented = self.state.acquire.mode == "SEGM"
+            records = [self._recorded(armed, found, trigger_s, segmented=segmented) for trigger_s in found.triggers_s]
+            self.shown.show(records, segmented=segmented)
+            self._last_trigger_s = found.triggers_s[-1]
+            self._acquisition = None
+            if self._run_state == "single":
+                self._run_state = "stop"
+            self.triggered.latch(1)
+            self._show_state()
 
     def next_event_s(self) -> float | None:
         """Return when the armed acquisition wants to look again, or the protection has seen enough."""
@@ -214,13 +208,13 @@ class SimulatedDso7104B(ScpiTwin):
         self.shown.show([])
         self._arm()
 
-    def digitize(self, *sources: str) -> Pending:
+    def digitize(self, *sources: str) -> scpi.Pending:
         """:DIGitize: arm once, keep the parser busy until the record is there, stop."""
         if sources:
             for source in (*(f"CHAN{channel}" for channel in CHANNELS), "FUNC"):
                 self.state.show(source, source in sources)
         self.single()
-        return Pending(lambda: self._idle_since(math.inf), lambda: None)
+        return scpi.Pending(lambda: self._idle_since(math.inf), lambda: None)
 
     def look(self, finish: Callable[[], Any]) -> Any:
         """Return `finish()` on the record; while running that is a fresh one, which takes its time.
@@ -234,7 +228,7 @@ class SimulatedDso7104B(ScpiTwin):
         patience = math.inf
         if self.state.trigger.sweep != "AUTO":
             patience = self._world.clock.now() + 3.0 * self.state.timebase.range_s + _PATIENCE_S
-        return Pending(lambda: self._idle_since(patience), finish)
+        return scpi.Pending(lambda: self._idle_since(patience), finish)
 
     def force(self) -> None:
         """:TRIGger:FORCe."""
@@ -272,17 +266,6 @@ class SimulatedDso7104B(ScpiTwin):
         self._acquisition = acquisition(self._world, Arming(main_window(self.state), views, trigger, pace, past))
         self._show_state()
 
-    def _finish(self, armed: Acquisition, found: CapturedRecord) -> None:
-        segmented = self.state.acquire.mode == "SEGM"
-        records = [self._recorded(armed, found, trigger_s, segmented=segmented) for trigger_s in found.triggers_s]
-        self.shown.show(records, segmented=segmented)
-        self._last_trigger_s = found.triggers_s[-1]
-        self._acquisition = None
-        if self._run_state == "single":
-            self._run_state = "stop"
-        self.triggered.latch(1)
-        self._show_state()
-
     def _recorded(self, armed: Acquisition, found: CapturedRecord, trigger_s: float, *, segmented: bool) -> Record:
         kind = self.state.acquire.type
         self._number += 1
@@ -311,7 +294,7 @@ class SimulatedDso7104B(ScpiTwin):
         coupled |= {channel for channel, comparator in trigger.comparators.items() if comparator.ac}
         return partial(self._coupling.past, coupled)
 
-    def count(self, channel: int) -> Pending:
+    def count(self, channel: int) -> scpi.Pending:
         """:MEASure:COUNter?: count a channel's edges from now on, whatever the acquisition does."""
         from simrack.instruments.dso7104b.counter import counted_hz, five_digits, gate_s  # noqa: PLC0415
 
@@ -326,9 +309,9 @@ class SimulatedDso7104B(ScpiTwin):
             hertz = counted_hz(signals, channel, comparator, start_s, stop_s)
             return self.nr3(INVALID if hertz is None else five_digits(hertz / (1.0 + self._errors.time_base_error)))
 
-        return Pending.at(stop_s + views[channel].remembered_s, finish)
+        return scpi.Pending.at(stop_s + views[channel].remembered_s, finish)
 
-    def autoscale(self) -> Pending:
+    def autoscale(self) -> scpi.Pending:
         """:AUToscale: look at every input for a while, then set it up."""
         from simrack.instruments.dso7104b.autoscale import LOOK_S, fit  # noqa: PLC0415  # few ask for it
 
@@ -339,7 +322,7 @@ class SimulatedDso7104B(ScpiTwin):
             fit(self.state, self._nodes, capture, now)
             self.run()
 
-        return Pending.at(now + LOOK_S, finish)
+        return scpi.Pending.at(now + LOOK_S, finish)
 
     # --- setups -------------------------------------------------------------------------------------------------------
 

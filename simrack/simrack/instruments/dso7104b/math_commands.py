@@ -14,10 +14,13 @@ from simrack.instruments.dso7104b.declarations import CHANNEL, clipped
 from simrack.instruments.dso7104b.math_settings import MATH_RANGES, fft_band, fft_points, math_scale
 from simrack.instruments.dso7104b.math_trace import TWO_SOURCES
 from simrack.instruments.dso7104b.sampling import sample_rate_hz
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, ScpiError, attribute, boolean
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, Rows, ScpiError, attribute, boolean
 
 if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 
 def _shown_band(model: SimulatedDso7104B) -> tuple[float, float]:
@@ -25,16 +28,6 @@ def _shown_band(model: SimulatedDso7104B) -> tuple[float, float]:
     range_s = model.state.timebase.range_s
     rate_hz = sample_rate_hz(model.state, model.kind)
     return fft_band(model.state, 0.5 * fft_points(range_s, rate_hz) / range_s)
-
-
-def _set_operation(model: SimulatedDso7104B, operation: str) -> None:
-    """Choose the operation; the scale follows anew. Two sources cannot be g(t) and another (number unverified)."""
-    if operation in TWO_SOURCES and model.state.function.source[1] == "GOFT":
-        raise ScpiError(-221)
-    if operation != model.state.function.operation:
-        model.state.function.range = model.state.function.offset = None
-    model.state.function.operation = operation
-    model.shown.forget_traces()
 
 
 def _set_source(model: SimulatedDso7104B, index: int, source: str) -> None:
@@ -72,6 +65,7 @@ def _offset(pattern: str) -> Command:
     return replace(set_, query=lambda model: model.nr3(math_scale(model.state)[1]))
 
 
+@ROWS.query("FUNCtion")
 def _learned(model: SimulatedDso7104B) -> str:
     """Return the settings in the shape of the guide's sample."""
     state = model.state
@@ -84,10 +78,21 @@ def _learned(model: SimulatedDso7104B) -> str:
 
 _OPERATION = Choice(("ADD", "SUBTract", "MULTiply", "INTegrate", "DIFFerentiate", "FFT", "SQRT"))
 
+
+@ROWS.attribute("FUNCtion:OPERation", _OPERATION, "state.function.operation")
+def _set_operation(model: SimulatedDso7104B, operation: str) -> None:
+    """Choose the operation; the scale follows anew. Two sources cannot be g(t) and another (number unverified)."""
+    if operation in TWO_SOURCES and model.state.function.source[1] == "GOFT":
+        raise ScpiError(-221)
+    if operation != model.state.function.operation:
+        model.state.function.range = model.state.function.offset = None
+    model.state.function.operation = operation
+    model.shown.forget_traces()
+
+
 FUNCTION_COMMANDS = (
-    Command("FUNCtion", query=_learned),
+    *ROWS,
     attribute("FUNCtion:DISPlay", Boolean(), "state.function.shown", boolean),
-    attribute("FUNCtion:OPERation", _OPERATION, "state.function.operation", do=_set_operation),
     Command(
         "FUNCtion:SOURce<1-2>",
         (Choice(("CHANnel<1-4>", "GOFT")),),

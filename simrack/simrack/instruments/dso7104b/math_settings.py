@@ -53,7 +53,12 @@ def math_trace(state: ScopeSettings, record: Record, points: int) -> MathTrace:
     points = min(points, _MOST_POINTS)
     screen = record.screen
     if state.function.operation == "FFT":
-        return _spectrum(state, record, points)
+        count = fft_points(record.screen.range_s, record.kept.rate_hz)
+        source, step_s = _operand(state, record, count), record.screen.range_s / count
+        lines = Spectrum.of(source.volts, step_s, state.function.window)
+        centre, span = fft_band(state, 0.5 / step_s)
+        start = centre - span / 2.0
+        return MathTrace(start, span / points, lines.shown(start, start + span, points), source.clipped)
     step = screen.range_s / points
     one = _operand(state, record, points)
     if state.function.operation not in TWO_SOURCES:
@@ -61,15 +66,6 @@ def math_trace(state: ScopeSettings, record: Record, points: int) -> MathTrace:
     other = _channel(record, state.function.source[2], points)
     values = combined(state.function.operation, one.volts, other.volts)
     return MathTrace(screen.left_s, step, values, one.clipped or other.clipped)
-
-
-def _spectrum(state: ScopeSettings, record: Record, points: int) -> MathTrace:
-    count = fft_points(record.screen.range_s, record.kept.rate_hz)
-    source, step_s = _operand(state, record, count), record.screen.range_s / count
-    lines = Spectrum.of(source.volts, step_s, state.function.window)
-    centre, span = fft_band(state, 0.5 / step_s)
-    start = centre - span / 2.0
-    return MathTrace(start, span / points, lines.shown(start, start + span, points), source.clipped)
 
 
 def fft_points(range_s: float, rate_hz: float) -> int:

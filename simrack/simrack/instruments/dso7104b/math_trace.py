@@ -42,17 +42,13 @@ def combined(operation: str, one: NDArray[np.float64], other: NDArray[np.float64
 
 def transformed(operation: str, volts: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
     """Return the integral (V s), the derivative (V/s) or the square root of a record."""
+    # Trapezoidal rule's sums from the left edge on
     functions: dict[str, Callable[[], NDArray[np.float64]]] = {
-        "INT": lambda: _integral(volts, step_s),
+        "INT": lambda: np.concatenate(([0.0], np.cumsum((volts[1:] + volts[:-1]) * (step_s / 2.0)))),
         "DIFF": lambda: np.gradient(volts, step_s),
         "SQRT": lambda: np.sqrt(np.where(volts > 0.0, volts, 0.0)),
     }
     return np.asarray(functions[operation]())
-
-
-def _integral(volts: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
-    """Return the trapezoidal rule's sums from the left edge on."""
-    return np.concatenate(([0.0], np.cumsum((volts[1:] + volts[:-1]) * (step_s / 2.0))))
 
 
 class Spectrum(Struct, frozen=True):

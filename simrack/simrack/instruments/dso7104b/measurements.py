@@ -189,7 +189,11 @@ class MeasuredTrace:
         places = np.flatnonzero(wanted)
         if not 1 <= abs(number) <= len(places):
             return None
-        return self._crossing(int(places[abs(number) - 1]), level_v)
+        index = int(places[abs(number) - 1])
+        before, after = float(self.volts[index]), float(self.volts[index + 1])
+        part = (level_v - before) / (after - before) if after != before else 0.0
+        start = float(self.times_s[index])
+        return start + min(max(part, 0.0), 1.0) * (float(self.times_s[index + 1]) - start)
 
     def delay_to(self, other: MeasuredTrace, own_edge: int = 1, other_edge: int = 1) -> float | None:
         """Return the time from an edge of this trace to the edge of `other` nearest to it, s.
@@ -280,17 +284,13 @@ class MeasuredTrace:
         starts = self.times_s[near]
         return np.asarray(starts + np.clip(part, 0.0, 1.0) * (self.times_s[near + 1] - starts))
 
-    def _crossing(self, index: int, level: float) -> float:
-        before, after = float(self.volts[index]), float(self.volts[index + 1])
-        part = (level - before) / (after - before) if after != before else 0.0
-        start = float(self.times_s[index])
-        return start + min(max(part, 0.0), 1.0) * (float(self.times_s[index + 1]) - start)
-
     def _middles(self, *, rising: bool) -> list[float]:
         return [edge.middle_s for edge in self.edges() if edge.rising == rising]
 
     def _nearest(self, *, rising: bool) -> TraceEdge | None:
-        return min((edge for edge in self.edges() if edge.rising == rising), key=_off_reference, default=None)
+        return min(
+            (edge for edge in self.edges() if edge.rising == rising), key=lambda edge: abs(edge.middle_s), default=None
+        )
 
     def _cycle(self) -> tuple[float, float] | None:
         """Return start and end of the full cycle nearest the reference, rising or falling."""
@@ -318,10 +318,6 @@ class MeasuredTrace:
         first, last = np.interp(limits, self.times_s, values)
         heights = np.concatenate(((first,), values[inner], (last,)))
         return float(np.sum((heights[1:] + heights[:-1]) * np.diff(times))) / (2.0 * (limits[1] - limits[0]))
-
-
-def _off_reference(edge: TraceEdge) -> float:
-    return abs(edge.middle_s)
 
 
 def _flat_level(

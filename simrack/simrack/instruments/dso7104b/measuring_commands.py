@@ -5,16 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from simrack.instruments.dso7104b.declarations import (
-    OPTIONAL_SOURCE,
-    SECONDS,
-    SOURCE,
-    VOLTS,
-    clipped,
-)
+from simrack import scpi
+from simrack.instruments.dso7104b import declarations
 from simrack.instruments.dso7104b.installed import INVALID, Installed, measured_or_invalid
 from simrack.instruments.dso7104b.measurements import MeasuredTrace
-from simrack.scpi import Boolean, Choice, Command, Number, Parameter, ScpiError, attribute, boolean, signed_integer
 from simrack.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
@@ -22,27 +16,30 @@ if TYPE_CHECKING:
 
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
+ROWS = scpi.Rows()
+"""Rows that stand on their handlers."""
+
 _INSTALLED_MOST = 4
 
 
-class _Definition(Parameter, frozen=True):
+class _Definition(scpi.Parameter, frozen=True):
     """A word or a number of :MEASure:DEFine."""
 
     def parse(self, token: Token) -> str | float:
         """Return the number, or the word's short form."""
         if token.kind is TokenKind.NUMBER:
             return token.number
-        return Choice(("STANdard", "PERCent", "ABSolute")).parse(token)
+        return scpi.Choice(("STANdard", "PERCent", "ABSolute")).parse(token)
 
 
-class _Averaging(Choice, frozen=True):
+class _Averaging(scpi.Choice, frozen=True):
     """A word or a source of VAVerage and VRMS."""
 
     words: tuple[str, ...] = ("CYCLe", "DISPlay", "AUTO", "AC", "DC", "CHANnel<1-4>", "FUNCtion", "MATH")
 
     def parse(self, token: Token) -> str:
         """Return the short form, FUNC for MATH."""
-        word = Choice.parse(self, token)
+        word = scpi.Choice.parse(self, token)
         return "FUNC" if word == "MATH" else word
 
 
@@ -75,12 +72,13 @@ def _install(
     defaults = model.state.measure.sources
     named = tuple(source or default for source, default in zip(sources, defaults, strict=False))
     if "NONE" in named:
-        raise ScpiError(-221)  # there is no second source to measure (number unverified)
+        raise scpi.ScpiError(-221)  # there is no second source to measure (number unverified)
     label = f"{name}({','.join(source.removeprefix('CHAN') for source in named)})"
     model.installed.append(Installed(label, named, of))
     del model.installed[:-_INSTALLED_MOST]
 
 
+@ROWS.do("MEASure:CLEar")
 def _clear(model: SimulatedDso7104B) -> None:
     model.installed.clear()
     model.shown.analysed = False
@@ -89,6 +87,7 @@ def _clear(model: SimulatedDso7104B) -> None:
 # --- results
 
 
+@ROWS.query("MEASure:RESults")
 def _results(model: SimulatedDso7104B) -> Any:
     return model.look(lambda: _results_now(model))
 
@@ -109,7 +108,7 @@ def _results_now(model: SimulatedDso7104B) -> str:
 def _row(model: SimulatedDso7104B, installed: Installed) -> tuple[str, tuple[float, ...]]:
     try:
         shown, records = model.shown.record, model.shown.records if model.shown.analysed else [model.shown.record]
-    except ScpiError:
+    except scpi.ScpiError:
         return installed.label, (*(INVALID,) * 4, 0.0, 1.0)
     current = installed.value(model.shown.measured, shown)
     values = [value for record in records if (value := installed.value(model.shown.measured, record)) != INVALID]
@@ -123,18 +122,18 @@ def _row(model: SimulatedDso7104B, installed: Installed) -> tuple[str, tuple[flo
 # --- declarations
 
 
-def _measurement(name: str, of: Callable[[MeasuredTrace], float | None]) -> Command:
+def _measurement(name: str, of: Callable[[MeasuredTrace], float | None]) -> scpi.Command:
     """Declare `:MEASure:<name> [<source>]` (install) and `:MEASure:<name>? [<source>]`."""
-    return Command(
+    return scpi.Command(
         f"MEASure:{name}",
-        (OPTIONAL_SOURCE,),
+        (declarations.OPTIONAL_SOURCE,),
         do=lambda model, source: _install(model, name, (source,), of),
         query=lambda model, source: _measured(model, source, of),
-        query_parameters=(OPTIONAL_SOURCE,),
+        query_parameters=(declarations.OPTIONAL_SOURCE,),
     )
 
 
-def _averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None]) -> Command:
+def _averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None]) -> scpi.Command:
     """Declare VAVerage or VRMS, whose words before the source are all optional."""
 
     def sorted_out(words: tuple[str | None, ...]) -> tuple[str | None, set[str]]:
@@ -150,7 +149,7 @@ def _averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None])
         _install(model, name, (source,), lambda trace: of(trace, given))
 
     words = (_Averaging(required=False),) * 3
-    return Command(f"MEASure:{name}", words, do=install, query=read, query_parameters=words)
+    return scpi.Command(f"MEASure:{name}", words, do=install, query=read, query_parameters=words)
 
 
 def _of_cycle(trace: MeasuredTrace, words: set[str]) -> bool:
@@ -158,18 +157,14 @@ def _of_cycle(trace: MeasuredTrace, words: set[str]) -> bool:
     return "CYCL" in words or ("DISP" not in words and trace.period() is not None)
 
 
-def _pair_measurement(name: str, of: Callable[[MeasuredTrace, MeasuredTrace], float | None]) -> Command:
-    return Command(
+def _pair_measurement(name: str, of: Callable[[MeasuredTrace, MeasuredTrace], float | None]) -> scpi.Command:
+    return scpi.Command(
         f"MEASure:{name}",
-        (OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+        (declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
         do=lambda model, *sources: _install(model, name, sources, of),
         query=lambda model, first, second: _measured_pair(model, first, second, of),
-        query_parameters=(OPTIONAL_SOURCE, OPTIONAL_SOURCE),
+        query_parameters=(declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
     )
-
-
-def _install_delay(model: SimulatedDso7104B, *sources: str | None) -> None:
-    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state.measure.delay_edges))
 
 
 def _delay(model: SimulatedDso7104B, first: str | None, second: str | None) -> Any:
@@ -185,27 +180,11 @@ def _ratio_db(one: MeasuredTrace, two: MeasuredTrace) -> float | None:
 # --- settings
 
 
-def _set_sources(model: SimulatedDso7104B, first: str, second: str | None) -> None:
-    model.state.measure.sources = (first, second or model.state.measure.sources[1])
-
-
-def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
-    """Take `DEFine THResholds,...` or `DEFine DELay,...`."""
-    if what == "DEL":
-        if len(values) != 2 or not all(isinstance(value, float) and value for value in values):
-            raise ScpiError(-109 if len(values) < 2 else -224)
-        first, second = values
-        model.state.measure.delay_edges = int(first), int(second)
-    else:
-        model.state.measure.thresholds = _threshold_definition(model, values)
-    model.shown.forget_traces()
-
-
 def _definition(model: SimulatedDso7104B, what: str, source: str | None = None) -> str:
     """Return a definition; the standard thresholds as their percentages (from memory, unverified)."""
     del source
     if what == "DEL":
-        return ",".join(("DEL", *map(signed_integer, model.state.measure.delay_edges)))
+        return ",".join(("DEL", *map(scpi.signed_integer, model.state.measure.delay_edges)))
     kind, *numbers = model.state.measure.thresholds
     return ",".join(("THR", "PERC" if kind == "STAN" else kind, *map(model.nr3, numbers)))
 
@@ -215,12 +194,12 @@ def _threshold_definition(model: SimulatedDso7104B, values: tuple[Any, ...]) -> 
         return "STAN", 90.0, 50.0, 10.0
     kind, numbers = (values[0], values[1:]) if isinstance(values[0], str) else ("PERC", values)
     if kind == "STAN" or len(numbers) != 3 or any(isinstance(number, str) for number in numbers):
-        raise ScpiError(-109 if len(numbers) < 3 else -224)
+        raise scpi.ScpiError(-109 if len(numbers) < 3 else -224)
     upper, middle, lower = numbers
     if kind == "PERC":
-        upper, middle, lower = (clipped(model, number, 5.0, 95.0) for number in numbers)
+        upper, middle, lower = (declarations.clipped(model, number, 5.0, 95.0) for number in numbers)
     if not lower < middle < upper:
-        raise ScpiError(-221)
+        raise scpi.ScpiError(-221)
     return kind, upper, middle, lower
 
 
@@ -234,18 +213,21 @@ def _counter(model: SimulatedDso7104B, source: str | None) -> Any:
 
 def _edge_number(value: float) -> int:
     if value != int(value) or not value:
-        raise ScpiError(-224)
+        raise scpi.ScpiError(-224)
     return int(value)
 
 
+@ROWS.query("MEASure:TEDGe", query_parameters=(scpi.Number(), declarations.OPTIONAL_SOURCE))
 def _edge_time(model: SimulatedDso7104B, number: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.time_of_edge(_edge_number(number)))
 
 
+@ROWS.query("MEASure:TVALue", query_parameters=(declarations.VOLTS, scpi.Number(), declarations.OPTIONAL_SOURCE))
 def _value_time(model: SimulatedDso7104B, level: float, number: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.time_of_value(level, _edge_number(number)))
 
 
+@ROWS.query("MEASure:VTIMe", query_parameters=(declarations.SECONDS, declarations.OPTIONAL_SOURCE))
 def _value_at(model: SimulatedDso7104B, seconds: float, source: str | None) -> Any:
     return _measured(model, source, lambda trace: trace.voltage_at(seconds))
 
@@ -254,28 +236,47 @@ def _sources(model: SimulatedDso7104B) -> str:
     return ",".join(model.state.measure.sources)
 
 
+@ROWS.do("MEASure:SOURce", (declarations.SOURCE, declarations.OPTIONAL_SOURCE), query=_sources)
+def _set_sources(model: SimulatedDso7104B, first: str, second: str | None) -> None:
+    model.state.measure.sources = (first, second or model.state.measure.sources[1])
+
+
+@ROWS.do(
+    "MEASure:DEFine",
+    (scpi.Choice(("THResholds", "DELay")), _Definition()),
+    query=_definition,
+    query_parameters=(scpi.Choice(("THResholds", "DELay")), declarations.OPTIONAL_SOURCE),
+    repeat=True,
+)
+def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
+    """Take `DEFine THResholds,...` or `DEFine DELay,...`."""
+    if what == "DEL":
+        if len(values) != 2 or not all(isinstance(value, float) and value for value in values):
+            raise scpi.ScpiError(-109 if len(values) < 2 else -224)
+        first, second = values
+        model.state.measure.delay_edges = int(first), int(second)
+    else:
+        model.state.measure.thresholds = _threshold_definition(model, values)
+    model.shown.forget_traces()
+
+
+@ROWS.do(
+    "MEASure:DELay",
+    (declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
+    query=_delay,
+    query_parameters=(declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
+)
+def _install_delay(model: SimulatedDso7104B, *sources: str | None) -> None:
+    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state.measure.delay_edges))
+
+
 MEASURE_COMMANDS = (
-    Command("MEASure", query=lambda model: f":MEAS:SOUR {_sources(model)}"),
-    Command(
-        "MEASure:SOURce",
-        (SOURCE, OPTIONAL_SOURCE),
-        do=_set_sources,
-        query=_sources,
-    ),
-    Command(
-        "MEASure:DEFine",
-        (Choice(("THResholds", "DELay")), _Definition()),
-        do=_define,
-        query=_definition,
-        query_parameters=(Choice(("THResholds", "DELay")), OPTIONAL_SOURCE),
-        repeat=True,
-    ),
-    Command("MEASure:RESults", query=_results),
-    Command("MEASure:CLEar", do=_clear),
-    attribute("MEASure:SHOW", Boolean(), "state.measure.shown", boolean),
-    attribute(
+    *ROWS,
+    scpi.Command("MEASure", query=lambda model: f":MEAS:SOUR {_sources(model)}"),
+    scpi.attribute("MEASure:SHOW", scpi.Boolean(), "state.measure.shown", scpi.boolean),
+    scpi.attribute(
         "MEASure:STATistics",
-        Choice(("ON", "CURRent", "MINimum", "MAXimum", "MEAN", "STDDev", "COUNt")),
+        scpi.Choice(("ON", "CURRent", "MINimum", "MAXimum", "MEAN", "STDDev", "COUNt")),
         "state.measure.statistics",
     ),
     _measurement("VPP", MeasuredTrace.peak_to_peak),
@@ -291,12 +292,12 @@ MEASURE_COMMANDS = (
     _measurement("PREShoot", MeasuredTrace.preshoot),
     _measurement("FREQuency", MeasuredTrace.frequency),
     _measurement("PERiod", MeasuredTrace.period),
-    Command(
+    scpi.Command(
         "MEASure:COUNter",
-        (OPTIONAL_SOURCE,),
+        (declarations.OPTIONAL_SOURCE,),
         do=lambda model, source: _install(model, "COUNter", (source,), MeasuredTrace.mean_frequency),
         query=_counter,
-        query_parameters=(OPTIONAL_SOURCE,),
+        query_parameters=(declarations.OPTIONAL_SOURCE,),
     ),
     _measurement("RISetime", MeasuredTrace.rise_time),
     _measurement("FALLtime", MeasuredTrace.fall_time),
@@ -305,17 +306,7 @@ MEASURE_COMMANDS = (
     _measurement("DUTYcycle", MeasuredTrace.duty_cycle),
     _measurement("XMAX", MeasuredTrace.time_of_maximum),
     _measurement("XMIN", MeasuredTrace.time_of_minimum),
-    Command(
-        "MEASure:DELay",
-        (OPTIONAL_SOURCE, OPTIONAL_SOURCE),
-        do=_install_delay,
-        query=_delay,
-        query_parameters=(OPTIONAL_SOURCE, OPTIONAL_SOURCE),
-    ),
     _pair_measurement("PHASe", lambda one, two: one.phase_to(two)),
     _pair_measurement("VRATio", _ratio_db),
-    Command("MEASure:TEDGe", query=_edge_time, query_parameters=(Number(), OPTIONAL_SOURCE)),
-    Command("MEASure:TVALue", query=_value_time, query_parameters=(VOLTS, Number(), OPTIONAL_SOURCE)),
-    Command("MEASure:VTIMe", query=_value_at, query_parameters=(SECONDS, OPTIONAL_SOURCE)),
 )
 """What is said to :MEASure."""

@@ -41,18 +41,15 @@ def screenshot(traces: Mapping[int, NDArray[np.float64]], kind: str, look: Pictu
     picture[:: HEIGHT // 8, :] = _GRID
     picture[:, :: WIDTH // 10] = _GRID
     for number, trace in traces.items():
-        _draw(picture, trace, COLOURS[number - 1])
+        # Draw each column from its lowest to its highest sample, joined to the column before
+        colour = COLOURS[number - 1]
+        rows_of_points = np.clip(np.round((0.5 - trace) * (HEIGHT - 1)), 0, HEIGHT - 1).astype(int)
+        last = int(rows_of_points[0])
+        for x, rows in enumerate(_columns(rows_of_points)):
+            top, bottom = min(int(rows.min()), last), max(int(rows.max()), last)
+            picture[top : bottom + 1, x] = colour
+            last = int(rows[-1])
     return FORMATS[kind](_toned(picture, look))
-
-
-def _draw(picture: NDArray[np.uint8], trace: NDArray[np.float64], colour: tuple[int, int, int]) -> None:
-    """Draw each column from its lowest to its highest sample, joined to the column before."""
-    rows_of_points = np.clip(np.round((0.5 - trace) * (HEIGHT - 1)), 0, HEIGHT - 1).astype(int)
-    last = int(rows_of_points[0])
-    for x, rows in enumerate(_columns(rows_of_points)):
-        top, bottom = min(int(rows.min()), last), max(int(rows.max()), last)
-        picture[top : bottom + 1, x] = colour
-        last = int(rows[-1])
 
 
 def _columns(rows: NDArray[np.int_]) -> Sequence[NDArray[np.int_]]:
@@ -88,10 +85,6 @@ def _bmp(pixels: bytes, palette: bytes, bits: int) -> bytes:
     start = 14 + 40 + len(palette)
     size = struct.pack("<IiiHHIIiiII", 40, WIDTH, HEIGHT, 1, bits, 0, len(pixels), 2835, 2835, len(palette) // 4, 0)
     return struct.pack("<2sIHHI", b"BM", start + len(pixels), 0, 0, start) + size + palette + pixels
-
-
-def _bmp24(picture: NDArray[np.uint8]) -> bytes:
-    return _bmp(picture[::-1, :, ::-1].tobytes(), b"", 24)
 
 
 def _bmp8(picture: NDArray[np.uint8]) -> bytes:
@@ -130,7 +123,7 @@ def _tiff(picture: NDArray[np.uint8]) -> bytes:
 
 FORMATS: Mapping[str, Callable[[NDArray[np.uint8]], bytes]] = {
     "PNG": _png,
-    "BMP": _bmp24,
+    "BMP": lambda picture: _bmp(picture[::-1, :, ::-1].tobytes(), b"", 24),
     "BMP8": _bmp8,
     "TIFF": _tiff,
 }

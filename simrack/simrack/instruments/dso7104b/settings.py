@@ -174,14 +174,14 @@ class Recalling(Struct):
     folder: str = ""
 
 
-def _channels() -> dict[int, ChannelSettings]:
-    return {channel: ChannelSettings(shown=channel == 1, label=str(channel)) for channel in CHANNELS}
-
-
 class ScopeSettings(Settings, forbid_unknown_fields=True):
     """Everything that is set."""
 
-    channel: dict[int, ChannelSettings] = field(default_factory=_channels)
+    channel: dict[int, ChannelSettings] = field(
+        default_factory=lambda: {
+            channel: ChannelSettings(shown=channel == 1, label=str(channel)) for channel in CHANNELS
+        }
+    )
     levels_v: dict[str, float] = field(
         default_factory=lambda: dict.fromkeys((*(f"CHAN{channel}" for channel in CHANNELS), "EXT", "LINE"), 0.0)
     )

@@ -7,30 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from simrack.instruments.dso7104b.declarations import (
-    OPTIONAL_SOURCE,
-    SOURCE,
-    SourceParameter,
-    nothing,
-    registers,
-)
+from simrack import scpi
+from simrack.instruments.dso7104b import declarations
 from simrack.instruments.dso7104b.math_settings import math_scale, math_trace
 from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
-from simrack.scpi import (
-    Block,
-    Boolean,
-    Choice,
-    Command,
-    Integer,
-    Limits,
-    ScpiError,
-    Text,
-    attribute,
-    block,
-    boolean,
-    quoted,
-    signed_integer,
-)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,7 +18,10 @@ if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
     from simrack.scpi import Pending
 
-_PLACES = Integer(limits=Limits(0, 9))
+ROWS = scpi.Rows()
+"""Rows that stand on their handlers."""
+
+_PLACES = scpi.Integer(limits=scpi.Limits(0, 9))
 _POINTS = 1000
 _OPTIONS = "0,0,0,0,MEMUP,0,0,0,0,0,0,0"
 """A field an option, 0 where it is not fitted: memory alone (how many follow is unverified)."""
@@ -72,47 +55,47 @@ def _activity_now(model: SimulatedDso7104B) -> str:
         above = model.shown.trace(f"CHAN{channel}").volts >= model.state.levels_v[f"CHAN{channel}"]
         edges |= bool(above.any() and not above.all()) << bit
         levels |= bool(above[-1]) << bit
-    return f"{signed_integer(edges)},{signed_integer(levels)}"
+    return f"{scpi.signed_integer(edges)},{scpi.signed_integer(levels)}"
 
 
 ROOT_COMMANDS = (
-    Command("*OPT", query=lambda _: _OPTIONS),
-    Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=5.0),
-    Command("*TRG", do=_digitize),
-    Command("*SAV", (_PLACES,), do=lambda model, place: model.save(place)),
-    Command("*RCL", (_PLACES,), do=lambda model, place: model.recall(place)),
-    Command("*LRN", query=lambda model: b":SYST:SET " + _setup(model)),
-    Command("RUN", do=lambda model: model.run_now()),
-    Command("STOP", do=lambda model: model.stop()),
-    Command("SINGle", do=lambda model: model.single()),
-    Command("DIGitize", (SourceParameter(required=False),), do=_digitize, repeat=True),
-    Command(
+    scpi.Command("*OPT", query=lambda _: _OPTIONS),
+    scpi.Command("*TST", query=lambda _: 0, reply=scpi.signed_integer, query_takes_s=5.0),
+    scpi.Command("*TRG", do=_digitize),
+    scpi.Command("*SAV", (_PLACES,), do=lambda model, place: model.save(place)),
+    scpi.Command("*RCL", (_PLACES,), do=lambda model, place: model.recall(place)),
+    scpi.Command("*LRN", query=lambda model: b":SYST:SET " + _setup(model)),
+    scpi.Command("RUN", do=lambda model: model.run_now()),
+    scpi.Command("STOP", do=lambda model: model.stop()),
+    scpi.Command("SINGle", do=lambda model: model.single()),
+    scpi.Command("DIGitize", (declarations.SourceParameter(required=False),), do=_digitize, repeat=True),
+    scpi.Command(
         "AUToscale",
-        (Choice(("CHANnel<1-4>",), required=False),),
+        (scpi.Choice(("CHANnel<1-4>",), required=False),),
         do=lambda model, *_: model.autoscale(),
         repeat=True,
     ),
-    Command("CDISplay", do=nothing),
-    Command("BLANk", (OPTIONAL_SOURCE,), do=_blank),
-    Command("VIEW", (SOURCE,), do=lambda model, source: _show(model, source, shown=True)),
-    Command(
+    scpi.Command("CDISplay", do=declarations.nothing),
+    scpi.Command("BLANk", (declarations.OPTIONAL_SOURCE,), do=_blank),
+    scpi.Command("VIEW", (declarations.SOURCE,), do=lambda model, source: _show(model, source, shown=True)),
+    scpi.Command(
         "STATus",
         query=lambda model, source: model.state.is_shown(source),
-        query_parameters=(SOURCE,),
-        reply=boolean,
+        query_parameters=(declarations.SOURCE,),
+        reply=scpi.boolean,
     ),
-    Command("AER", query=lambda model: model.armed(), reply=signed_integer),
-    Command("TER", query=lambda model: model.was_triggered(), reply=signed_integer),
-    Command("SERial", query=lambda _: "MY49520121"),
-    Command("PRINt", do=nothing),
-    Command("MERGe", (Choice(("PMEMory<0-9>",)),), do=nothing),
-    Command("ACTivity", do=nothing, query=_activity),
-    Command("OPERegister:CONDition", query=lambda model: model.operation.condition, reply=signed_integer),
-    *registers("OPEE", "OPERegister[:EVENt]", lambda model: model.operation),
-    *registers("OVLenable", "OVLRegister", lambda model: model.overload),
-    *registers("HWEenable", "HWERegister[:EVENt]", lambda model: model.hardware),
-    Command("HWERegister:CONDition", query=lambda model: model.hardware.condition, reply=signed_integer),
-    attribute("AUToscale:CHANnels", Choice(("ALL", "DISPlayed")), "state.autoscale_channels"),
+    scpi.Command("AER", query=lambda model: model.armed(), reply=scpi.signed_integer),
+    scpi.Command("TER", query=lambda model: model.was_triggered(), reply=scpi.signed_integer),
+    scpi.Command("SERial", query=lambda _: "MY49520121"),
+    scpi.Command("PRINt", do=declarations.nothing),
+    scpi.Command("MERGe", (scpi.Choice(("PMEMory<0-9>",)),), do=declarations.nothing),
+    scpi.Command("ACTivity", do=declarations.nothing, query=_activity),
+    scpi.Command("OPERegister:CONDition", query=lambda model: model.operation.condition, reply=scpi.signed_integer),
+    *declarations.registers("OPEE", "OPERegister[:EVENt]", lambda model: model.operation),
+    *declarations.registers("OVLenable", "OVLRegister", lambda model: model.overload),
+    *declarations.registers("HWEenable", "HWERegister[:EVENt]", lambda model: model.hardware),
+    scpi.Command("HWERegister:CONDition", query=lambda model: model.hardware.condition, reply=scpi.signed_integer),
+    scpi.attribute("AUToscale:CHANnels", scpi.Choice(("ALL", "DISPlayed")), "state.autoscale_channels"),
 )
 """Root and common commands."""
 
@@ -120,21 +103,30 @@ ROOT_COMMANDS = (
 # --- pictures
 
 
+@ROWS.query(
+    "DISPlay:DATA",
+    query_parameters=(
+        scpi.Choice(("PNG", "BMP", "BMP8bit", "TIFF"), required=False, default="PNG"),
+        scpi.Choice(("SCReen", "GRATicule"), required=False),
+        scpi.Choice(("COLor", "GRAYscale", "MONochrome"), required=False),
+    ),
+    reply=bytes,
+)
 def _picture(model: SimulatedDso7104B, kind: str, area: str | None, palette: str | None) -> Any:
     """Return the screen; a TIFF is the graticule in two tones (5000 series guide; number of the refusal unverified)."""
     from simrack.instruments.dso7104b.screen import PictureStyle, screenshot  # noqa: PLC0415  # few take one
 
     if kind == "TIFF" and (area == "SCR" or palette in {"COL", "GRAY"}):
-        raise ScpiError(-221)
+        raise scpi.ScpiError(-221)
     look = PictureStyle("MON" if kind == "TIFF" else palette or "COL", ink_saver=model.state.hardcopy.ink_saver)
-    return model.look(lambda: block(screenshot(_traces(model), kind, look), 8))
+    return model.look(lambda: scpi.block(screenshot(_traces(model), kind, look), 8))
 
 
 def _traces(model: SimulatedDso7104B) -> dict[int, NDArray[Any]]:
     """Return the shown traces, each -0.5...0.5 of the screen, the math trace as the fifth; none without a record."""
     try:
         record = model.shown.record
-    except ScpiError:
+    except scpi.ScpiError:
         return {}
     shown = [channel for channel in CHANNELS if model.state.channel[channel].shown]
     traces = {
@@ -148,12 +140,13 @@ def _traces(model: SimulatedDso7104B) -> dict[int, NDArray[Any]]:
     return traces
 
 
+@ROWS.query("HARDcopy")
 def _hard_copy_learned(model: SimulatedDso7104B) -> str:
     """Return the settings in the shape of a sibling's sample (from memory, unverified)."""
     state = model.state
     return (
-        f':HARD:APR "";AREA {state.hardcopy.area};FACT {boolean(state.hardcopy.factors)};'
-        f"FFE {boolean(state.hardcopy.form_feed)};INKS {boolean(state.hardcopy.ink_saver)};"
+        f':HARD:APR "";AREA {state.hardcopy.area};FACT {scpi.boolean(state.hardcopy.factors)};'
+        f"FFE {scpi.boolean(state.hardcopy.form_feed)};INKS {scpi.boolean(state.hardcopy.ink_saver)};"
         f"PAL {state.hardcopy.palette};LAY {state.hardcopy.layout}"
     )
 
@@ -167,14 +160,15 @@ def _setup(model: SimulatedDso7104B) -> bytes:
     It is opaque, but of ASCII characters without the end of a line: PyMeasure's tests for a real DSOX1102G read it as
     text and send it back.
     """
-    return block(base64.b64encode(msgspec.json.encode(model.state)), 8)
+    return scpi.block(base64.b64encode(msgspec.json.encode(model.state)), 8)
 
 
+@ROWS.do("SYSTem:SETup", (scpi.Block(),), query=_setup, reply=bytes)
 def _set_setup(model: SimulatedDso7104B, data: bytes) -> None:
     try:
         setup = msgspec.json.decode(base64.b64decode(data, validate=True), type=ScopeSettings)
     except (ValueError, msgspec.DecodeError):
-        raise ScpiError(-161) from None
+        raise scpi.ScpiError(-161) from None
     model.restore(setup)
 
 
@@ -187,69 +181,66 @@ def _set_time(model: SimulatedDso7104B, hour: int, minute: int, second: int) -> 
 
 
 def _list_of(values: tuple[int, ...]) -> str:
-    return ",".join(map(signed_integer, values))
+    return ",".join(map(scpi.signed_integer, values))
 
 
+@ROWS.query("DISPlay")
 def _display_learned(model: SimulatedDso7104B) -> str:
     """Return the settings in the shape of the siblings' sample (from memory, unverified)."""
     own = model.state.display
-    connected = boolean(own.vectors)
-    return f":DISP:LAB {boolean(own.labels)};CONN {connected};PERS {own.persistence};SOUR {own.memory}"
+    connected = scpi.boolean(own.vectors)
+    return f":DISP:LAB {scpi.boolean(own.labels)};CONN {connected};PERS {own.persistence};SOUR {own.memory}"
 
 
+@ROWS.query("SYSTem")
 def _system_learned(model: SimulatedDso7104B) -> str:
     """Return the settings; the reply of a real one is not known."""
     state = model.state
-    return f":SYST:LOCK {boolean(state.locked)};PROT:LOCK {boolean(state.protection_locked)}"
+    return f":SYST:LOCK {scpi.boolean(state.locked)};PROT:LOCK {scpi.boolean(state.protection_locked)}"
 
 
 SYSTEM_COMMANDS = (
-    Command("DISPlay", query=_display_learned),
-    attribute("DISPlay:CONNect", Boolean(), "state.display.vectors", boolean),
-    attribute("DISPlay:SOURce", Choice(("PMEMory<0-9>",)), "state.display.memory"),
-    Command("SYSTem", query=_system_learned),
-    attribute("DISPlay:VECTors", Boolean(), "state.display.vectors", boolean),
-    attribute("DISPlay:LABel", Boolean(), "state.display.labels", boolean),
-    attribute("DISPlay:PERSistence", Choice(("MINimum", "INFinite")), "state.display.persistence"),
-    Command("DISPlay:CLEar", do=nothing),
-    Command(
-        "DISPlay:DATA",
-        query=_picture,
-        query_parameters=(
-            Choice(("PNG", "BMP", "BMP8bit", "TIFF"), required=False, default="PNG"),
-            Choice(("SCReen", "GRATicule"), required=False),
-            Choice(("COLor", "GRAYscale", "MONochrome"), required=False),
-        ),
-        reply=bytes,
+    *ROWS,
+    scpi.attribute("DISPlay:CONNect", scpi.Boolean(), "state.display.vectors", scpi.boolean),
+    scpi.attribute("DISPlay:SOURce", scpi.Choice(("PMEMory<0-9>",)), "state.display.memory"),
+    scpi.attribute("DISPlay:VECTors", scpi.Boolean(), "state.display.vectors", scpi.boolean),
+    scpi.attribute("DISPlay:LABel", scpi.Boolean(), "state.display.labels", scpi.boolean),
+    scpi.attribute("DISPlay:PERSistence", scpi.Choice(("MINimum", "INFinite")), "state.display.persistence"),
+    scpi.Command("DISPlay:CLEar", do=declarations.nothing),
+    scpi.attribute("HARDcopy:AREA", scpi.Choice(("SCReen",)), "state.hardcopy.area"),
+    scpi.attribute("HARDcopy:FACTors", scpi.Boolean(), "state.hardcopy.factors", scpi.boolean),
+    scpi.attribute("HARDcopy:FFEed", scpi.Boolean(), "state.hardcopy.form_feed", scpi.boolean),
+    scpi.attribute(
+        "HARDcopy:FORMat", scpi.Choice(("BMP", "BMP8bit", "PNG", "CSV", "ASCiixy", "BINary")), "state.hardcopy.format"
     ),
-    Command("HARDcopy", query=_hard_copy_learned),
-    attribute("HARDcopy:AREA", Choice(("SCReen",)), "state.hardcopy.area"),
-    attribute("HARDcopy:FACTors", Boolean(), "state.hardcopy.factors", boolean),
-    attribute("HARDcopy:FFEed", Boolean(), "state.hardcopy.form_feed", boolean),
-    attribute(
-        "HARDcopy:FORMat", Choice(("BMP", "BMP8bit", "PNG", "CSV", "ASCiixy", "BINary")), "state.hardcopy.format"
-    ),
-    attribute("HARDcopy:INKSaver", Boolean(), "state.hardcopy.ink_saver", boolean),
-    attribute("HARDcopy:LAYout", Choice(("LANDscape", "PORTrait")), "state.hardcopy.layout"),
-    attribute("HARDcopy:PALette", Choice(("COLor", "GRAYscale", "NONE")), "state.hardcopy.palette"),
-    Command("HARDcopy[:STARt]", do=nothing),
-    Command("SYSTem:SETup", (Block(),), do=_set_setup, query=_setup, reply=bytes),
-    attribute("SYSTem:DSP", Text(limit=254), "message", quoted),
-    Command(
+    scpi.attribute("HARDcopy:INKSaver", scpi.Boolean(), "state.hardcopy.ink_saver", scpi.boolean),
+    scpi.attribute("HARDcopy:LAYout", scpi.Choice(("LANDscape", "PORTrait")), "state.hardcopy.layout"),
+    scpi.attribute("HARDcopy:PALette", scpi.Choice(("COLor", "GRAYscale", "NONE")), "state.hardcopy.palette"),
+    scpi.Command("HARDcopy[:STARt]", do=declarations.nothing),
+    scpi.attribute("SYSTem:DSP", scpi.Text(limit=254), "message", scpi.quoted),
+    scpi.Command(
         "SYSTem:DATE",
-        (Integer(limits=Limits(1980, 2099)), Integer(limits=Limits(1, 12)), Integer(limits=Limits(1, 31))),
+        (
+            scpi.Integer(limits=scpi.Limits(1980, 2099)),
+            scpi.Integer(limits=scpi.Limits(1, 12)),
+            scpi.Integer(limits=scpi.Limits(1, 31)),
+        ),
         do=_set_date,
         query=lambda model: model.date,
         reply=_list_of,
     ),
-    Command(
+    scpi.Command(
         "SYSTem:TIME",
-        (Integer(limits=Limits(0, 23)), Integer(limits=Limits(0, 59)), Integer(limits=Limits(0, 59))),
+        (
+            scpi.Integer(limits=scpi.Limits(0, 23)),
+            scpi.Integer(limits=scpi.Limits(0, 59)),
+            scpi.Integer(limits=scpi.Limits(0, 59)),
+        ),
         do=_set_time,
         query=lambda model: model.time,
         reply=_list_of,
     ),
-    attribute("SYSTem:LOCK", Boolean(), "state.locked", boolean),
-    attribute("SYSTem:PROTection:LOCK", Boolean(), "state.protection_locked", boolean),
+    scpi.attribute("SYSTem:LOCK", scpi.Boolean(), "state.locked", scpi.boolean),
+    scpi.attribute("SYSTem:PROTection:LOCK", scpi.Boolean(), "state.protection_locked", scpi.boolean),
 )
 """Display, hard copy and system."""

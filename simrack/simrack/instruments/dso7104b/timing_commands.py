@@ -13,6 +13,7 @@ from simrack.scpi import (
     Integer,
     Limits,
     Number,
+    Rows,
     ScpiError,
     attribute,
     boolean,
@@ -21,6 +22,9 @@ from simrack.scpi import (
 
 if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 _RANGE = Number(unit="S", limits=Limits(5e-9, 500.0))
 _SCALE = Number(unit="S", limits=Limits(500e-12, 50.0))
@@ -38,6 +42,7 @@ def _scale(pattern: str, name: str) -> Command:
     )
 
 
+@ROWS.query("TIMebase")
 def _learned(model: SimulatedDso7104B) -> str:
     state = model.state
     return (
@@ -46,11 +51,13 @@ def _learned(model: SimulatedDso7104B) -> str:
     )
 
 
+@ROWS.attribute("ACQuire:SEGMented:INDex", Integer(), "state.acquire.segment", signed_integer)
 def _set_index(model: SimulatedDso7104B, index: float) -> None:
     """Show another segment: one of those that were acquired."""
     model.state.acquire.segment = int(clipped(model, index, 1, max(1, model.shown.segments())))
 
 
+@ROWS.do("ACQuire:SEGMented:ANALyze")
 def _analyze(model: SimulatedDso7104B) -> None:
     """Measure over all segments; without any the settings are in conflict (number of the refusal unverified)."""
     if not model.shown.segments():
@@ -58,6 +65,7 @@ def _analyze(model: SimulatedDso7104B) -> None:
     model.shown.analysed = True
 
 
+@ROWS.query("ACQuire")
 def _acquire_learned(model: SimulatedDso7104B) -> str:
     """Return how it acquires, in the shape of the siblings' guides (unverified for this model)."""
     state = model.state
@@ -68,8 +76,7 @@ def _acquire_learned(model: SimulatedDso7104B) -> str:
 
 
 TIMING_COMMANDS = (
-    Command("ACQuire", query=_acquire_learned),
-    Command("TIMebase", query=_learned),
+    *ROWS,
     attribute("TIMebase:MODE", Choice(("MAIN", "WINDow", "XY", "ROLL")), "state.timebase.mode"),
     attribute("TIMebase[:MAIN]:RANGe", _RANGE, "state.timebase.range_s", "nr3"),
     _scale("TIMebase:SCALe", "range_s"),
@@ -85,8 +92,6 @@ TIMING_COMMANDS = (
     attribute("ACQuire:COUNt", Integer(limits=Limits(2, 65536)), "state.acquire.count", signed_integer),
     attribute("ACQuire:COMPlete", Integer(limits=Limits(0, 100)), "state.acquire.complete_percent", signed_integer),
     attribute("ACQuire:SEGMented:COUNt", Integer(limits=Limits(2, 2000)), "state.acquire.segments", signed_integer),
-    attribute("ACQuire:SEGMented:INDex", Integer(), "state.acquire.segment", signed_integer, do=_set_index),
-    Command("ACQuire:SEGMented:ANALyze", do=_analyze),
     Command("ACQuire:POINts", query=lambda model: memory_points(model.state, model.kind), reply=signed_integer),
     Command("ACQuire:SRATe", query=lambda model: model.nr3(sample_rate_hz(model.state, model.kind))),
 )

@@ -192,7 +192,13 @@ class TriggerSearch:
         if stop_s <= start_s:
             return None
         if self._reached_s is None or start_s != self._reached_s:
-            self._restart(signals, start_s, stop_s)
+            self._condition = self._trigger.make()
+            grid = np.linspace(start_s, stop_s, _GRID_POINTS)
+            self._followers = {
+                channel: self._follower(signals, channel, comparator, grid)
+                for channel, comparator in self._trigger.comparators.items()
+            }
+            self._reached_s = None
         for times in self._blocks(signals, start_s, stop_s):
             found = self._look(signals, times)
             if found is not None:
@@ -200,15 +206,6 @@ class TriggerSearch:
                 return found
         self._reached_s = stop_s
         return None
-
-    def _restart(self, signals: Signals, start_s: float, stop_s: float) -> None:
-        self._condition = self._trigger.make()
-        grid = np.linspace(start_s, stop_s, _GRID_POINTS)
-        self._followers = {
-            channel: self._follower(signals, channel, comparator, grid)
-            for channel, comparator in self._trigger.comparators.items()
-        }
-        self._reached_s = None
 
     def _follower(self, signals: Signals, channel: int, comparator: Comparator, grid: NDArray[np.float64]) -> _Follower:
         if self._trigger.tips is not None:
@@ -240,35 +237,28 @@ class TriggerSearch:
             highs = {channel: bool(follower.began_high) for channel, follower in self._followers.items()}
             self._condition.begin(highs, float(times[0]))
         self._reached_s = float(times[-1])
-        return self._fed(signals, merge(*changes, key=_instant))
+        return self._fed(signals, merge(*changes, key=lambda change: change.at_s))
 
     def _fed(self, signals: Signals, changes: Iterable[Change]) -> float | None:
         def exactly(change: Change) -> float:
-            return self._refined(signals, change)
+            # Instant of a change: looked at closer twice, then straight
+            follower = self._followers[change.channel]
+            if follower.comparator.filter:
+                return change.at_s
+            threshold = follower.threshold_v(change)
+            early, late = change.early_s, change.late_s
+            for _ in range(_REFINE_ROUNDS):
+                times = np.linspace(early, late, _REFINE_POINTS)
+                above = follower.volts(signals, times) >= threshold
+                places = np.flatnonzero((above[1:] == change.high) & (above[:-1] != change.high))
+                if len(places):
+                    early, late = float(times[places[0]]), float(times[places[0] + 1])
+            before, after = (float(each) for each in follower.volts(signals, np.array([early, late])))
+            part = (threshold - before) / (after - before) if after != before else 0.0
+            return early + part * (late - early)
 
         for change in changes:
             found = self._condition.feed(change, exactly)
             if found is not None:
                 return found
         return None
-
-    def _refined(self, signals: Signals, change: Change) -> float:
-        """Return the instant of a change: looked at closer twice, then straight."""
-        follower = self._followers[change.channel]
-        if follower.comparator.filter:
-            return change.at_s
-        threshold = follower.threshold_v(change)
-        early, late = change.early_s, change.late_s
-        for _ in range(_REFINE_ROUNDS):
-            times = np.linspace(early, late, _REFINE_POINTS)
-            above = follower.volts(signals, times) >= threshold
-            places = np.flatnonzero((above[1:] == change.high) & (above[:-1] != change.high))
-            if len(places):
-                early, late = float(times[places[0]]), float(times[places[0] + 1])
-        before, after = (float(each) for each in follower.volts(signals, np.array([early, late])))
-        part = (threshold - before) / (after - before) if after != before else 0.0
-        return early + part * (late - early)
-
-
-def _instant(change: Change) -> float:
-    return change.at_s

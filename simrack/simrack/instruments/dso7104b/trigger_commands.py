@@ -16,6 +16,7 @@ from simrack.scpi import (
     Integer,
     Limits,
     Number,
+    Rows,
     attribute,
     boolean,
     comma_list,
@@ -24,6 +25,9 @@ from simrack.scpi import (
 
 if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 _EXTERNAL_REACH_V = 8.0
 
@@ -52,15 +56,6 @@ def _level(pattern: str, mode: str) -> Command:
     )
 
 
-def _set_reject(model: SimulatedDso7104B, word: str) -> None:
-    """Turn one filter on and the other off; LF is the coupling of that name."""
-    model.state.trigger.reject_hf = word == "HF"
-    if word == "LF":
-        model.state.trigger.coupling = "LFR"
-    elif model.state.trigger.coupling == "LFR":
-        model.state.trigger.coupling = "DC"
-
-
 def _reject(model: SimulatedDso7104B) -> str:
     if model.state.trigger.coupling == "LFR":
         return "LF"
@@ -77,6 +72,7 @@ _SOURCE = Choice(("CHANnel<1-4>", "EXTernal", "LINE"))
 _PULSE_TIME = Number(unit="S", limits=Limits(2e-9, 10.0))
 
 
+@ROWS.query("TRIGger")
 def _learned(model: SimulatedDso7104B) -> str:
     """Return the settings common to all modes, and the edge (siblings' guides; of other modes nothing is known)."""
     state = model.state
@@ -93,15 +89,24 @@ def _learned(model: SimulatedDso7104B) -> str:
     )
 
 
+@ROWS.do("TRIGger[:EDGE]:REJect", (Choice(("OFF", "LF", "HF")),), query=_reject)
+def _set_reject(model: SimulatedDso7104B, word: str) -> None:
+    """Turn one filter on and the other off; LF is the coupling of that name."""
+    model.state.trigger.reject_hf = word == "HF"
+    if word == "LF":
+        model.state.trigger.coupling = "LFR"
+    elif model.state.trigger.coupling == "LFR":
+        model.state.trigger.coupling = "DC"
+
+
 TRIGGER_COMMANDS = (
-    Command("TRIGger", query=_learned),
+    *ROWS,
     attribute("TRIGger:MODE", Choice(("EDGE", "GLITch", "TV")), "state.trigger.mode"),
     attribute("TRIGger:SWEep", Choice(("AUTO", "NORMal")), "state.trigger.sweep"),
     attribute("TRIGger[:EDGE]:SOURce", _SOURCE, "state.trigger.source"),
     _level("TRIGger[:EDGE]:LEVel", "trigger"),
     attribute("TRIGger[:EDGE]:SLOPe", Choice(("POSitive", "NEGative", "EITHer", "ALTernate")), "state.trigger.slope"),
     attribute("TRIGger[:EDGE]:COUPling", Choice(("AC", "DC", "LFReject")), "state.trigger.coupling"),
-    Command("TRIGger[:EDGE]:REJect", (Choice(("OFF", "LF", "HF")),), do=_set_reject, query=_reject),
     attribute("TRIGger:HFReject", Boolean(), "state.trigger.reject_hf", boolean),
     attribute("TRIGger:NREJect", Boolean(), "state.trigger.reject_noise", boolean),
     attribute("TRIGger:HOLDoff", Number(unit="S", limits=Limits(60e-9, 10.0)), "state.trigger.holdoff_s", "nr3"),

@@ -39,19 +39,18 @@ def comparator_of(state: ScopeSettings, source: str, side: float = 0.0) -> Compa
     return Comparator.at(level_v, band_v, side, reject="HF" if state.trigger.reject_hf else "")
 
 
-def _coupled(state: ScopeSettings, comparator: Comparator) -> Comparator:
-    """Return a comparator behind the coupling that the edge trigger has."""
-    coupling = state.trigger.coupling
-    reject = "LF" if coupling == "LFR" else comparator.filter
-    return Comparator(comparator.level_v, comparator.low_v, comparator.high_v, coupling == "AC", reject)
-
-
 def _edge(state: ScopeSettings) -> Trigger:
     source, slope = state.trigger.source, state.trigger.slope
     side = {"POS": 1.0, "NEG": -1.0}.get(slope, 0.0)
     channel = _input(source)
     make = partial(EdgeCondition, channel, rising=slope != "NEG", falling=slope != "POS")
-    return Trigger({channel: _coupled(state, comparator_of(state, source, side))}, make)
+    # A comparator behind the coupling that the edge trigger has
+    comparator = comparator_of(state, source, side)
+    coupling = state.trigger.coupling
+    reject = "LF" if coupling == "LFR" else comparator.filter
+    return Trigger(
+        {channel: Comparator(comparator.level_v, comparator.low_v, comparator.high_v, coupling == "AC", reject)}, make
+    )
 
 
 def _pulse(state: ScopeSettings) -> Trigger:

@@ -11,7 +11,7 @@ from simrack.instruments.dso7104b.declarations import SOURCE, clipped
 from simrack.instruments.dso7104b.installed import INVALID
 from simrack.instruments.dso7104b.math_settings import MathTrace, math_scale, math_trace
 from simrack.instruments.dso7104b.sampling import memory_points
-from simrack.scpi import Boolean, Choice, Command, Number, attribute, boolean, real, signed_integer
+from simrack.scpi import Boolean, Choice, Command, Number, Rows, attribute, boolean, real, signed_integer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 _LEVELS = {"BYTE": 256, "WORD": 65536, "ASC": 65536}
 _HOLE = 0.0
@@ -45,6 +48,12 @@ def _points(model: SimulatedDso7104B) -> int:
     return min(_listed(model, wanted), memory_points(model.state, model.kind))
 
 
+@ROWS.do(
+    "WAVeform:POINts",
+    (Number(words={"NORMal": -1.0, "MAXimum": -2.0, "RAW": -3.0}),),
+    query=_points,
+    reply=signed_integer,
+)
 def _set_points(model: SimulatedDso7104B, points: float) -> None:
     """Take a number, or NORMal, MAXimum, RAW, which set the mode too."""
     screen, deepest = model.kind.screen_points, model.kind.record_lengths[-1]
@@ -92,6 +101,7 @@ def _signed(model: SimulatedDso7104B) -> bool:
     return model.state.waveform.format != "ASC" and not model.state.waveform.unsigned
 
 
+@ROWS.query("WAVeform:PREamble")
 def _preamble(model: SimulatedDso7104B) -> Any:
     return model.look(lambda: _preamble_now(model))
 
@@ -162,6 +172,7 @@ def _coded(volts: NDArray[np.float64], range_: float, offset: float, levels: int
     return codes
 
 
+@ROWS.query("WAVeform:DATA")
 def _data(model: SimulatedDso7104B) -> Any:
     return model.look(lambda: _data_now(model))
 
@@ -219,10 +230,7 @@ def _looked_at(of: Callable[[SimulatedDso7104B], str]) -> Callable[[SimulatedDso
     return lambda model: model.look(lambda: of(model))
 
 
-def _time_tag(model: SimulatedDso7104B) -> str:
-    return model.nr3(model.shown.time_tag_s())
-
-
+@ROWS.query("WAVeform")
 def _learned(model: SimulatedDso7104B) -> str:
     """Return source, format and order of the data, in the shape of the siblings' guides."""
     state = model.state
@@ -233,24 +241,12 @@ def _learned(model: SimulatedDso7104B) -> str:
 
 
 WAVEFORM_COMMANDS = (
-    Command("WAVeform", query=_learned),
+    *ROWS,
     attribute("WAVeform:SOURce", SOURCE, "state.waveform.source"),
     attribute("WAVeform:FORMat", Choice(("BYTE", "WORD", "ASCii")), "state.waveform.format"),
     attribute("WAVeform:UNSigned", Boolean(), "state.waveform.unsigned", boolean),
     attribute("WAVeform:BYTeorder", Choice(("MSBFirst", "LSBFirst")), "state.waveform.byte_order"),
-    Command(
-        "WAVeform:POINts",
-        (Number(words={"NORMal": -1.0, "MAXimum": -2.0, "RAW": -3.0}),),
-        do=_set_points,
-        query=_points,
-        reply=signed_integer,
-    ),
     attribute("WAVeform:POINts:MODE", Choice(("NORMal", "MAXimum", "RAW")), "state.waveform.points_mode"),
-    Command("WAVeform:PREamble", query=_preamble),
-    Command(
-        "WAVeform:DATA",
-        query=_data,
-    ),
     _scaled("XINCrement", 0),
     _scaled("XORigin", 1),
     _scaled("XREFerence", 2, integer=True),
@@ -260,7 +256,7 @@ WAVEFORM_COMMANDS = (
     Command("WAVeform:COUNt", query=_average_count, reply=signed_integer),
     Command("WAVeform:TYPE", query=lambda model: model.state.acquire.type),
     Command("WAVeform:SEGMented:COUNt", query=_looked_at(lambda model: signed_integer(model.shown.segments()))),
-    Command("WAVeform:SEGMented:TTAG", query=_looked_at(_time_tag)),
+    Command("WAVeform:SEGMented:TTAG", query=_looked_at(lambda model: model.nr3(model.shown.time_tag_s()))),
     attribute("WAVeform:VIEW", Choice(("MAIN",)), "state.waveform.view"),
 )
 """What is said to :WAVeform."""

@@ -16,6 +16,7 @@ from simrack.scpi import (
     Limits,
     Number,
     Parameter,
+    Rows,
     ScpiError,
     Special,
     Text,
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from simrack.instruments.e36312a.instrument import SimulatedE36312A
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 _NAMES = tuple(kind.name for kind in KINDS)
 _PROGRAMMING_S, _READBACK_S = 0.01, 0.02
@@ -134,15 +138,6 @@ def _named(identifier: str) -> str:
     return _NAMES[int(identifier[2:]) - 1] if identifier.startswith("CH") else identifier
 
 
-def _apply(supply: SimulatedE36312A, identifier: str, volts: Any, amps: Any) -> None:
-    name = _named(identifier)
-    if volts is not None:
-        volts = _terminal(name, Number(unit="V", limits=_limits(supply, name, "VOLT")).settle(volts, supply))
-    if amps is not None:
-        amps = Number(unit="A", limits=_limits(supply, name, "CURR")).settle(amps, supply)
-    supply.program(name, volts=volts, amps=amps)
-
-
 def _applied(supply: SimulatedE36312A, identifier: str | None) -> str:
     name = supply.selected if identifier is None else _named(identifier)
     output = supply.outputs[name]
@@ -153,15 +148,18 @@ def _select(supply: SimulatedE36312A, identifier: str) -> None:
     supply.selected = _named(identifier)
 
 
+@ROWS.attribute(
+    "INSTrument:NSELect",
+    Integer(limits=Limits(1, 3), named=False),
+    "output.kind.number",
+    signed_integer,
+    query_parameters=(),
+)
 def _select_number(supply: SimulatedE36312A, number: int) -> None:
     supply.selected = _NAMES[number - 1]
 
 
 # --- switches, protection, measurements -----------------------------------------------------------------------------
-
-
-def _switch(supply: SimulatedE36312A, state: object, names: Names | None) -> None:
-    supply.switch(_of(supply, names), on=bool(state))
 
 
 def _kept(attribute: str, header: str, parameter: Parameter, reply: Callable[[Any], str]) -> Command:
@@ -209,38 +207,40 @@ def _measurement(header: str, read: Callable[..., list[float]]) -> Command:
 
 _SLOT = (Integer(limits=Limits(0, 9), named=False),)
 
+
+@ROWS.do(
+    "APPLy",
+    (_IDENTIFIER, Number(unit="V", deferred=True, required=False), Number(unit="A", deferred=True, required=False)),
+    query=_applied,
+    query_parameters=(Choice((*_NAMES, "CH<1-3>"), required=False),),
+    reply=quoted,
+    takes_s=_PROGRAMMING_S,
+)
+def _apply(supply: SimulatedE36312A, identifier: str, volts: Any, amps: Any) -> None:
+    name = _named(identifier)
+    if volts is not None:
+        volts = _terminal(name, Number(unit="V", limits=_limits(supply, name, "VOLT")).settle(volts, supply))
+    if amps is not None:
+        amps = Number(unit="A", limits=_limits(supply, name, "CURR")).settle(amps, supply)
+    supply.program(name, volts=volts, amps=amps)
+
+
 TABLE = CommandTable(
+    *ROWS,
     *COMMON_COMMANDS,
     *STATUS_COMMANDS,
     _level("VOLT", "V", "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]"),
     _level("CURR", "A", "[SOURce:]CURRent[:LEVel][:IMMediate][:AMPLitude]"),
-    Command(
-        "APPLy",
-        (_IDENTIFIER, Number(unit="V", deferred=True, required=False), Number(unit="A", deferred=True, required=False)),
-        do=_apply,
-        query=_applied,
-        query_parameters=(Choice((*_NAMES, "CH<1-3>"), required=False),),
-        reply=quoted,
-        takes_s=_PROGRAMMING_S,
-    ),
     Command(
         "INSTrument[:SELect]",
         (_IDENTIFIER,),
         do=_select,
         query=lambda supply: f"CH{supply.output.kind.number}",
     ),
-    attribute(
-        "INSTrument:NSELect",
-        Integer(limits=Limits(1, 3), named=False),
-        "output.kind.number",
-        signed_integer,
-        do=_select_number,
-        query_parameters=(),
-    ),
     Command(
         "OUTPut[:STATe]",
         (_ON_OFF, _LIST),
-        do=_switch,
+        do=lambda supply, state, names: supply.switch(_of(supply, names), on=bool(state)),
         query=lambda supply, names: [supply.switched[name] for name in _of(supply, names)],
         query_parameters=(_LIST,),
         reply=_listed(boolean),

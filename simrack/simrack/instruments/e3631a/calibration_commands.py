@@ -4,21 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from simrack import scpi
 from simrack.instruments.e3631a.calibration import CalibrationPoint, adjust_amps, adjust_volts, level_a, level_v
 from simrack.instruments.e3631a.system_commands import remote_only
-from simrack.scpi import (
-    Boolean,
-    Choice,
-    Command,
-    Number,
-    ScpiError,
-    Text,
-    Word,
-    attribute,
-    bare_integer,
-    boolean,
-    quoted,
-)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,7 +18,7 @@ if TYPE_CHECKING:
 def _require_on(supply: SimulatedE3631A) -> None:
     supply.calibration.require_unsecured()
     if not supply.output_on:
-        raise ScpiError(708)
+        raise scpi.ScpiError(708)
 
 
 @remote_only
@@ -84,7 +72,7 @@ def _set_code(supply: SimulatedE3631A, code: str) -> None:
 @remote_only
 def _set_secured(supply: SimulatedE3631A, state: object, code: str) -> None:
     if code != supply.calibration.code:
-        raise ScpiError(703)
+        raise scpi.ScpiError(703)
     supply.calibration.secured = bool(state)
 
 
@@ -94,25 +82,25 @@ def _set_text(supply: SimulatedE3631A, text: str) -> None:
     supply.calibration.text = text
 
 
-_CODE = Word(word_too_long=704)
+_CODE = scpi.Word(word_too_long=704)
 
 
-_LEVEL = (Choice(("MINimum", "MAXimum")),)
+_LEVEL = (scpi.Choice(("MINimum", "MAXimum")),)
 
 
 CALIBRATION_COMMANDS = (
-    Command("CALibration:COUNt", query=lambda supply: supply.calibration.count, reply=bare_integer),
-    Command("CALibration:SECure:CODE", (_CODE,), do=_set_code),
-    Command(
+    scpi.Command("CALibration:COUNt", query=lambda supply: supply.calibration.count, reply=scpi.bare_integer),
+    scpi.Command("CALibration:SECure:CODE", (_CODE,), do=_set_code),
+    scpi.Command(
         "CALibration:SECure:STATe",
-        (Boolean(), _CODE),
+        (scpi.Boolean(), _CODE),
         do=_set_secured,
         query=lambda supply: supply.calibration.secured,
-        reply=boolean,
+        reply=scpi.boolean,
     ),
-    attribute("CALibration:STRing", Text(limit=40), "calibration.text", quoted, do=_set_text),
-    Command("CALibration:VOLTage[:DATA]", (Number(unit="V"),), do=_take_volts),
-    Command("CALibration:CURRent[:DATA]", (Number(unit="A"),), do=_take_amps),
-    Command("CALibration:VOLTage:LEVel", _LEVEL, do=_go_to_volts),
-    Command("CALibration:CURRent:LEVel", _LEVEL, do=_go_to_amps),
+    scpi.attribute("CALibration:STRing", scpi.Text(limit=40), "calibration.text", scpi.quoted, do=_set_text),
+    scpi.Command("CALibration:VOLTage[:DATA]", (scpi.Number(unit="V"),), do=_take_volts),
+    scpi.Command("CALibration:CURRent[:DATA]", (scpi.Number(unit="A"),), do=_take_amps),
+    scpi.Command("CALibration:VOLTage:LEVel", _LEVEL, do=_go_to_volts),
+    scpi.Command("CALibration:CURRent:LEVel", _LEVEL, do=_go_to_amps),
 )

@@ -171,7 +171,13 @@ class SupplyOutput:
         self._go(now, here, goal_v)
         self.limited, self.current_a = here.limited, here.current_a
         self.turns_s = self._turn_s(now, limit)
-        self._ripple(on=bool(goal_v or self.terminal.terms))
+        # Put the ripple on the rail as the output gets or loses its voltage
+        on = bool(goal_v or self.terminal.terms)
+        errors = self.errors
+        if self.rail is None or not errors.ripple_v or on == self.rippling:
+            return
+        self.rippling = on
+        self._world.set_ripple(self.rail, errors.ripple() if on else None)
 
     @property
     def at_rest(self) -> bool:
@@ -190,7 +196,12 @@ class SupplyOutput:
         current = self._load_a(level_v)
         if current <= limit:
             return _Regulated(level_v - self._sagged(level_v, current), current, limited=False)
-        voltage, current = self._at_limit(level_v, limit)
+        # Voltage at which the load draws the limit, by bisection, and that current
+        low, high = 0.0, level_v
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2
+            low, high = (low, middle) if self._load_a(middle) > limit else (middle, high)
+        voltage, current = low, min(limit, self._load_a(low))
         return _Regulated(voltage - self._sagged(voltage, current), current, limited=True)
 
     def _constant_voltage(self, level_v: float) -> tuple[float, float]:
@@ -238,14 +249,6 @@ class SupplyOutput:
         share = current_a / self.kind.rated_a
         return self.kind.sign * current_a * self.errors.resistance_ohm + voltage_v * self.errors.sag * share
 
-    def _ripple(self, *, on: bool) -> None:
-        """Put the ripple on the rail as the output gets or loses its voltage."""
-        errors = self.errors
-        if self.rail is None or not errors.ripple_v or on == self.rippling:
-            return
-        self.rippling = on
-        self._world.set_ripple(self.rail, errors.ripple() if on else None)
-
     def show(self, *, on: bool) -> None:
         """Show the regulation in the condition register: 2 constant voltage, 1 constant current, 0 off (p. 118)."""
         self.regulate()
@@ -253,14 +256,6 @@ class SupplyOutput:
 
     def _load_a(self, voltage_v: float) -> float:
         return 0.0 if self.rail is None else self._world.rail_current_a(self.rail, voltage_v)
-
-    def _at_limit(self, level_v: float, limit: float) -> tuple[float, float]:
-        """Return the voltage at which the load draws the limit, by bisection, and that current."""
-        low, high = 0.0, level_v
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            low, high = (low, middle) if self._load_a(middle) > limit else (middle, high)
-        return low, min(limit, self._load_a(low))
 
     def voltage_reading(self) -> float:
         """Return the reading of the output's voltmeter."""

@@ -19,6 +19,7 @@ from simrack.scpi import (
     Integer,
     Limits,
     Number,
+    Rows,
     ScpiError,
     attribute,
     bare_integer,
@@ -30,6 +31,9 @@ from simrack.scpi import (
 if TYPE_CHECKING:
     from simrack.instruments.e3631a.instrument import SimulatedE3631A
 
+ROWS = Rows()
+"""Rows that stand on their handlers."""
+
 _PROGRAMMING_S = 0.05
 """From a programming command to the change at the output: the guide gives it as less than this (p. 187)."""
 _READBACK_S = 0.1
@@ -39,14 +43,6 @@ _READBACK_S = 0.1
 _VOLT_LIMITS = {kind.name: kind.volts._replace(default=None) for kind in KINDS}
 _AMP_LIMITS = {kind.name: kind.amps._replace(default=None) for kind in KINDS}
 """Without DEF, which is a word of APPLy only (p. 91)."""
-
-
-def _volt_limits(supply: SimulatedE3631A) -> Limits:
-    return _VOLT_LIMITS[supply.selected]
-
-
-def _amp_limits(supply: SimulatedE3631A) -> Limits:
-    return _AMP_LIMITS[supply.selected]
 
 
 @remote_only
@@ -78,11 +74,6 @@ def _apply(supply: SimulatedE3631A, name: str, volts: Any, amps: Any) -> None:
     supply.program(name, volts=volts, amps=amps)
 
 
-def _applied(supply: SimulatedE3631A, name: str | None) -> str:
-    output = supply.outputs[name or supply.selected]
-    return f"{output.volts:.6f},{output.amps:.6f}"
-
-
 @remote_only
 def _select_number(supply: SimulatedE3631A, number: int) -> None:
     supply.selected = KINDS[number - 1].name
@@ -96,22 +87,6 @@ def _couple(supply: SimulatedE3631A, *names: str) -> None:
     if supply.tracking and {"P25V", "N25V"} <= set(wanted):
         raise ScpiError(800)
     supply.coupled = wanted
-
-
-def _coupling(supply: SimulatedE3631A) -> str:
-    if len(supply.coupled) == len(KINDS):
-        return "ALL"
-    return ",".join(supply.coupled) or "NONE"
-
-
-def _measure_volts(supply: SimulatedE3631A, name: str | None) -> float:
-    supply.observe()
-    return supply.outputs[name or supply.selected].voltage_reading()
-
-
-def _measure_amps(supply: SimulatedE3631A, name: str | None) -> float:
-    supply.observe()
-    return supply.outputs[name or supply.selected].current_reading()
 
 
 @remote_only
@@ -146,23 +121,41 @@ def _trigger(supply: SimulatedE3631A) -> None:
 _NR3 = real(8)
 _OUTPUT = Choice(("P6V", "P25V", "N25V"))
 _OUTPUT_OR_SELECTED = (Choice(("P6V", "P25V", "N25V"), required=False),)
-_VOLTS = Number(unit="V", limits=_volt_limits)
-_AMPS = Number(unit="A", limits=_amp_limits)
+_VOLTS = Number(unit="V", limits=lambda supply: _VOLT_LIMITS[supply.selected])
+_AMPS = Number(unit="A", limits=lambda supply: _AMP_LIMITS[supply.selected])
+
+
+@ROWS.query(
+    "APPLy",
+    (
+        _OUTPUT,
+        Number(unit="V", required=False, deferred=True),
+        Number(unit="A", required=False, deferred=True),
+    ),
+    do=_apply,
+    query_parameters=_OUTPUT_OR_SELECTED,
+    reply=quoted,
+    takes_s=_PROGRAMMING_S,
+)
+def _applied(supply: SimulatedE3631A, name: str | None) -> str:
+    output = supply.outputs[name or supply.selected]
+    return f"{output.volts:.6f},{output.amps:.6f}"
+
+
+@ROWS.query("MEASure[:VOLTage][:DC]", query_parameters=_OUTPUT_OR_SELECTED, reply=_NR3, query_takes_s=_READBACK_S)
+def _measure_volts(supply: SimulatedE3631A, name: str | None) -> float:
+    supply.observe()
+    return supply.outputs[name or supply.selected].voltage_reading()
+
+
+@ROWS.query("MEASure:CURRent[:DC]", query_parameters=_OUTPUT_OR_SELECTED, reply=_NR3, query_takes_s=_READBACK_S)
+def _measure_amps(supply: SimulatedE3631A, name: str | None) -> float:
+    supply.observe()
+    return supply.outputs[name or supply.selected].current_reading()
+
 
 OUTPUT_COMMANDS = (
-    Command(
-        "APPLy",
-        (
-            _OUTPUT,
-            Number(unit="V", required=False, deferred=True),
-            Number(unit="A", required=False, deferred=True),
-        ),
-        do=_apply,
-        query=_applied,
-        query_parameters=_OUTPUT_OR_SELECTED,
-        reply=quoted,
-        takes_s=_PROGRAMMING_S,
-    ),
+    *ROWS,
     remote(attribute("INSTrument[:SELect]", _OUTPUT, "selected")),
     attribute(
         "INSTrument:NSELect",
@@ -176,22 +169,8 @@ OUTPUT_COMMANDS = (
         "INSTrument:COUPle[:TRIGger]",
         (Choice(("ALL", "NONE", "P6V", "P25V", "N25V")),),
         do=_couple,
-        query=_coupling,
+        query=lambda supply: "ALL" if len(supply.coupled) == len(KINDS) else ",".join(supply.coupled) or "NONE",
         repeat=True,
-    ),
-    Command(
-        "MEASure[:VOLTage][:DC]",
-        query=_measure_volts,
-        query_parameters=_OUTPUT_OR_SELECTED,
-        reply=_NR3,
-        query_takes_s=_READBACK_S,
-    ),
-    Command(
-        "MEASure:CURRent[:DC]",
-        query=_measure_amps,
-        query_parameters=_OUTPUT_OR_SELECTED,
-        reply=_NR3,
-        query_takes_s=_READBACK_S,
     ),
     remote(
         attribute("OUTPut[:STATe]", Boolean(), "output_on", boolean, then=methodcaller("drive"), takes_s=_PROGRAMMING_S)

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from msgspec import Struct
 
+from simrack.handlers import Handlers
 from simrack.scpi import INFINITY, ScpiError
 
 OVERLOAD = INFINITY
@@ -35,6 +36,8 @@ class MathResult(Struct, frozen=True):
 
 class Math:
     """The math registers and the one operation that may be on."""
+
+    _OPERATIONS = Handlers()
 
     def __init__(self) -> None:
         self.dbm_reference = 600.0
@@ -92,14 +95,8 @@ class Math:
         """Return the reading `value` after math; an overload passes, and cannot become a reference (540)."""
         if abs(value) >= OVERLOAD:
             return self._overload(value)
-        operation = {
-            "NULL": self._null,
-            "DB": self._db,
-            "DBM": self._dbm,
-            "AVER": self._statistics,
-            "LIM": self._limit,
-        }[self.operation]
-        return operation(value)
+        result: MathResult = getattr(self, self._OPERATIONS[self.operation])(value)
+        return result
 
     def _overload(self, value: float) -> MathResult:
         needs_null = self.operation == "NULL" and self.null_offset is None
@@ -109,6 +106,7 @@ class Math:
         bits = (_LIMIT_HIGH if value > 0 else _LIMIT_LOW) if self.operation == "LIM" else 0
         return MathResult(value, bits)
 
+    @_OPERATIONS.of("NULL")
     def _null(self, value: float) -> MathResult:
         if self.null_offset is None:
             self.null_offset = value
@@ -120,9 +118,11 @@ class Math:
             return -OVERLOAD
         return 20.0 * math.log10(abs(value)) - 10.0 * math.log10(self.dbm_reference * 1e-3)
 
+    @_OPERATIONS.of("DBM")
     def _dbm(self, value: float) -> MathResult:
         return MathResult(self._in_dbm(value))
 
+    @_OPERATIONS.of("DB")
     def _db(self, value: float) -> MathResult:
         level = self._in_dbm(value)
         if level == -OVERLOAD:
@@ -131,6 +131,7 @@ class Math:
             self.db_reference = level
         return MathResult(level - self.db_reference)
 
+    @_OPERATIONS.of("AVER")
     def _statistics(self, value: float) -> MathResult:
         self._minimum = value if not self._count else min(self._minimum, value)
         self._maximum = value if not self._count else max(self._maximum, value)
@@ -138,6 +139,7 @@ class Math:
         self._sum += value
         return MathResult(value)
 
+    @_OPERATIONS.of("LIM")
     def _limit(self, value: float) -> MathResult:
         low = _LIMIT_LOW if value < self.lower else 0
         return MathResult(value, low | (_LIMIT_HIGH if value > self.upper else 0))

@@ -5,17 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from simrack.instruments.hp34401a.calculation import MATH_RULES
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, ScpiError, attribute, boolean, real
+from simrack.scpi import Boolean, Choice, Command, Limits, Number, Rows, ScpiError, attribute, boolean, real
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
+ROWS = Rows()
+"""Rows that stand on their handlers."""
+
 _NR3 = real(8)
 _DBM_OHMS = (50, 75, 93, 110, 124, 125, 135, 150, 250, 300, 500, 600, 800, 900, 1000, 1200, 8000)
 
 
+@ROWS.attribute("CALCulate:FUNCtion", Choice(("NULL", "DB", "DBM", "AVERage", "LIMit")), "math.operation")
 def _set_math(meter: SimulatedHp34401A, operation: str) -> None:
     if meter.math.on and meter.function.name not in MATH_RULES[operation]:
         meter.math.on = False
@@ -23,6 +27,7 @@ def _set_math(meter: SimulatedHp34401A, operation: str) -> None:
     meter.math.choose(operation)
 
 
+@ROWS.attribute("CALCulate:STATe", Boolean(), "math.on", boolean)
 def _set_math_state(meter: SimulatedHp34401A, state: object) -> None:
     if state and meter.function.name not in MATH_RULES[meter.math.operation]:
         meter.math.on = False
@@ -63,8 +68,7 @@ def _register(pattern: str, parameter: Number, name: str, **more: Any) -> Comman
 _ANY = Number(unit=("V", "A", "OHM", "HZ", "S"), limits=_null_limits)
 
 COMMANDS = (
-    attribute("CALCulate:FUNCtion", Choice(("NULL", "DB", "DBM", "AVERage", "LIMit")), "math.operation", do=_set_math),
-    attribute("CALCulate:STATe", Boolean(), "math.on", boolean, do=_set_math_state),
+    *ROWS,
     Command("CALCulate:AVERage:MINimum", query=_statistic("minimum"), reply=_NR3),
     Command("CALCulate:AVERage:MAXimum", query=_statistic("maximum"), reply=_NR3),
     Command("CALCulate:AVERage:AVERage", query=_statistic("average"), reply=_NR3),

@@ -72,7 +72,19 @@ class MeterCalibration:
     """
 
     def __init__(self, inputs: Inputs, function: Function, setup: Setup, value: float) -> None:
-        _require_point(function, setup.range, value)
+        range_ = setup.range
+        if function.name not in _CALIBRATED:
+            raise ScpiError(709)
+        if value == 0.0:
+            fits = function.name in _OFFSET_ERRORS
+        elif function.name == "FREQ":
+            fits = _FREQUENCY_SPAN_HZ[0] <= value <= _FREQUENCY_SPAN_HZ[1]
+        else:
+            part = value / _NOMINAL.get((function.name, range_), range_)
+            part = abs(part) if function.name == "VOLT" else part
+            fits = _VALUE_SPAN[0] <= part <= _VALUE_SPAN[1]
+        if not fits:
+            raise ScpiError(706)
         self._inputs = inputs
         self._function = function
         self._setup = replace(setup, auto=False, nplc=100.0, aperture_s=1.0)
@@ -131,18 +143,3 @@ class MeterCalibration:
             if math.isclose(frequency, nominal, rel_tol=_SIGNAL_SPAN):
                 return nominal == FLATNESS_HZ
         raise ScpiError(708)
-
-
-def _require_point(function: Function, range_: float, value: float) -> None:
-    if function.name not in _CALIBRATED:
-        raise ScpiError(709)
-    if value == 0.0:
-        fits = function.name in _OFFSET_ERRORS
-    elif function.name == "FREQ":
-        fits = _FREQUENCY_SPAN_HZ[0] <= value <= _FREQUENCY_SPAN_HZ[1]
-    else:
-        part = value / _NOMINAL.get((function.name, range_), range_)
-        part = abs(part) if function.name == "VOLT" else part
-        fits = _VALUE_SPAN[0] <= part <= _VALUE_SPAN[1]
-    if not fits:
-        raise ScpiError(706)

@@ -4,26 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from simrack.scpi import (
-    Boolean,
-    Command,
-    Number,
-    ScpiError,
-    Text,
-    Word,
-    attribute,
-    boolean,
-    quoted,
-    real,
-    signed_integer,
-)
+from simrack import scpi
 
 if TYPE_CHECKING:
     from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
-_NR3 = real(8)
+ROWS = scpi.Rows()
+"""Rows that stand on their handlers."""
+
+_NR3 = scpi.real(8)
 
 
+@ROWS.do("CALibration:SECure:CODE", (scpi.Word(word_too_long=704),))
 def _set_code(meter: SimulatedHp34401A, code: str) -> None:
     meter.calibration.require_unsecured()
     meter.calibration.code = code
@@ -31,31 +23,31 @@ def _set_code(meter: SimulatedHp34401A, code: str) -> None:
 
 def _set_secured(meter: SimulatedHp34401A, state: object, code: str) -> None:
     if code != meter.calibration.code:
-        raise ScpiError(703)
+        raise scpi.ScpiError(703)
     meter.calibration.secured = bool(state)
 
 
+@ROWS.attribute("CALibration:STRing", scpi.Text(limit=40), "calibration.text", scpi.quoted)
 def _set_calibration_text(meter: SimulatedHp34401A, text: str) -> None:
     meter.calibration.require_unsecured()
     meter.calibration.text = text
 
 
+@ROWS.attribute("CALibration:VALue", scpi.Number(), "calibration.value", _NR3)
 def _set_calibration_value(meter: SimulatedHp34401A, value: float) -> None:
     meter.calibration.require_unsecured()
     meter.calibration.value = value
 
 
 COMMANDS = (
-    Command("CALibration", query=lambda meter: meter.calibrate()),
-    Command("CALibration:COUNt", query=lambda meter: meter.calibration.count, reply=signed_integer),
-    Command("CALibration:SECure:CODE", (Word(word_too_long=704),), do=_set_code),
-    Command(
+    *ROWS,
+    scpi.Command("CALibration", query=lambda meter: meter.calibrate()),
+    scpi.Command("CALibration:COUNt", query=lambda meter: meter.calibration.count, reply=scpi.signed_integer),
+    scpi.Command(
         "CALibration:SECure:STATe",
-        (Boolean(), Word()),
+        (scpi.Boolean(), scpi.Word()),
         do=_set_secured,
         query=lambda meter: meter.calibration.secured,
-        reply=boolean,
+        reply=scpi.boolean,
     ),
-    attribute("CALibration:STRing", Text(limit=40), "calibration.text", quoted, do=_set_calibration_text),
-    attribute("CALibration:VALue", Number(), "calibration.value", _NR3, do=_set_calibration_value),
 )

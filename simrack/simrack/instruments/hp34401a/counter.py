@@ -90,7 +90,12 @@ class _Behind:
         means = self._means(self._edges_s)
         before = means[self._middles_s < self._start_s]
         first_v = float((before if len(before) else means).mean())
-        return means, _followed(means, first_v, self._edges_s, self.response.corner_hz)
+        # Voltage of a capacitor behind a resistance, from `first_v` on
+        edges_s = self._edges_s
+        step = math.tau * self.response.corner_hz * float(edges_s[1] - edges_s[0])
+        grown = np.exp(step * np.arange(len(means)))
+        taken = -math.expm1(-step) * math.exp(step) * np.cumsum(means * grown)
+        return means, np.asarray((first_v + np.concatenate(([0.0], taken[:-1]))) / grown)
 
     def finest_s(self, start_s: float, stop_s: float) -> float:
         """Return how finely it has to be looked at between two times."""
@@ -131,14 +136,6 @@ class _Behind:
 def _evenly(start_s: float, step_s: float, looks: int) -> Values:
     """Return the edges of so many steps."""
     return np.asarray(start_s + step_s * np.arange(looks + 1), dtype=np.float64)
-
-
-def _followed(means: Values, first_v: float, edges_s: Values, corner_hz: float) -> Values:
-    """Return the voltage of a capacitor behind a resistance, from `first_v` on."""
-    step = math.tau * corner_hz * float(edges_s[1] - edges_s[0])
-    grown = np.exp(step * np.arange(len(means)))
-    taken = -math.expm1(-step) * math.exp(step) * np.cumsum(means * grown)
-    return np.asarray((first_v + np.concatenate(([0.0], taken[:-1]))) / grown)
 
 
 def _paced(

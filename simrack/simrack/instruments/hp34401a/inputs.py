@@ -170,13 +170,32 @@ class Inputs:
         if function.unit == "A":
             return self._current(function, start_s, setup, conditions)
         if function.alternating:
-            return self._ranged_ac(function, start_s, setup, conditions)
+            if not setup.auto:
+                return self._ac(function, start_s + conditions.delay_s, setup, conditions)
+            ranged = function.voltage_ranged
+
+            def look() -> MeterReading:
+                level = self._detected(start_s, start_s + _RANGING_S, conditions.filter_hz)
+                better = _fitting(ranged, setup.range, level.rms_v, level.peak_v)
+                begun = start_s + _RANGING_S + (function.autorange_s if better != setup.range else 0.0)
+                setup.range = better
+                return self._ac(function, begun + conditions.delay_s, setup, conditions)
+
+            return MeterReading(start_s + _RANGING_S, look)
         return self._integrated(function, start_s + conditions.delay_s, setup, conditions)
 
     def autorange(self, function: Function, range_: float) -> float:
         """Return the range for the signal now: up above 120 %, down below 10 % of the present one (p. 53)."""
         if function.unit == "OHM":
-            return self._ohms_range(function, range_)
+            # Range of ohms; the test current goes with the range, so each range is tried
+            if self._sense_open(function):
+                return function.ranges[-1]
+            node_v, source_ohm = self._world.value_v(self._node), self._world.source_ohm(self._node)
+            levels = {each: abs(ohms.resistance_ohm(node_v, source_ohm, each)) for each in function.ranges}
+            if 0.1 * range_ <= levels[range_] <= range_ * function.over_range_of(range_):
+                return range_
+            fits = (each for each, level in levels.items() if level <= each * function.over_range_of(each))
+            return next(fits, function.ranges[-1])
         if function.unit == "A":
             return _fitting(function, range_, 0.0)
         return _fitting(function, range_, abs(self._world.value_v(self._node)))
@@ -185,17 +204,6 @@ class Inputs:
         """Return the frequency of the ac path's signal in the last second, 0 without a signal."""
         now, response = self._world.clock.now(), self._response(20.0)
         return counter.count(self._pieces(), (now - 1.0, now), now, response, _LEAST_AC_V).frequency_hz
-
-    def _ohms_range(self, function: Function, range_: float) -> float:
-        """Return the range of ohms; the test current goes with the range, so each range is tried."""
-        if self._sense_open(function):
-            return function.ranges[-1]
-        node_v, source_ohm = self._world.value_v(self._node), self._world.source_ohm(self._node)
-        levels = {each: abs(ohms.resistance_ohm(node_v, source_ohm, each)) for each in function.ranges}
-        if 0.1 * range_ <= levels[range_] <= range_ * function.over_range_of(range_):
-            return range_
-        fits = (each for each, level in levels.items() if level <= each * function.over_range_of(each))
-        return next(fits, function.ranges[-1])
 
     # --- direct voltage, ohms -----------------------------------------------------------------------------
 
@@ -344,22 +352,6 @@ class Inputs:
         return MeterReading(end, lambda: self._shown(own, function.fraction_of(setup.nplc) * range_))
 
     # --- alternating voltage, frequency, period -----------------------------------------------------------
-
-    def _ranged_ac(
-        self, function: Function, start_s: float, setup: Setup, conditions: MeasuringConditions
-    ) -> MeterReading:
-        if not setup.auto:
-            return self._ac(function, start_s + conditions.delay_s, setup, conditions)
-        ranged = function.voltage_ranged
-
-        def look() -> MeterReading:
-            level = self._detected(start_s, start_s + _RANGING_S, conditions.filter_hz)
-            better = _fitting(ranged, setup.range, level.rms_v, level.peak_v)
-            begun = start_s + _RANGING_S + (function.autorange_s if better != setup.range else 0.0)
-            setup.range = better
-            return self._ac(function, begun + conditions.delay_s, setup, conditions)
-
-        return MeterReading(start_s + _RANGING_S, look)
 
     def _ac(self, function: Function, start_s: float, setup: Setup, conditions: MeasuringConditions) -> MeterReading:
         if function.gated:

@@ -12,6 +12,7 @@ import re
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from simrack import scpi
 from simrack.instruments.hp34401a import ohms
 from simrack.instruments.hp34401a.calculation import MATH_RULES, OVERLOAD, Math
 from simrack.instruments.hp34401a.calibration import CalibrationMemory, MeterCalibration
@@ -20,18 +21,6 @@ from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.inputs import FAST_APERTURES_S, Inputs, MeasuringConditions
 from simrack.instruments.hp34401a.setup import Setup, configured
 from simrack.instruments.hp34401a.trigger import TriggerSystem
-from simrack.scpi import (
-    GPIB,
-    RS232,
-    Dialect,
-    Pending,
-    Register,
-    ScpiEngine,
-    ScpiError,
-    ScpiTwin,
-    Status,
-    real,
-)
 from simrack.specifications import HP_34401A
 
 if TYPE_CHECKING:
@@ -43,7 +32,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MeterErrors", "SimulatedHp34401A"]
 
-_DIALECT = Dialect(
+_DIALECT = scpi.Dialect(
     queue_depth=20,
     words={-350: "Too many errors"},
     number_not_allowed=-104,
@@ -52,13 +41,13 @@ _DIALECT = Dialect(
     takes_blocks=False,
 )
 """The input buffer of about 100 characters is that of RS-232; that it is the same on GPIB is unverified."""
-_NR3 = real(8)
+_NR3 = scpi.real(8)
 _CALIBRATION_FILTER_HZ = 3.0
 _SCPI = 1
 _WAY_BACK = re.compile(rb"(?i)\bL1\b")
 
 
-class SimulatedHp34401A(ScpiTwin):
+class SimulatedHp34401A(scpi.ScpiTwin):
     """The meter.
 
     Args:
@@ -73,10 +62,10 @@ class SimulatedHp34401A(ScpiTwin):
     """
 
     errors_class: ClassVar = MeterErrors
-    interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"gpib": GPIB, "rs232": RS232})
+    interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"gpib": scpi.GPIB, "rs232": scpi.RS232})
     functions: ClassVar[Mapping[str, Function]] = BY_NAME
     table: ClassVar[CommandTable]
-    dialect: ClassVar[Dialect] = _DIALECT
+    dialect: ClassVar[scpi.Dialect] = _DIALECT
     fast_apertures_s: ClassVar[Mapping[float, float]] = FAST_APERTURES_S
 
     def __init__(
@@ -105,9 +94,9 @@ class SimulatedHp34401A(ScpiTwin):
             fast_apertures_s=self.fast_apertures_s,
             sheet=self.data_sheet(),
         )
-        self.questionable = Register()
-        status = Status({3: self.questionable})
-        self.engine = ScpiEngine(
+        self.questionable = scpi.Register()
+        status = scpi.Status({3: self.questionable})
+        self.engine = scpi.ScpiEngine(
             self, self.table, world.clock, dialect=self.dialect, interface=self.interfaces[interface], status=status
         )
         self.math = Math()
@@ -165,7 +154,7 @@ class SimulatedHp34401A(ScpiTwin):
         self.triggering.abort()
         if self._calibrating:
             self._calibrating = False
-            self.engine.report(ScpiError(705))
+            self.engine.report(scpi.ScpiError(705))
 
     def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes; in another language only the way back is understood (the rest is not simulated)."""
@@ -209,7 +198,13 @@ class SimulatedHp34401A(ScpiTwin):
         if abs(value) >= OVERLOAD:
             self._show_overload()
         self._sound(value)
-        return self._through_math(value)
+        if not self.math.on:
+            return value
+        result = self.math.apply(value)
+        self.questionable.latch(result.limit_bits)
+        if result.error is not None:
+            self.engine.report(result.error)
+        return result.value
 
     def _show_overload(self) -> None:
         """An overload sets its QUEStionable bit and DDE, and queues nothing (p. 173)."""
@@ -223,15 +218,6 @@ class SimulatedHp34401A(ScpiTwin):
         good = self.function.name == "DIOD" and low <= value <= high
         self.beeps += self.beeper and (closed or good)
 
-    def _through_math(self, value: float) -> float:
-        if not self.math.on:
-            return value
-        result = self.math.apply(value)
-        self.questionable.latch(result.limit_bits)
-        if result.error is not None:
-            self.engine.report(result.error)
-        return result.value
-
     # --- settings -----------------------------------------------------------------------------------------
 
     def choose(self, function: Function) -> None:
@@ -242,7 +228,7 @@ class SimulatedHp34401A(ScpiTwin):
         self.triggering.memory = []
         was_on, self.math.on = self.math.on, False
         if was_on and function.name not in MATH_RULES[self.math.operation]:
-            raise ScpiError(-221)
+            raise scpi.ScpiError(-221)
 
     def configure(self, function: Function, expected: Any, resolution: Any) -> None:
         """CONFigure (p. 111-113): preset, function, range, resolution.
@@ -263,7 +249,7 @@ class SimulatedHp34401A(ScpiTwin):
 
     # --- calibration --------------------------------------------------------------------------------------
 
-    def calibrate(self) -> Pending:
+    def calibrate(self) -> scpi.Pending:
         """CALibration? (p. 147): adjust the present function and range to the value told before.
 
         Raises:
@@ -275,16 +261,16 @@ class SimulatedHp34401A(ScpiTwin):
         conditions = MeasuringConditions(filter_hz=_CALIBRATION_FILTER_HZ, delay_s=delay)
         return self._attended(running.begin(self.clock.now(), conditions, self._calibrated))
 
-    def _attended(self, pending: Pending) -> Pending:
+    def _attended(self, pending: scpi.Pending) -> scpi.Pending:
         """Return `pending` such that a device clear meanwhile is known to give up a calibration."""
         self._calibrating = True
 
         def finish() -> Any:
             self._calibrating = False
             outcome = pending.finish()
-            return self._attended(outcome) if isinstance(outcome, Pending) else outcome
+            return self._attended(outcome) if isinstance(outcome, scpi.Pending) else outcome
 
-        return Pending(pending.ready_at, finish)
+        return scpi.Pending(pending.ready_at, finish)
 
     def _calibrated(self) -> str:
         self.calibration.count_up()

@@ -6,15 +6,17 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from simrack.instruments.hp34401a.functions import APERTURES_S, BY_NAME, Function
-from simrack.scpi import RS232, Command, Number, Pending, ScpiError, Text, comma_list, quoted, real
+from simrack.scpi import RS232, Command, Number, Pending, Rows, ScpiError, Text, comma_list, quoted, real
 from simrack.scpi.mnemonics import Mnemonic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
-    from simrack.instruments.hp34401a.setup import Setup
     from simrack.instruments.hp34401a.trigger import TriggerSequence, TriggerSystem
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 _FUNCTION_CHANGE_S = 1 / 26
 """Function changes a second over the bus (p. 217)."""
@@ -35,18 +37,14 @@ class _Readings:
         return b"".join(_NR3(value).encode() + b"," for value in self._triggering.take_streamed())
 
 
-def _require_remote(meter: SimulatedHp34401A) -> None:
-    if meter.local and meter.engine.interface is RS232:
-        raise ScpiError(550)
-
-
 def _running(meter: SimulatedHp34401A, sequence: TriggerSequence, finish: Callable[[], Any]) -> Pending:
     """Return a wait of the parser until `sequence` is through."""
     return Pending(lambda: meter.clock.now() if meter.triggering.sequence is not sequence else None, finish)
 
 
 def _read(meter: SimulatedHp34401A) -> Pending:
-    _require_remote(meter)
+    if meter.local and meter.engine.interface is RS232:
+        raise ScpiError(550)
     if meter.triggering.source == "BUS":
         raise ScpiError(-214)
     sequence = meter.triggering.start(stored=False)
@@ -55,12 +53,14 @@ def _read(meter: SimulatedHp34401A) -> Pending:
     return running
 
 
+@ROWS.do("INITiate[:IMMediate]")
 def _initiate(meter: SimulatedHp34401A) -> Pending:
     if meter.triggering.feed and meter.triggering.readings_to_come > meter.triggering.capacity:
         raise ScpiError(531)
     return _running(meter, meter.triggering.start(stored=True), lambda: None)
 
 
+@ROWS.query("FETCh", reply=_READINGS)
 def _fetch(meter: SimulatedHp34401A) -> list[float]:
     if not meter.triggering.memory:
         raise ScpiError(-230)
@@ -84,17 +84,10 @@ def _measure(function: Function, read: Callable[[Any], Pending]) -> Callable[...
 
 def _configuration(meter: SimulatedHp34401A) -> str:
     setup, function = meter.setup, meter.function
-    resolution = _gate_resolution(setup, function) if not function.ranges else setup.resolution * setup.range
+    gated = function.gated and not function.ranges
+    resolution = function.slowest * APERTURES_S[setup.aperture_s] if gated else setup.range * setup.resolution
     range_ = function.slowest if function.gated else setup.range
     return f"{function.name} {_NR3(range_)},{_NR3(resolution)}"
-
-
-def _gate_resolution(setup: Setup, function: Function) -> float:
-    return function.slowest * APERTURES_S[setup.aperture_s] if function.gated else setup.range * setup.resolution
-
-
-def _set_function(meter: SimulatedHp34401A, name: str) -> None:
-    meter.choose(_function_named(meter, name))
 
 
 def _function_named(meter: SimulatedHp34401A, text: str) -> Function:
@@ -109,10 +102,6 @@ def _function_named(meter: SimulatedHp34401A, text: str) -> Function:
 def _spells(words: tuple[str, ...], spelling: str) -> bool:
     nodes = [Mnemonic.parse(node) for node in spelling.split(":")]
     return len(nodes) == len(words) and all(word in node.spellings for word, node in zip(words, nodes, strict=True))
-
-
-def _function(meter: SimulatedHp34401A) -> str:
-    return meter.function.name
 
 
 def measurement_commands(
@@ -141,16 +130,20 @@ def measurement_commands(
 
 
 FUNCTION = Command(
-    "[SENSe:]FUNCtion", (Text(),), do=_set_function, query=_function, reply=quoted, takes_s=_FUNCTION_CHANGE_S
+    "[SENSe:]FUNCtion",
+    (Text(),),
+    do=lambda meter, name: meter.choose(_function_named(meter, name)),
+    query=lambda meter: meter.function.name,
+    reply=quoted,
+    takes_s=_FUNCTION_CHANGE_S,
 )
 CONFIGURATION = Command("CONFigure", query=_configuration, reply=quoted)
 
 COMMANDS = (
+    *ROWS,
     # measuring
     *(command for function in BY_NAME.values() for command in measurement_commands(function)),
     CONFIGURATION,
     Command("READ", query=_read, reply=_READINGS),
-    Command("INITiate[:IMMediate]", do=_initiate),
-    Command("FETCh", query=_fetch, reply=_READINGS),
     FUNCTION,
 )

@@ -51,18 +51,6 @@ def _set_resolution(name: str) -> Callable[..., None]:
     return write
 
 
-def _resolution(name: str) -> Callable[..., float]:
-    return lambda meter: float(meter.setups[name].resolution * meter.setups[name].range)
-
-
-def _set_nplc(name: str) -> Callable[..., None]:
-    def write(meter: SimulatedHp34401A, cycles: float) -> None:
-        meter.setups[name].nplc = cycles
-        meter.setups[name].resolution = meter.functions[name].fraction_of(cycles)
-
-    return write
-
-
 def range_commands(function: Function, header: str) -> tuple[Command, ...]:
     """Declare RANGe and RANGe:AUTO of one function; limits are the lowest range and the top one with its over-range."""
     ranged, name = function.voltage_ranged, function.name
@@ -94,7 +82,7 @@ def resolution_command(function: Function, header: str) -> Command:
         f"[SENSe:]{header}:RESolution",
         (Number(unit=function.unit, deferred=True),),
         do=_set_resolution(name),
-        query=_limited(_resolution(name), limits),
+        query=_limited(lambda meter: float(meter.setups[name].resolution * meter.setups[name].range), limits),
         query_parameters=(Choice(("MINimum", "MAXimum"), required=False),),
         reply=_NR3,
     )
@@ -114,7 +102,12 @@ def nplc_command(function: Function, header: str) -> Command:
     """Declare NPLCycles of one function: other power line cycles are rounded up to those it has."""
     legal, name = tuple(function.fractions), function.name
     number = Number(limits=Limits(min(legal), max(legal)), legal=legal)
-    return attribute(f"[SENSe:]{header}:NPLCycles", number, f"setups[{name}].nplc", _NR3, do=_set_nplc(name))
+
+    def write(meter: SimulatedHp34401A, cycles: float) -> None:
+        meter.setups[name].nplc = cycles
+        meter.setups[name].resolution = meter.functions[name].fraction_of(cycles)
+
+    return attribute(f"[SENSe:]{header}:NPLCycles", number, f"setups[{name}].nplc", _NR3, do=write)
 
 
 def gate_command(name: str, header: str) -> Command:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from simrack.scpi import RS232, Boolean, Command, ScpiError, Text, attribute, boolean, enable, event, quoted
+from simrack.scpi import RS232, Boolean, Command, Rows, ScpiError, Text, attribute, boolean, enable, event, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 _SELF_TEST_S = 15.0
 """*TST? (p. 86: about 15 s)."""
@@ -20,6 +23,7 @@ def _require_rs232(meter: SimulatedHp34401A) -> None:
         raise ScpiError(514)
 
 
+@ROWS.do("SYSTem:LOCal")
 def _go_local(meter: SimulatedHp34401A) -> None:
     _require_rs232(meter)
     meter.local = True
@@ -30,11 +34,13 @@ def _go_remote(meter: SimulatedHp34401A) -> None:
     meter.local = False
 
 
+@ROWS.query("*TST", query_takes_s=_SELF_TEST_S)
 def _self_test(meter: SimulatedHp34401A) -> str:
     meter.triggering.memory = []
     return "+0"
 
 
+@ROWS.do("STATus:PRESet")
 def _preset_status(meter: SimulatedHp34401A) -> None:
     meter.questionable.enable = 0
 
@@ -51,21 +57,19 @@ def _language(number: int) -> Callable[[SimulatedHp34401A], None]:
 
 
 COMMANDS = (
+    *ROWS,
     attribute("DISPlay[:WINDow][:STATe]", Boolean(), "display_on", boolean),
     attribute("DISPlay[:WINDow]:TEXT[:DATA]", Text(), "display_text", quoted, convert=lambda text: text[:12]),
     Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda meter: setattr(meter, "display_text", "")),
     Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
     attribute("SYSTem:BEEPer:STATe", Boolean(), "beeper", boolean),
     Command("SYSTem:VERSion", query=lambda _: "1991.0"),
-    Command("SYSTem:LOCal", do=_go_local),
     Command("SYSTem:REMote", do=_go_remote),
     Command("SYSTem:RWLock", do=_go_remote),
-    Command("*TST", query=_self_test, query_takes_s=_SELF_TEST_S),
     Command("L1", do=_language(1)),
     Command("L2", do=_language(2)),
     Command("L3", do=_language(3)),
     # status
     event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
     enable("STATus:QUEStionable:ENABle", "questionable"),
-    Command("STATus:PRESet", do=_preset_status),
 )

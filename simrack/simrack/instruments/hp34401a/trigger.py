@@ -169,7 +169,13 @@ class TriggerSystem:
         if sequence.samples > 0:
             self._start_reading(sequence)
         else:
-            self._finish_trigger(sequence)
+            sequence.triggers -= 1
+            sequence.triggered = False
+            if sequence.triggers <= 0:
+                self.sequence = None
+            elif self.source == "IMM" or self._external_pending:
+                self._external_pending = False
+                self.fire()
 
     def keep(self, sequence: TriggerSequence, value: float) -> None:
         """Put a reading where it belongs."""
@@ -177,12 +183,3 @@ class TriggerSystem:
             sequence.readings.append(value)
         elif self.feed:
             self.memory.append(value)
-
-    def _finish_trigger(self, sequence: TriggerSequence) -> None:
-        sequence.triggers -= 1
-        sequence.triggered = False
-        if sequence.triggers <= 0:
-            self.sequence = None
-        elif self.source == "IMM" or self._external_pending:
-            self._external_pending = False
-            self.fire()

@@ -14,45 +14,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from simrack import specifications
+from simrack import scpi, specifications
 from simrack.instruments.hp34401a.imperfections import MeterErrors
-from simrack.instruments.keithley.common import (
-    NAMES,
-    KeptOfFunction,
-    drawn,
-    functions_of,
-    ignored,
-    once_idle,
-    settings_of_functions,
-    spelled,
-)
+from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
-from simrack.scpi import (
-    COMMON_COMMANDS,
-    GPIB,
-    RS232,
-    Boolean,
-    Choice,
-    Command,
-    CommandTable,
-    Dialect,
-    Integer,
-    Limits,
-    Number,
-    ScpiError,
-    Text,
-    attribute,
-    boolean,
-    comma_list,
-    condition,
-    enable,
-    event,
-    next_error,
-    quoted,
-    real,
-    signed_integer,
-)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -62,11 +28,14 @@ if TYPE_CHECKING:
     from simrack.instruments.hp34401a.functions import Function
     from simrack.scpi import Interface
 
+ROWS = scpi.Rows()
+"""Rows that stand on their handlers."""
+
 _SHEET = specifications.KEITHLEY_2000
-_NR3 = real(8)
-_READINGS = comma_list(_NR3)
+_NR3 = scpi.real(8)
+_READINGS = scpi.comma_list(_NR3)
 _BUFFER = 1024
-_FUNCTIONS = functions_of(_SHEET)
+_FUNCTIONS = common.functions_of(_SHEET)
 
 
 class Errors2000(MeterErrors, frozen=True):
@@ -75,7 +44,7 @@ class Errors2000(MeterErrors, frozen=True):
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Errors2000:
         """Return a specimen drawn uniformly within the 1-year accuracy of the 10 V range."""
-        return cls(**drawn(_SHEET, rng))
+        return cls(**common.drawn(_SHEET, rng))
 
 
 def _configure(name: str) -> Any:
@@ -96,15 +65,16 @@ def _measure(name: str) -> Any:
 def _read(meter: Keithley2000Twin) -> Any:
     """READ?: ABORt, INITiate, FETCh?."""
     if meter.continuous:
-        raise ScpiError(-213)
+        raise scpi.ScpiError(-213)
     meter.triggering.abort()
     meter.triggering.start(stored=True)
-    return once_idle(meter, lambda: list(meter.triggering.memory))
+    return common.once_idle(meter, lambda: list(meter.triggering.memory))
 
 
+@ROWS.do("INITiate[:IMMediate]")
 def _initiate(meter: Keithley2000Twin) -> None:
     if meter.continuous:
-        raise ScpiError(-213)
+        raise scpi.ScpiError(-213)
     meter.triggering.start(stored=True)
 
 
@@ -112,117 +82,131 @@ def _fetch(meter: Keithley2000Twin) -> Any:
     """FETCh?: the latest reading; while it measures by itself the next one."""
     if meter.continuous and meter.triggering.sequence is None:
         meter.triggering.start(stored=True)
-        return once_idle(meter, lambda: [meter.ring.last])
+        return common.once_idle(meter, lambda: [meter.ring.last])
     if meter.ring.last is None:
-        raise ScpiError(-230)
+        raise scpi.ScpiError(-230)
     return [meter.ring.last]
 
 
 def _choose(meter: Keithley2000Twin, name: str) -> None:
-    known = spelled(name)
-    if known not in NAMES:
-        raise ScpiError(-224)
+    known = common.spelled(name)
+    if known not in common.NAMES:
+        raise scpi.ScpiError(-224)
     meter.choose(meter.functions[known])
 
 
 def _set_azero(meter: Keithley2000Twin, state: object) -> None:
-    for name in NAMES:
+    for name in common.NAMES:
         meter.set_autozero(name, on=bool(state))
-
-
-def _count(count: float) -> str:
-    return "+9.9E37" if math.isinf(count) else str(int(count))
 
 
 def _set_delay(meter: Keithley2000Twin, seconds: float) -> None:
     meter.triggering.delay_s, meter.triggering.delay_auto = seconds, False
 
 
+@ROWS.query("TRACe:DATA", reply=_READINGS)
 def _stored(meter: Keithley2000Twin) -> list[float]:
     if not meter.stored:
-        raise ScpiError(-230)
+        raise scpi.ScpiError(-230)
     return list(meter.stored)
 
 
+@ROWS.attribute("TRACe:FEED:CONTrol", scpi.Choice(("NEVer", "NEXT")), "control")
 def _feed(meter: Keithley2000Twin, control: str) -> None:
     meter.control = control
     if control == "NEXT":
         meter.stored = []
 
 
+@ROWS.do("SYSTem:PRESet")
 def _preset(meter: Keithley2000Twin) -> None:
     meter.reset()
     meter.continuous = True
 
 
-_COUNTS = Integer(limits=Limits(1, 9999, 1), words={"INFinity": float("inf")})
+_COUNTS = scpi.Integer(limits=scpi.Limits(1, 9999, 1), words={"INFinity": float("inf")})
 
-_TABLE = CommandTable(
-    *COMMON_COMMANDS,
-    *(Command(f"CONFigure:{_FUNCTIONS[name].header}", do=_configure(name)) for name in NAMES),
+_TABLE = scpi.CommandTable(
+    *ROWS,
+    *scpi.COMMON_COMMANDS,
+    *(scpi.Command(f"CONFigure:{_FUNCTIONS[name].header}", do=_configure(name)) for name in common.NAMES),
     *(
-        Command(f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=(), reply=_READINGS)
-        for name in NAMES
+        scpi.Command(f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=(), reply=_READINGS)
+        for name in common.NAMES
     ),
-    Command("CONFigure", query=lambda meter: NAMES[meter.function.name], reply=quoted),
-    Command("[SENSe:]FUNCtion", (Text(),), do=_choose, query=lambda meter: NAMES[meter.function.name], reply=quoted),
-    *settings_of_functions(_FUNCTIONS, (0.01, 10.0), "REFerence"),
+    scpi.Command("CONFigure", query=lambda meter: common.NAMES[meter.function.name], reply=scpi.quoted),
+    scpi.Command(
+        "[SENSe:]FUNCtion",
+        (scpi.Text(),),
+        do=_choose,
+        query=lambda meter: common.NAMES[meter.function.name],
+        reply=scpi.quoted,
+    ),
+    *common.settings_of_functions(_FUNCTIONS, (0.01, 10.0), "REFerence"),
     *(
-        attribute(
+        scpi.attribute(
             f"[SENSe:]{_FUNCTIONS[name].header}:DIGits",
-            Integer(limits=Limits(4, 7)),
+            scpi.Integer(limits=scpi.Limits(4, 7)),
             f"kept[{name}].digits",
-            signed_integer,
+            scpi.signed_integer,
         )
-        for name in NAMES
+        for name in common.NAMES
     ),
-    Command("[SENSe:]DATA[:LATest]", query=_fetch, reply=_READINGS),
-    Command("[SENSe:]DATA:FRESh", query=_fetch, reply=_READINGS),
-    Command("READ", query=_read, reply=_READINGS),
-    Command("FETCh", query=_fetch, reply=_READINGS),
-    Command("INITiate[:IMMediate]", do=_initiate),
-    attribute("INITiate:CONTinuous", Boolean(), "continuous", boolean),
-    Command("ABORt", do=lambda meter: meter.triggering.abort()),
-    attribute("TRIGger[:SEQuence]:COUNt", _COUNTS, "triggering.trigger_count", _count, convert=float),
-    attribute("SAMPle:COUNt", Integer(limits=Limits(1, _BUFFER, 1)), "triggering.sample_count", signed_integer),
-    Command(
+    scpi.Command("[SENSe:]DATA[:LATest]", query=_fetch, reply=_READINGS),
+    scpi.Command("[SENSe:]DATA:FRESh", query=_fetch, reply=_READINGS),
+    scpi.Command("READ", query=_read, reply=_READINGS),
+    scpi.Command("FETCh", query=_fetch, reply=_READINGS),
+    scpi.attribute("INITiate:CONTinuous", scpi.Boolean(), "continuous", scpi.boolean),
+    scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
+    scpi.attribute(
+        "TRIGger[:SEQuence]:COUNt",
+        _COUNTS,
+        "triggering.trigger_count",
+        lambda count: "+9.9E37" if math.isinf(count) else str(int(count)),
+        convert=float,
+    ),
+    scpi.attribute(
+        "SAMPle:COUNt", scpi.Integer(limits=scpi.Limits(1, _BUFFER, 1)), "triggering.sample_count", scpi.signed_integer
+    ),
+    scpi.Command(
         "TRIGger[:SEQuence]:DELay",
-        (Number(unit="S", limits=Limits(0.0, 999_999.999, 0.0)),),
+        (scpi.Number(unit="S", limits=scpi.Limits(0.0, 999_999.999, 0.0)),),
         do=_set_delay,
         query=lambda meter: meter.delay_s(),
         reply=_NR3,
     ),
-    attribute("TRIGger[:SEQuence]:DELay:AUTO", Boolean(), "triggering.delay_auto", boolean),
-    attribute("TRIGger[:SEQuence]:SOURce", Choice(("IMMediate", "BUS", "EXTernal")), "triggering.source"),
-    Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
-    Command("TRACe:CLEar", do=lambda meter: meter.stored.clear()),
-    attribute("TRACe:POINts", Integer(limits=Limits(2, _BUFFER)), "points", signed_integer),
-    attribute("TRACe:FEED", Choice(("SENSe", "CALCulate", "NONE")), "feed"),
-    attribute("TRACe:FEED:CONTrol", Choice(("NEVer", "NEXT")), "control", do=_feed),
-    Command("TRACe:DATA", query=_stored, reply=_READINGS),
-    attribute("FORMat[:DATA]", Choice(("ASCii",)), "format"),
-    attribute("FORMat:ELEMents", Choice(("READing",)), "elements"),
-    Command(
-        "SYSTem:AZERo[:STATe]", (Boolean(),), do=_set_azero, query=lambda meter: meter.autozeroes("VOLT"), reply=boolean
+    scpi.attribute("TRIGger[:SEQuence]:DELay:AUTO", scpi.Boolean(), "triggering.delay_auto", scpi.boolean),
+    scpi.attribute("TRIGger[:SEQuence]:SOURce", scpi.Choice(("IMMediate", "BUS", "EXTernal")), "triggering.source"),
+    scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
+    scpi.Command("TRACe:CLEar", do=lambda meter: meter.stored.clear()),
+    scpi.attribute("TRACe:POINts", scpi.Integer(limits=scpi.Limits(2, _BUFFER)), "points", scpi.signed_integer),
+    scpi.attribute("TRACe:FEED", scpi.Choice(("SENSe", "CALCulate", "NONE")), "feed"),
+    scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
+    scpi.attribute("FORMat:ELEMents", scpi.Choice(("READing",)), "elements"),
+    scpi.Command(
+        "SYSTem:AZERo[:STATe]",
+        (scpi.Boolean(),),
+        do=_set_azero,
+        query=lambda meter: meter.autozeroes("VOLT"),
+        reply=scpi.boolean,
     ),
-    Command("SYSTem:BEEPer[:IMMediate]", (Number(), Number()), do=ignored),
-    attribute("SYSTem:BEEPer:STATe", Boolean(), "beeper", boolean),
-    attribute("DISPlay:ENABle", Boolean(), "display_on", boolean),
-    Command("SYSTem:ERRor:NEXT", query=next_error),
-    Command("SYSTem:FRSWitch", query=lambda _: 1, reply=signed_integer),
-    Command("SYSTem:VERSion", query=lambda _: "1991.0"),
-    Command("SYSTem:PRESet", do=_preset),
-    *(Command(f"SYSTem:{word}", do=ignored) for word in ("LOCal", "REMote", "RWLock")),
-    Command("*OPT", query=lambda _: "0,0"),
-    Command("*TST", query=lambda _: "0", query_takes_s=2.0),
-    event("STATus:OPERation[:EVENt]", lambda meter: meter.operation),
-    enable("STATus:OPERation:ENABle", "operation"),
-    event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
-    condition("STATus:QUEStionable:CONDition", lambda meter: meter.questionable),
-    enable("STATus:QUEStionable:ENABle", "questionable"),
-    Command("STATus:PRESet", do=ignored),
-    Command("STATus:QUEue[:NEXT]", query=next_error),
-    Command("STATus:QUEue:CLEar", do=lambda meter: meter.engine.errors.clear()),
+    scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=common.ignored),
+    scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
+    scpi.attribute("DISPlay:ENABle", scpi.Boolean(), "display_on", scpi.boolean),
+    scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
+    scpi.Command("SYSTem:FRSWitch", query=lambda _: 1, reply=scpi.signed_integer),
+    scpi.Command("SYSTem:VERSion", query=lambda _: "1991.0"),
+    *(scpi.Command(f"SYSTem:{word}", do=common.ignored) for word in ("LOCal", "REMote", "RWLock")),
+    scpi.Command("*OPT", query=lambda _: "0,0"),
+    scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
+    scpi.event("STATus:OPERation[:EVENt]", lambda meter: meter.operation),
+    scpi.enable("STATus:OPERation:ENABle", "operation"),
+    scpi.event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
+    scpi.condition("STATus:QUEStionable:CONDition", lambda meter: meter.questionable),
+    scpi.enable("STATus:QUEStionable:ENABle", "questionable"),
+    scpi.Command("STATus:PRESet", do=common.ignored),
+    scpi.Command("STATus:QUEue[:NEXT]", query=scpi.next_error),
+    scpi.Command("STATus:QUEue:CLEar", do=lambda meter: meter.engine.errors.clear()),
 )
 
 
@@ -232,9 +216,9 @@ class Keithley2000Twin(SimulatedTruevolt):
     errors_class: ClassVar = Errors2000
     kind: ClassVar[MeterKind] = MeterKind("2000", "A20  /A02", _SHEET, memory=_BUFFER, most_readings=_BUFFER)
     functions: ClassVar[Mapping[str, Function]] = _FUNCTIONS
-    table: ClassVar[CommandTable] = _TABLE
-    dialect: ClassVar[Dialect] = Dialect(queue_depth=10, takes_blocks=False)
-    interfaces: ClassVar[Mapping[str, Interface]] = {"gpib": GPIB, "rs232": RS232}
+    table: ClassVar[scpi.CommandTable] = _TABLE
+    dialect: ClassVar[scpi.Dialect] = scpi.Dialect(queue_depth=10, takes_blocks=False)
+    interfaces: ClassVar[Mapping[str, Interface]] = {"gpib": scpi.GPIB, "rs232": scpi.RS232}
     fast_apertures_s: ClassVar[Mapping[float, float]] = {}
 
     def __init__(
@@ -256,7 +240,7 @@ class Keithley2000Twin(SimulatedTruevolt):
 
     def reset(self) -> None:
         """*RST."""
-        self.kept = {name: KeptOfFunction(average=True, digits=7) for name in NAMES}
+        self.kept = {name: common.KeptOfFunction(average=True, digits=7) for name in common.NAMES}
         self.points, self.feed, self.control, self.format, self.elements = 100, "CALC", "NEV", "ASC", "READ"
         self.beeper = self.display_on = True
         self.stored: list[float] = []

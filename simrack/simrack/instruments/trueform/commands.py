@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
+from simrack import scpi
 from simrack.instruments.agilent33220a import (
     burst_commands,
     level_commands,
@@ -27,22 +28,6 @@ from simrack.instruments.agilent33220a.declarations import SWITCH_S, TUNE_S, nr3
 from simrack.instruments.agilent33220a.settings import conflict
 from simrack.instruments.trueform.arbitrary import bare_name, path
 from simrack.instruments.trueform.kinds import LONGEST_BURST_S
-from simrack.scpi import (
-    COMMON_COMMANDS,
-    Boolean,
-    Choice,
-    Command,
-    CommandTable,
-    Limits,
-    Number,
-    Parameter,
-    ScpiError,
-    attribute,
-    boolean,
-    quoted,
-    real,
-    signed_integer,
-)
 from simrack.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
@@ -50,7 +35,10 @@ if TYPE_CHECKING:
 
     from simrack.instruments.trueform.instrument import SimulatedTrueform as _Model
 
-_FIFTEEN = real(15)
+ROWS = scpi.Rows()
+"""Rows that stand on their handlers."""
+
+_FIFTEEN = scpi.real(15)
 _THIRTEEN = ("[SOURce:]VOLTage", "[SOURce:]VOLTage:OFFSet", "[SOURce:]PHASe[:ADJust]", "[SOURce:]BURSt:PHASe")
 _HEADERS = {
     "[SOURce:]FUNCtion:PULSe:TRANsition": "[SOURce:]FUNCtion:PULSe:TRANsition[:BOTH]",
@@ -70,7 +58,7 @@ def _nr3(value: float) -> str:
     return "+9.900000000000000E+37" if value == math.inf else _FIFTEEN(value)
 
 
-class _Name(Parameter, frozen=True, kw_only=True):
+class _Name(scpi.Parameter, frozen=True, kw_only=True):
     """The name of a waveform, with quotes, folder and extension or without them."""
 
     def parse(self, token: Token) -> str:
@@ -80,7 +68,7 @@ class _Name(Parameter, frozen=True, kw_only=True):
         return bare_name(token.text)
 
 
-def _inherited() -> list[Command]:
+def _inherited() -> list[scpi.Command]:
     """Return the 33220A's commands as they stand in the series."""
     modules = (
         *(output_commands, level_commands, pulse_commands, modulation_commands, sweep_commands, burst_commands),
@@ -94,13 +82,13 @@ def _inherited() -> list[Command]:
     ]
 
 
-def _as_here(command: Command) -> Command:
+def _as_here(command: scpi.Command) -> scpi.Command:
     digits = nr3 if command.pattern in _THIRTEEN else _nr3
     reply = digits if command.reply is nr3 else command.reply
     return replace(command, pattern=_HEADERS.get(command.pattern, command.pattern), reply=reply)
 
 
-def _spelled(command: Command) -> tuple[Command, ...]:
+def _spelled(command: scpi.Command) -> tuple[scpi.Command, ...]:
     """Return a command as it may be said, with the number of its channel or without it."""
     header = command.pattern
     if header.startswith(("OUTPut", "TRIGger")):
@@ -113,7 +101,7 @@ def _spelled(command: Command) -> tuple[Command, ...]:
     return (command,)
 
 
-def _with_channel(command: Command, header: str) -> Command:
+def _with_channel(command: scpi.Command, header: str) -> scpi.Command:
     query = None if command.query is None else _first_channel(command.query)
     do = None if command.do is None else _first_channel(command.do)
     plain = replace(command, pattern=header.replace("SOURce<1-1>:[:", "SOURce<1-1>["))
@@ -130,12 +118,6 @@ def _first_channel(handler: Callable[..., Any]) -> Callable[..., Any]:
 # --- functions ------------------------------------------------------------------------------------------------------
 
 
-def _select(model: _Model, function: str) -> None:
-    model.rules.select("USER" if function == "ARB" else function)
-    model.tune_arbitrary()
-    model.update()
-
-
 def _selected(model: _Model) -> str:
     return "ARB" if model.state.function == "USER" else str(model.state.function)
 
@@ -150,29 +132,30 @@ def _apply_dc(model: _Model, frequency: Any, amplitude: Any, offset: Any) -> Non
     model.update()
 
 
+@ROWS.query("APPLy")
 def _applied(model: _Model) -> str:
     amplitude, offset = level_commands.amplitude_shown(model), level_commands.offset_shown(model)
-    return quoted(f"{_selected(model)} {_nr3(model.state.frequency_hz)},{nr3(amplitude)},{nr3(offset)}")
+    return scpi.quoted(f"{_selected(model)} {_nr3(model.state.frequency_hz)},{nr3(amplitude)},{nr3(offset)}")
 
 
-def _square_duty_limits(model: _Model) -> Limits:
+def _square_duty_limits(model: _Model) -> scpi.Limits:
     """Return the duty cycles that leave the least width of a pulse (users' tests: 0.01 % at low frequency)."""
     least = max(0.01, 100.0 * model.kind.least_width_s[math.inf] * model.state.frequency_hz)
-    return Limits(least, 100.0 - least, 50.0)
+    return scpi.Limits(least, 100.0 - least, 50.0)
 
 
-def _period_limits(model: _Model) -> Limits:
+def _period_limits(model: _Model) -> scpi.Limits:
     low, high = model.kind.frequency_hz["PULS"]
-    return Limits(1.0 / high, 1.0 / low, 1e-3)
+    return scpi.Limits(1.0 / high, 1.0 / low, 1e-3)
 
 
 # --- limits and load ------------------------------------------------------------------------------------------------
 
 
-def _limit(name: str) -> Command:
-    def limits(model: _Model) -> Limits:
+def _limit(name: str) -> scpi.Command:
+    def limits(model: _Model) -> scpi.Limits:
         most = model.levels.max_v()
-        return Limits(-most, most, most if name == "limit_high_v" else -most)
+        return scpi.Limits(-most, most, most if name == "limit_high_v" else -most)
 
     def write(model: _Model, shown_v: float) -> None:
         before = getattr(model.state, name)
@@ -181,15 +164,16 @@ def _limit(name: str) -> Command:
             setattr(model.state, name, before)
             raise conflict("limit does not hold the present levels")
 
-    return Command(
+    return scpi.Command(
         f"[SOURce:]VOLTage:LIMit:{'HIGH' if name == 'limit_high_v' else 'LOW'}",
-        (Number(unit="V", limits=limits),),
+        (scpi.Number(unit="V", limits=limits),),
         do=write,
         query=lambda model: getattr(model.state, name) * model.levels.share,
         reply=_nr3,
     )
 
 
+@ROWS.attribute("[SOURce:]VOLTage:LIMit:STATe", scpi.Boolean(), "state.limit_on", scpi.boolean)
 def _switch_limits(model: _Model, state: object) -> None:
     """Switch the limits; they stay off where the present levels leave them (unverified)."""
     if state and not model.limited.within_limits():
@@ -197,6 +181,7 @@ def _switch_limits(model: _Model, state: object) -> None:
     model.state.limit_on = bool(state)
 
 
+@ROWS.attribute("OUTPut:LOAD", level_commands.LOAD, "state.load_ohm", _nr3)
 def _set_load(model: _Model, ohm: float) -> None:
     """Change the shown load; not while limits are on, whose load would not be known (guide p. 62)."""
     if model.state.limit_on:
@@ -209,16 +194,19 @@ def _set_load(model: _Model, ohm: float) -> None:
 # --- arbitrary waveforms --------------------------------------------------------------------------------------------
 
 
+@ROWS.do("[SOURce:]DATA:ARBitrary", (_Name(), scpi.Number(limits=scpi.Limits(-1.0, 1.0))), repeat=True)
 def _load(model: _Model, name: str, *points: float) -> None:
     model.waveforms.load_named(name, list(points), model.series.least_points)
 
 
+@ROWS.do("[SOURce:]DATA:ARBitrary:DAC", (_Name(), scpi.Number()), repeat=True)
 def _load_dac(model: _Model, name: str, *codes: float) -> None:
     if any(not -32767 <= code <= 32767 for code in codes):
-        raise ScpiError(-222)
+        raise scpi.ScpiError(-222)
     model.waveforms.load_named(name, [code / 32767.0 for code in codes], model.series.least_points)
 
 
+@ROWS.do("[SOURce:]DATA:VOLatile:CLEar")
 def _clear(model: _Model) -> None:
     model.waveforms.clear()
     model.choose_arbitrary("EXP_RISE")
@@ -226,10 +214,6 @@ def _clear(model: _Model) -> None:
 
 def _points(model: _Model) -> int:
     return len(model.waveforms.points(model.state.user))
-
-
-def _rate_limits(model: _Model) -> Limits:
-    return Limits(1e-6, model.series.sample_rate_hz, 40e3)
 
 
 def _retune(model: _Model) -> None:
@@ -244,76 +228,88 @@ def _set_arbitrary_hz(model: _Model, hz: float) -> None:
 
 _BURST_COUNT: Any = next(each for each in burst_commands.COMMANDS if each.pattern.endswith("NCYCles"))
 
+
+@ROWS.do(
+    "[SOURce:]FUNCtion[:SHAPe]",
+    (scpi.Choice(("SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "ARBitrary", "DC")),),
+    query=_selected,
+    takes_s=SWITCH_S,
+)
+def _select(model: _Model, function: str) -> None:
+    model.rules.select("USER" if function == "ARB" else function)
+    model.tune_arbitrary()
+    model.update()
+
+
 OWN = (
-    Command(
-        "[SOURce:]FUNCtion[:SHAPe]",
-        (Choice(("SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "ARBitrary", "DC")),),
-        do=_select,
-        query=_selected,
-        takes_s=SWITCH_S,
-    ),
-    Command("APPLy", query=_applied),
-    Command(
+    *ROWS,
+    scpi.Command(
         "APPLy:DC",
-        tuple(Number(unit=unit, required=unit == "V", deferred=True) for unit in ("HZ", ("V", "VPP"), "V")),
+        tuple(scpi.Number(unit=unit, required=unit == "V", deferred=True) for unit in ("HZ", ("V", "VPP"), "V")),
         do=_apply_dc,
         takes_s=SWITCH_S,
     ),
     setting(
-        "[SOURce:]FUNCtion:SQUare:DCYCle", Number(unit="PCT", limits=_square_duty_limits), "state.duty_percent", _nr3
+        "[SOURce:]FUNCtion:SQUare:DCYCle",
+        scpi.Number(unit="PCT", limits=_square_duty_limits),
+        "state.duty_percent",
+        _nr3,
     ),
-    Command(
+    scpi.Command(
         "[SOURce:]FUNCtion:PULSe:PERiod",
-        (Number(unit="S", limits=_period_limits),),
+        (scpi.Number(unit="S", limits=_period_limits),),
         do=lambda model, seconds: model.set_frequency(1.0 / seconds),
         query=lambda model: 1.0 / model.state.frequency_hz,
         reply=_nr3,
         takes_s=TUNE_S,
     ),
-    replace(_BURST_COUNT, parameters=(replace(_BURST_COUNT.parameters[0], limits=Limits(1, 1e8)),), reply=_nr3),
+    replace(_BURST_COUNT, parameters=(replace(_BURST_COUNT.parameters[0], limits=scpi.Limits(1, 1e8)),), reply=_nr3),
     setting(
         "[SOURce:]BURSt:INTernal:PERiod",
-        Number(unit="S", limits=Limits(1e-6, LONGEST_BURST_S), name="burst period"),
+        scpi.Number(unit="S", limits=scpi.Limits(1e-6, LONGEST_BURST_S), name="burst period"),
         "state.burst_period_s",
         _nr3,
     ),
-    attribute("OUTPut:LOAD", level_commands.LOAD, "state.load_ohm", _nr3, do=_set_load),
     _limit("limit_high_v"),
     _limit("limit_low_v"),
-    attribute("[SOURce:]VOLTage:LIMit:STATe", Boolean(), "state.limit_on", boolean, do=_switch_limits),
-    Command(
+    scpi.Command(
         "[SOURce:]FUNCtion:ARBitrary",
         (_Name(),),
         do=lambda model, name: model.choose_arbitrary(name),
         query=lambda model: path(model.state.user),
-        reply=quoted,
+        reply=scpi.quoted,
     ),
-    attribute(
-        "[SOURce:]FUNCtion:ARBitrary:SRATe", Number(limits=_rate_limits), "state.sample_rate_hz", _nr3, then=_retune
+    scpi.attribute(
+        "[SOURce:]FUNCtion:ARBitrary:SRATe",
+        scpi.Number(limits=lambda model: scpi.Limits(1e-6, model.series.sample_rate_hz, 40e3)),
+        "state.sample_rate_hz",
+        _nr3,
+        then=_retune,
     ),
-    Command(
+    scpi.Command(
         "[SOURce:]FUNCtion:ARBitrary:FREQuency",
-        (Number(unit="HZ"),),
+        (scpi.Number(unit="HZ"),),
         do=_set_arbitrary_hz,
         query=lambda model: model.state.sample_rate_hz / _points(model),
         reply=_nr3,
     ),
-    attribute(
+    scpi.attribute(
         "[SOURce:]FUNCtion:PRBS:BRATe",
-        Number(limits=lambda model: Limits(1e-3, model.series.bits_hz, 1e3)),
+        scpi.Number(limits=lambda model: scpi.Limits(1e-3, model.series.bits_hz, 1e3)),
         "state.bit_rate_hz",
         _nr3,
         then=_retune,
     ),
-    setting("[SOURce:]FUNCtion:PRBS:DATA", Choice(("PN7",)), "state.sequence"),
-    Command("[SOURce:]FUNCtion:ARBitrary:POINts", query=_points, reply=signed_integer),
-    setting("[SOURce:]FUNCtion:ARBitrary:FILTer", Choice(("NORMal", "STEP", "OFF")), "state.filter"),
-    setting("[SOURce:]FUNCtion:ARBitrary:ADVance", Choice(("TRIGger", "SRATe")), "state.advance"),
-    Command("[SOURce:]DATA:ARBitrary", (_Name(), Number(limits=Limits(-1.0, 1.0))), do=_load, repeat=True),
-    Command("[SOURce:]DATA:ARBitrary:DAC", (_Name(), Number()), do=_load_dac, repeat=True),
-    Command("[SOURce:]DATA:VOLatile:CLEar", do=_clear),
-    Command("[SOURce:]DATA:VOLatile:CATalog", query=lambda model: ",".join(map(quoted, model.waveforms.names()))),
-    setting("FORMat:BORDer", Choice(("NORMal", "SWAPped")), "state.order"),
+    setting("[SOURce:]FUNCtion:PRBS:DATA", scpi.Choice(("PN7",)), "state.sequence"),
+    scpi.Command("[SOURce:]FUNCtion:ARBitrary:POINts", query=_points, reply=scpi.signed_integer),
+    setting("[SOURce:]FUNCtion:ARBitrary:FILTer", scpi.Choice(("NORMal", "STEP", "OFF")), "state.filter"),
+    setting("[SOURce:]FUNCtion:ARBitrary:ADVance", scpi.Choice(("TRIGger", "SRATe")), "state.advance"),
+    scpi.Command(
+        "[SOURce:]DATA:VOLatile:CATalog", query=lambda model: ",".join(map(scpi.quoted, model.waveforms.names()))
+    ),
+    setting("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "state.order"),
 )
 
-TABLE = CommandTable(*COMMON_COMMANDS, *(each for command in (*_inherited(), *OWN) for each in _spelled(command)))
+TABLE = scpi.CommandTable(
+    *scpi.COMMON_COMMANDS, *(each for command in (*_inherited(), *OWN) for each in _spelled(command))
+)

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from simrack.instruments.agilent33220a.instrument import GeneratorErrors, SimulatedAgilent33220A
-from simrack.instruments.agilent33220a.settings import drawn_ranges
+from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A
+from simrack.instruments.agilent33220a.settings import GeneratorErrors, drawn_ranges
 from simrack.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
 from simrack.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, TrueformSeries, kind
 from simrack.instruments.trueform.levels import LimitedLevels, TrueformSettings

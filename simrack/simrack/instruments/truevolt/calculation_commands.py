@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from simrack.scpi import Boolean, Command, Limits, Number, attribute, boolean, comma_list, real
+from simrack.scpi import Boolean, Command, Limits, Number, Rows, attribute, boolean, comma_list, real
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from simrack.instruments.truevolt.instrument import SimulatedTruevolt
     from simrack.instruments.truevolt.mathematics import Statistics
+
+ROWS = Rows()
+"""Rows that stand on their handlers."""
 
 _NR3 = real(8)
 _AVERAGE, _LIMIT = "CALCulate:AVERage", "CALCulate:LIMit"
@@ -21,12 +24,14 @@ def _statistic(value: Callable[[Statistics], float]) -> Callable[[SimulatedTruev
     return lambda meter: float(value(meter.statistics))
 
 
+@ROWS.query(f"{_AVERAGE}:ALL", reply=comma_list(_NR3))
 def _all(meter: SimulatedTruevolt) -> tuple[float, ...]:
     statistics = meter.statistics
     return statistics.mean, statistics.deviation(), statistics.minimum, statistics.maximum
 
 
 COMMANDS = (
+    *ROWS,
     attribute(
         f"{_AVERAGE}[:STATe]",
         Boolean(),
@@ -35,7 +40,6 @@ COMMANDS = (
         do=lambda meter, on: meter.statistics.switch(on=on),
     ),
     Command(f"{_AVERAGE}:CLEar[:IMMediate]", do=lambda meter: meter.statistics.clear()),
-    Command(f"{_AVERAGE}:ALL", query=_all, reply=comma_list(_NR3)),
     Command(f"{_AVERAGE}:AVERage", query=_statistic(lambda statistics: statistics.mean), reply=_NR3),
     Command(f"{_AVERAGE}:COUNt", query=_statistic(lambda statistics: statistics.count), reply=_NR3),
     Command(f"{_AVERAGE}:MAXimum", query=_statistic(lambda statistics: statistics.maximum), reply=_NR3),

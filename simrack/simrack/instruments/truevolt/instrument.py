@@ -52,21 +52,19 @@ def errors_of(kind: MeterKind) -> type[MeterErrors]:
         @classmethod
         def drawn(cls, rng: np.random.Generator) -> TruevoltErrors:
             """Return a specimen drawn from the data sheet."""
-            return cls(**_drawn(kind.sheet, rng))
+            # those of direct voltage are scaled and not drawn anew, so that a seed keeps its meaning
+            like = MeterErrors.drawn(rng)
+            own, classic = (
+                each.standard_deviation(_OFFSET_RANGE_V, 365) for each in (kind.sheet, specifications.HP_34401A)
+            )
+            fields = {name: getattr(like, name) for name in MeterErrors.__struct_fields__}
+            gain_error, offset_v = (
+                like.gain_error * own.reading / classic.reading,
+                like.offset_v * own.range / classic.range,
+            )
+            return cls(**{**fields, "gain_error": gain_error, "offset_v": offset_v})
 
     return TruevoltErrors
-
-
-def _drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str, Any]:
-    """Return the imperfections of a 34401A, those of direct voltage scaled to the standard deviations of `sheet`.
-
-    Scaled and not drawn anew, so that a seed keeps its meaning.
-    """
-    like = MeterErrors.drawn(rng)
-    own, classic = (each.standard_deviation(_OFFSET_RANGE_V, 365) for each in (sheet, specifications.HP_34401A))
-    fields = {name: getattr(like, name) for name in MeterErrors.__struct_fields__}
-    gain_error, offset_v = like.gain_error * own.reading / classic.reading, like.offset_v * own.range / classic.range
-    return {**fields, "gain_error": gain_error, "offset_v": offset_v}
 
 
 class SimulatedTruevolt(SimulatedHp34401A):

@@ -12,21 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
+from simrack import scpi
 from simrack.instruments.hp34401a.measuring_commands import CONFIGURATION, FUNCTION, measurement_commands
 from simrack.instruments.hp34401a.trigger_commands import BUS_TRIGGER, trigger_settings
-from simrack.scpi import (
-    Choice,
-    Command,
-    Integer,
-    Limits,
-    Pending,
-    ScpiError,
-    attribute,
-    block,
-    comma_list,
-    real,
-    signed_integer,
-)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,8 +22,8 @@ if TYPE_CHECKING:
     from simrack.instruments.truevolt.instrument import SimulatedTruevolt
     from simrack.instruments.truevolt.kinds import MeterKind
 
-_NR3 = real(8)
-_READINGS = comma_list(_NR3)
+_NR3 = scpi.real(8)
+_READINGS = scpi.comma_list(_NR3)
 _NOT_A_NUMBER = 9.91e37
 AUTO = math.nan
 """What the word AUTO in place of a range is handed over as; no number that can be typed is."""
@@ -43,7 +31,7 @@ _UNITS = {"V": "VDC", "OHM": "OHM", "HZ": "HZ", "S": "SEC"}
 """Unit after DATA:LAST?'s reading; all but VDC are unverified."""
 
 
-def forgetting(command: Command) -> Command:
+def forgetting(command: scpi.Command) -> scpi.Command:
     """Return `command` such that its setting ends the measurement and forgets readings (help page of DATA)."""
     do = command.do
     if do is None:
@@ -60,13 +48,13 @@ def _finished(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
     """Return the value of `outcome`, once the measurement is at its end."""
     if meter.triggering.sequence is None:
         return outcome()
-    return Pending(lambda: meter.clock.now() if meter.triggering.sequence is None else None, outcome)
+    return scpi.Pending(lambda: meter.clock.now() if meter.triggering.sequence is None else None, outcome)
 
 
 def _read(meter: SimulatedTruevolt) -> Any:
     """READ?: INITiate, then FETCh?."""
     if meter.triggering.source == "BUS":
-        raise ScpiError(-214)
+        raise scpi.ScpiError(-214)
     meter.triggering.start(stored=True)
     return _finished(meter, lambda: list(meter.triggering.memory))
 
@@ -74,7 +62,7 @@ def _read(meter: SimulatedTruevolt) -> Any:
 def _fetch(meter: SimulatedTruevolt) -> Any:
     def stored() -> list[float]:
         if not meter.triggering.memory:
-            raise ScpiError(-230)
+            raise scpi.ScpiError(-230)
         return list(meter.triggering.memory)
 
     return _finished(meter, stored)
@@ -82,7 +70,7 @@ def _fetch(meter: SimulatedTruevolt) -> Any:
 
 def _take_now(meter: SimulatedTruevolt, most: int | None) -> bytes:
     taken = meter.ring.take(most or meter.kind.memory)
-    return block(_READINGS(taken).encode())
+    return scpi.block(_READINGS(taken).encode())
 
 
 def _take_whole(meter: SimulatedTruevolt, count: int, wait: str | None) -> Any:
@@ -91,7 +79,7 @@ def _take_whole(meter: SimulatedTruevolt, count: int, wait: str | None) -> Any:
 
     def taken() -> list[float]:
         if len(memory.memory) < count:
-            raise ScpiError(-222)
+            raise scpi.ScpiError(-222)
         return memory.take(count)
 
     if wait is None or len(memory.memory) >= count:
@@ -101,7 +89,7 @@ def _take_whole(meter: SimulatedTruevolt, count: int, wait: str | None) -> Any:
         there = len(memory.memory) >= count or memory.sequence is None
         return meter.clock.now() if there else None
 
-    return Pending(ready_at, taken)
+    return scpi.Pending(ready_at, taken)
 
 
 def _last(meter: SimulatedTruevolt) -> str:
@@ -110,7 +98,7 @@ def _last(meter: SimulatedTruevolt) -> str:
     return f"{_NR3(_NOT_A_NUMBER if last is None else last)} {unit}"
 
 
-def commands(kind: MeterKind) -> tuple[Command, ...]:
+def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
     """Return the measuring commands of a model."""
     of_functions = (
         each for function in kind.functions().values() for each in measurement_commands(function, _read, {"AUTO": AUTO})
@@ -119,20 +107,22 @@ def commands(kind: MeterKind) -> tuple[Command, ...]:
         *(forgetting(each) for each in of_functions),
         CONFIGURATION,
         replace(forgetting(FUNCTION), pattern="[SENSe:]FUNCtion[:ON]"),
-        Command("READ", query=_read, reply=_READINGS),
-        Command("INITiate[:IMMediate]", do=lambda meter: meter.triggering.start(stored=True)),
-        Command("ABORt", do=lambda meter: meter.triggering.abort()),
-        Command("FETCh", query=_fetch, reply=_READINGS),
-        Command("R", query=_take_now, query_parameters=(Integer(limits=Limits(1, 2e6), required=False),)),
-        Command(
+        scpi.Command("READ", query=_read, reply=_READINGS),
+        scpi.Command("INITiate[:IMMediate]", do=lambda meter: meter.triggering.start(stored=True)),
+        scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
+        scpi.Command("FETCh", query=_fetch, reply=_READINGS),
+        scpi.Command(
+            "R", query=_take_now, query_parameters=(scpi.Integer(limits=scpi.Limits(1, 2e6), required=False),)
+        ),
+        scpi.Command(
             "DATA:REMove",
             query=_take_whole,
-            query_parameters=(Integer(limits=Limits(1, 2e6)), Choice(("WAIT",), required=False)),
+            query_parameters=(scpi.Integer(limits=scpi.Limits(1, 2e6)), scpi.Choice(("WAIT",), required=False)),
             reply=_READINGS,
         ),
-        Command("DATA:LAST", query=_last),
-        Command("DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=signed_integer),
-        *(forgetting(each) for each in trigger_settings(Limits(1, kind.most_readings, 1), 6)),
-        forgetting(attribute("TRIGger:SLOPe", Choice(("POSitive", "NEGative")), "ring.slope")),
+        scpi.Command("DATA:LAST", query=_last),
+        scpi.Command("DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=scpi.signed_integer),
+        *(forgetting(each) for each in trigger_settings(scpi.Limits(1, kind.most_readings, 1), 6)),
+        forgetting(scpi.attribute("TRIGger:SLOPe", scpi.Choice(("POSitive", "NEGative")), "ring.slope")),
         BUS_TRIGGER,
     )

@@ -33,33 +33,29 @@ _ZEROED = ("VOLT", "RES")
 """Four-wire resistance always takes a zero, as it does in the 34401A (unverified)."""
 
 
-def _set_autozero(name: str) -> Callable[..., None]:
-    return lambda meter, state: meter.set_autozero(name, on=state is True)
-
-
-def _autozero(name: str) -> Callable[..., bool]:
-    return lambda meter: bool(meter.autozeroes(name))
-
-
 def _zero_command(name: str) -> Command:
     header = _RANGED[name]
-    return Command(f"[SENSe:]{header}:ZERO:AUTO", _ONCE, do=_set_autozero(name), query=_autozero(name), reply=boolean)
+    return Command(
+        f"[SENSe:]{header}:ZERO:AUTO",
+        _ONCE,
+        do=lambda meter, state: meter.set_autozero(name, on=state is True),
+        query=lambda meter: bool(meter.autozeroes(name)),
+        reply=boolean,
+    )
 
 
-def _set_autorange(name: str) -> Callable[..., None]:
+def _range_commands(function: Function, header: str) -> tuple[Command, ...]:
+    """Declare RANGe as the 34401A has it, and RANGe:AUTO, which here knows ONCE too."""
+    fixed, automatic = range_commands(function, header)
+    name = function.name
+
     def write(meter: SimulatedTruevolt, state: object) -> None:
         if state == "ONCE":
             meter.autorange_once(name)
         else:
             meter.setups[name].auto = bool(state)
 
-    return write
-
-
-def _range_commands(function: Function, header: str) -> tuple[Command, ...]:
-    """Declare RANGe as the 34401A has it, and RANGe:AUTO, which here knows ONCE too."""
-    fixed, automatic = range_commands(function, header)
-    return fixed, replace(automatic, parameters=_ONCE, do=_set_autorange(function.name))
+    return fixed, replace(automatic, parameters=_ONCE, do=write)
 
 
 def _set_aperture(name: str) -> Callable[..., None]:
@@ -74,10 +70,6 @@ def _set_aperture(name: str) -> Callable[..., None]:
     return write
 
 
-def _aperture(name: str) -> Callable[..., float]:
-    return lambda meter: meter.inputs.aperture_s(meter.setups[name].nplc)
-
-
 def _enable_aperture(name: str) -> Callable[..., None]:
     def write(meter: SimulatedTruevolt, state: object) -> None:
         meter.aperture_on[name] = bool(state)
@@ -88,7 +80,13 @@ def _enable_aperture(name: str) -> Callable[..., None]:
 def _aperture_commands(name: str, limits: tuple[float, float]) -> tuple[Command, ...]:
     header, seconds = _RANGED[name], Number(unit="S", limits=Limits(*limits, 0.1))
     return (
-        Command(f"[SENSe:]{header}:APERture", (seconds,), do=_set_aperture(name), query=_aperture(name), reply=_NR3),
+        Command(
+            f"[SENSe:]{header}:APERture",
+            (seconds,),
+            do=_set_aperture(name),
+            query=lambda meter: meter.inputs.aperture_s(meter.setups[name].nplc),
+            reply=_NR3,
+        ),
         Command(
             f"[SENSe:]{header}:APERture:ENABled",
             _ON_OFF,

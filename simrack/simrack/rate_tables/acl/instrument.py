@@ -12,6 +12,7 @@ import math
 import struct
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from simrack.rate_tables.acl import language
 from simrack.rate_tables.acl.commands import (
     DemandCommands,
     InterlockCommands,
@@ -22,17 +23,6 @@ from simrack.rate_tables.acl.commands import (
     system_queries,
 )
 from simrack.rate_tables.acl.drive import AclDrive
-from simrack.rate_tables.acl.language import (
-    LOCAL,
-    MAX_MESSAGE_CHARS,
-    PARSING,
-    TOO_LONG,
-    AclRequest,
-    BadCommand,
-    Refusal,
-    StateFormat,
-    parse_message,
-)
 from simrack.rate_tables.acl.limits import AclLimits, Demand
 from simrack.rate_tables.acl.profiler import Oscillator, Profiler
 from simrack.rate_tables.acl.protection import Protection
@@ -45,7 +35,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from simrack.adjustment import Adjustment
-    from simrack.rate_tables.acl.language import Action, Query
     from simrack.rate_tables.axis import TableWorld
 
 Header = Literal["none", "u32le2", "u32be2"]
@@ -64,7 +53,7 @@ class AclTable(LineDevice):
     errors_class: ClassVar = TableErrors
 
     def __init__(self, world: TableWorld, errors: TableErrors, header: Header = "none") -> None:
-        super().__init__(world, _TIMING, terminators=b"\r\n", longest=MAX_MESSAGE_CHARS)
+        super().__init__(world, _TIMING, terminators=b"\r\n", longest=language.MAX_MESSAGE_CHARS)
         self._header = header
         self._panel, self._status = FrontPanel(), AclStatus()
         self._demand, self._limits = Demand(), AclLimits()
@@ -72,11 +61,8 @@ class AclTable(LineDevice):
         oscillator = Oscillator(self._drive, self._limits, self._demand)
         self._profiler = Profiler(self._drive, self._limits, self._demand, oscillator)
         self._protection = Protection(self._drive, oscillator, self._limits, self._status, wired=errors.interlocks)
-        self._commands, self._queries = self._tables(oscillator)
-
-    def _tables(self, oscillator: Oscillator) -> tuple[dict[str, Action], dict[str, Query]]:
-        """Return the commands and the queries of the controller, by path."""
-        states = StateFormat()
+        # Commands and the queries of the controller, by path
+        states = language.StateFormat()
         both = (
             DemandCommands(self._demand, self._profiler, states),
             InterlockCommands(self._drive, self._protection, self._status, self._advance),
@@ -90,7 +76,7 @@ class AclTable(LineDevice):
         asked = (*both, Readback(self._drive, self._profiler, states), registers)
         commands = {path: action for part in both for path, action in part.commands().items()}
         queries = {path: query for part in asked for path, query in part.queries().items()}
-        return commands, queries | system_queries()
+        self._commands, self._queries = commands, queries | system_queries()
 
     # --- outside the wire -------------------------------------------------------------------------------------
 
@@ -130,11 +116,11 @@ class AclTable(LineDevice):
 
     def _answer(self, message: bytes) -> bytes | None:
         replies, code = list[str](), 0
-        for item in parse_message(message.decode("latin-1")):
+        for item in language.parse_message(message.decode("latin-1")):
             try:
                 reply = self._do(item)
-            except Refusal as refusal:
-                self._status.refuse(refusal.code, str(item) if isinstance(item, BadCommand) else item.path)
+            except language.Refusal as refusal:
+                self._status.refuse(refusal.code, str(item) if isinstance(item, language.BadCommand) else item.path)
                 code = code or refusal.code
             else:
                 if reply is not None:
@@ -144,12 +130,12 @@ class AclTable(LineDevice):
     def _only_asks(self, data: bytes) -> bool:
         if self._input or data[-1:] not in (b"\r", b"\n"):
             return False
-        items = parse_message(data[:-1].decode("latin-1"))
-        return bool(items) and all(isinstance(item, AclRequest) and item.query for item in items)
+        items = language.parse_message(data[:-1].decode("latin-1"))
+        return bool(items) and all(isinstance(item, language.AclRequest) and item.query for item in items)
 
     def _overflow(self) -> bytes | None:
-        self._status.refuse(TOO_LONG)
-        return self._framed(TOO_LONG, [])
+        self._status.refuse(language.TOO_LONG)
+        return self._framed(language.TOO_LONG, [])
 
     def _framed(self, code: int, replies: list[str]) -> bytes:
         text = ";".join(replies) if replies else "" if code else "OK"
@@ -159,25 +145,22 @@ class AclTable(LineDevice):
             return body + b"\r\n"
         return struct.pack("<II" if self._header == "u32le2" else ">II", code, len(body)) + body
 
-    def _do(self, item: AclRequest | BadCommand) -> str | None:
-        if isinstance(item, BadCommand):
-            raise Refusal(PARSING)
+    def _do(self, item: language.AclRequest | language.BadCommand) -> str | None:
+        if isinstance(item, language.BadCommand):
+            raise language.Refusal(language.PARSING)
         # Act2000 compatibility: the question mark of a Read may be left out
         if item.query or item.path.startswith("Read:"):
-            return self._query(item)
+            query = self._queries.get(item.path)
+            if query is None:
+                raise language.Refusal(language.PARSING)
+            return query(item.arguments)
         action = self._commands.get(item.path)
         if action is None:
-            raise Refusal(PARSING)
+            raise language.Refusal(language.PARSING)
         if not self._panel.remote_active:
-            raise Refusal(LOCAL)
+            raise language.Refusal(language.LOCAL)
         action(item.arguments)
         return None
-
-    def _query(self, request: AclRequest) -> str:
-        query = self._queries.get(request.path)
-        if query is None:
-            raise Refusal(PARSING)
-        return query(request.arguments)
 
     # --- what happens by itself -------------------------------------------------------------------------------
 

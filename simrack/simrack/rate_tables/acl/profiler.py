@@ -7,20 +7,10 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+from simrack.handlers import Handlers
 from simrack.motion import Swing
+from simrack.rate_tables.acl import language
 from simrack.rate_tables.acl.drive import POLL_S
-from simrack.rate_tables.acl.language import (
-    OUT_OF_RANGE,
-    Action,
-    Arguments,
-    Query,
-    Refusal,
-    check_axis,
-    counted,
-    decimal,
-    number,
-    word,
-)
 from simrack.rate_tables.acl.limits import UNLIMITED_DEG
 from simrack.s_curve import braking_deg
 
@@ -65,9 +55,9 @@ class TrackTest:
 
 def interval_ms(text: str | None) -> float:
     """Return the interval that an argument of the mode names, ms; 0 is no test."""
-    value = _INTERVAL_MS if text is None else number(text)
+    value = _INTERVAL_MS if text is None else language.number(text)
     if not 0.0 <= value <= 65535.0:
-        raise Refusal(OUT_OF_RANGE)
+        raise language.Refusal(language.OUT_OF_RANGE)
     return value
 
 
@@ -87,6 +77,9 @@ class OscillatorSetup(Struct, frozen=True):
 
 class Oscillator:
     """Oscillates about where the axis stands, by the demanded magnitude, frequency and phase."""
+
+    _QUERIES = Handlers()
+    _COMMANDS = Handlers()
 
     def __init__(self, drive: AclDrive, limits: AclLimits, demand: Demand) -> None:
         self._drive = drive
@@ -127,52 +120,49 @@ class Oscillator:
         now, going = self._clock.now(), self._swing if self._motion.oscillating else None
         magnitude, frequency, phase = self._demand.oscillator
         if not frequency:
-            self._stand()
+            # Stand still: a sinusoid of frequency 0 is a constant
+            self._swing = None
+            self._motion.demand_rate(0.0, *self._limits.of("Synthesis").ramps)
             return
         slew = self._setup.amplitude_slew / self._per_degree(frequency)
         present, phase_rad = (0.0, math.radians(phase)) if going is None else _state_of(going, now - self._swing_s)
-        self._swing = Swing(present, self._amplitude_deg(magnitude, frequency), slew, frequency, phase_rad)
+        # Demanded amplitude within the limits of SYNTHESIS mode, deg
+        limits, turning = self._limits.of("Synthesis"), 2 * math.pi * frequency
+        most = min(limits.rate_deg_s / turning, limits.acceleration_deg_s2 / turning**2)
+        amplitude = max(-most, min(most, magnitude / self._per_degree(frequency)))
+        self._swing = Swing(present, amplitude, slew, frequency, phase_rad)
         self._swing_s = now
         self._motion.oscillate(self._swing)
-
-    def _stand(self) -> None:
-        """Stand still: a sinusoid of frequency 0 is a constant."""
-        self._swing = None
-        self._motion.demand_rate(0.0, *self._limits.of("Synthesis").ramps)
 
     def _per_degree(self, frequency_hz: float) -> float:
         """Return how much of the regulated state a degree of amplitude is."""
         power = {"Position": 0, "Rate": 1, "Acceleration": 2}[self._setup.amplitude_of]
         return (2 * math.pi * frequency_hz) ** power
 
-    def _amplitude_deg(self, magnitude: float, frequency_hz: float) -> float:
-        """Return the demanded amplitude within the limits of SYNTHESIS mode, deg."""
-        limits, turning = self._limits.of("Synthesis"), 2 * math.pi * frequency_hz
-        most = min(limits.rate_deg_s / turning, limits.acceleration_deg_s2 / turning**2)
-        return max(-most, min(most, magnitude / self._per_degree(frequency_hz)))
-
-    def commands(self) -> dict[str, Action]:
+    def commands(self) -> dict[str, language.Action]:
         """Return how it can be configured."""
-        return {"Configure:Oscillator": self._configure}
+        return self._COMMANDS.bound(self)
 
-    def queries(self) -> dict[str, Query]:
+    def queries(self) -> dict[str, language.Query]:
         """Return the queries of its configuration."""
-        return {"Configure:Oscillator": self._ask_setup}
+        return self._QUERIES.bound(self)
 
-    def _configure(self, arguments: Arguments) -> None:
-        axis, enabled, amplitude, frequency, amplitude_of, frequency_mode = counted(arguments, 6)
-        check_axis((axis,))
-        slews = number(amplitude), number(frequency)
+    @_COMMANDS.of("Configure:Oscillator")
+    def _configure(self, arguments: language.Arguments) -> None:
+        axis, enabled, amplitude, frequency, amplitude_of, frequency_mode = language.counted(arguments, 6)
+        language.check_axis((axis,))
+        slews = language.number(amplitude), language.number(frequency)
         if min(slews) <= 0.0:
-            raise Refusal(OUT_OF_RANGE)
-        state = word(amplitude_of, ("Position", "Rate", "Acceleration"))
-        mode = word(frequency_mode, ("Linear", "Logarithmic"))
-        self._setup = OscillatorSetup(word(enabled, ("Enable", "Disable")), *slews, state, mode)
+            raise language.Refusal(language.OUT_OF_RANGE)
+        state = language.word(amplitude_of, ("Position", "Rate", "Acceleration"))
+        mode = language.word(frequency_mode, ("Linear", "Logarithmic"))
+        self._setup = OscillatorSetup(language.word(enabled, ("Enable", "Disable")), *slews, state, mode)
 
-    def _ask_setup(self, arguments: Arguments) -> str:
-        check_axis(arguments, everything=False)
+    @_QUERIES.of("Configure:Oscillator")
+    def _ask_setup(self, arguments: language.Arguments) -> str:
+        language.check_axis(arguments, everything=False)
         setup = self._setup
-        slews = decimal(setup.amplitude_slew), decimal(setup.frequency_slew)
+        slews = language.decimal(setup.amplitude_slew), language.decimal(setup.frequency_slew)
         return ",".join((setup.enabled, *slews, setup.amplitude_of, setup.frequency_mode))
 
 

@@ -95,7 +95,15 @@ class Protection:
         """Shut the axis down if anything calls for it."""
         self._check_interlocks()
         self._check_rate()
-        self._check_tracking()
+        if not self._motion.servo_closed:
+            return
+        if self._lost():
+            if self._drive.at_rest():
+                self._motion.open_servo()
+        elif self.jammed and self._motion.profile_rate_deg_s() and self._motion.goal_deg_s():
+            self.faults |= 1 << _TRACKING_BIT
+            self._status.fault("TRACKING ERROR FAULT")
+            self._drive.lock()
 
     def due_s(self) -> tuple[float | None, ...]:
         """Return when to look again, each None if there is nothing to look at."""
@@ -120,17 +128,6 @@ class Protection:
         """Whether the rate may be near the trip: no overshoot, ripple or flutter makes up for half of it."""
         far_deg_s, motion = 0.5 * self._limits.overall.trip_deg_s, self._motion
         return motion.oscillating or max(abs(motion.goal_deg_s()), abs(motion.profile_rate_deg_s())) > far_deg_s
-
-    def _check_tracking(self) -> None:
-        if not self._motion.servo_closed:
-            return
-        if self._lost():
-            if self._drive.at_rest():
-                self._motion.open_servo()
-        elif self.jammed and self._motion.profile_rate_deg_s() and self._motion.goal_deg_s():
-            self.faults |= 1 << _TRACKING_BIT
-            self._status.fault("TRACKING ERROR FAULT")
-            self._drive.lock()
 
     def _lost(self) -> bool:
         """Tell whether the tracking error has tripped."""

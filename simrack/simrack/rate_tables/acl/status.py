@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from simrack.rate_tables.acl.language import (
-    OUT_OF_RANGE,
-    WORDS,
-    Action,
-    Arguments,
-    Query,
-    Refusal,
-    integer,
-    message_count,
-    one,
-    switch,
-)
+from simrack.handlers import Handlers
+from simrack.rate_tables.acl import language
 
 
 class FrontPanel:
@@ -25,28 +15,32 @@ class FrontPanel:
     the serial line are one, for a real ACUTROL3000 has RS-232 by way of a converter to TCP (TM-9411).
     """
 
+    _COMMANDS = Handlers()
+
     def __init__(self) -> None:
         self.remote_active = True
         """ACTIVATE REMOTE; while it is off no command acts, queries do."""
         self.lockout = False
         self.remote_lockout = False
 
-    def commands(self) -> dict[str, Action]:
+    def commands(self) -> dict[str, language.Action]:
         """Return the commands of the panel."""
-        return {"Utility:Lockout": self._lock, "Utility:RemoteLockout": self._lock_remote}
+        return self._COMMANDS.bound(self)
 
-    def queries(self) -> dict[str, Query]:
+    def queries(self) -> dict[str, language.Query]:
         """Return the queries of the panel."""
         return {
             "Utility:Lockout": lambda _: "ON" if self.lockout else "OFF",
             "Utility:RemoteLockout": lambda _: "ON" if self.remote_lockout else "OFF",
         }
 
-    def _lock(self, arguments: Arguments) -> None:
-        self.lockout = switch(arguments)
+    @_COMMANDS.of("Utility:Lockout")
+    def _lock(self, arguments: language.Arguments) -> None:
+        self.lockout = language.switch(arguments)
 
-    def _lock_remote(self, arguments: Arguments) -> None:
-        self.remote_lockout = switch(arguments)
+    @_COMMANDS.of("Utility:RemoteLockout")
+    def _lock_remote(self, arguments: language.Arguments) -> None:
+        self.remote_lockout = language.switch(arguments)
 
 
 _INTERLOCK, _AXIS, _SUMMARY, _QUEUE = 0x01, 0x02, 0x40, 0x80
@@ -54,6 +48,9 @@ _INTERLOCK, _AXIS, _SUMMARY, _QUEUE = 0x01, 0x02, 0x40, 0x80
 
 class AclStatus:
     """Collects errors and faults: as messages, and as bits of the status byte."""
+
+    _QUERIES = Handlers()
+    _COMMANDS = Handlers()
 
     def __init__(self) -> None:
         self._byte = 0
@@ -73,7 +70,7 @@ class AclStatus:
 
     def refuse(self, code: int, *details: str) -> None:
         """Note an error of a command."""
-        self._messages.append(",".join((str(code), WORDS[code], *details)))
+        self._messages.append(",".join((str(code), language.WORDS[code], *details)))
         self._byte |= _QUEUE
 
     def fault(self, words: str) -> None:
@@ -85,16 +82,15 @@ class AclStatus:
         """Set the bit that tells of the interlocks."""
         self._byte |= _INTERLOCK
 
-    def commands(self) -> dict[str, Action]:
+    def commands(self) -> dict[str, language.Action]:
         """Return the commands of status."""
         return {
             "Status:MSGClr": lambda _: self._messages.clear(),
             "*CLS": lambda _: self._clear(),
-            "*SRE": self._enable_service,
-            "*ESE": self._enable_events,
+            **self._COMMANDS.bound(self),
         }
 
-    def queries(self) -> dict[str, Query]:
+    def queries(self) -> dict[str, language.Query]:
         """Return the queries of status."""
         return {
             "*STB": lambda _: self._taken_byte(),
@@ -102,18 +98,20 @@ class AclStatus:
             "*ESE": lambda _: str(self._event_enable),
             "*ESR": lambda _: "0",
             "Status:STB": lambda _: str(self._summed_byte()),
-            "Status:MSG": self._take_messages,
+            **self._QUERIES.bound(self),
         }
 
     def _clear(self) -> None:
         self._byte = 0
         self._messages.clear()
 
-    def _enable_service(self, arguments: Arguments) -> None:
-        self._service_enable = integer(one(arguments), 0, 255)
+    @_COMMANDS.of("*SRE")
+    def _enable_service(self, arguments: language.Arguments) -> None:
+        self._service_enable = language.integer(language.one(arguments), 0, 255)
 
-    def _enable_events(self, arguments: Arguments) -> None:
-        self._event_enable = integer(one(arguments), 0, 255)
+    @_COMMANDS.of("*ESE")
+    def _enable_events(self, arguments: language.Arguments) -> None:
+        self._event_enable = language.integer(language.one(arguments), 0, 255)
 
     def _summed_byte(self) -> int:
         return self._byte | (_SUMMARY if self._byte & self._service_enable else 0)
@@ -123,10 +121,11 @@ class AclStatus:
         self._byte = 0
         return str(value)
 
-    def _take_messages(self, arguments: Arguments) -> str:
+    @_QUERIES.of("Status:MSG")
+    def _take_messages(self, arguments: language.Arguments) -> str:
         if not arguments or len(arguments) > 2 or arguments[0].upper() not in {"QERROR", "QFAULT", "QALL"}:
-            raise Refusal(OUT_OF_RANGE)
-        wanted = 1 if len(arguments) == 1 else message_count(arguments[1])
+            raise language.Refusal(language.OUT_OF_RANGE)
+        wanted = 1 if len(arguments) == 1 else language.message_count(arguments[1])
         messages = [self._messages.popleft() for _ in range(min(wanted, len(self._messages)))]
         if self.empty:  # the bit says that there are messages, as a summary bit does (unverified)
             self._byte &= ~_QUEUE

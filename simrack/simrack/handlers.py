@@ -1,0 +1,27 @@
+"""Handlers that say themselves what they handle: a verb, a header, the number of a procedure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_Method = TypeVar("_Method", bound="Callable[..., Any]")
+
+
+class Handlers(dict[Any, str]):
+    """Names of a class's methods, by what they handle: ``@COMMANDS.of("JOG")`` stands on a method."""
+
+    def of(self, *keys: Any) -> Callable[[_Method], _Method]:
+        """Have the method below handle `keys`."""
+
+        def keep(method: _Method) -> _Method:
+            self.update(dict.fromkeys(keys, method.__name__))
+            return method
+
+        return keep
+
+    def bound(self, owner: Any) -> dict[Any, Any]:
+        """Return the methods of `owner`."""
+        return {key: getattr(owner, name) for key, name in self.items()}
