@@ -69,6 +69,8 @@ def test_the_least_profile() -> None:
             "fields.position.from: expected one of read_all",
         ),
         (', group = "p"', "", "fields.position.group: expected a named group of the reply's pattern"),
+        ('group = "p"', 'group = "q"', "fields.position.group: expected a named group of the reply's pattern"),
+        ('group = "v"', 'group = "p"', "fields.rate: expected another number than the position, came 'read_all, p'"),
         ("{rate:.3f}", "{speed}", "commands.start[0].send: expected a template (unknown name 'speed'), came"),
         ("{rate:.3f}", "{rate!r}", "commands.start[0].send: expected a template (conversion !r"),
         ("{rate:.3f}", "{rate.real}", "commands.start[0].send: expected a template (unknown name 'rate.real'"),

@@ -437,6 +437,9 @@ def _invalid_fields(profile: Profile) -> Iterator[_InvalidValue]:
             yield f"{path}.from", f"one of {', '.join(sorted(known))}", each.source
         else:
             yield from _invalid_places(path, each, profile)
+    rate, position = profile.fields.get("rate"), profile.fields.get("position")
+    if rate is not None and rate.differentiate is None and rate == position:
+        yield "fields.rate", "another number than the position", f"{rate.source}, {rate.group or rate.item or rate.at}"
 
 
 def _invalid_places(path: str, each: Field | Flag, profile: Profile) -> Iterator[_InvalidValue]:
@@ -446,8 +449,20 @@ def _invalid_places(path: str, each: Field | Flag, profile: Profile) -> Iterator
         yield f"{path}.type", "a type of bytes", each.type
     if not profile.binary and each.group is None and each.item is None:
         yield f"{path}.group", "a named group of the reply's pattern, or an item", "nothing"
+    if not profile.binary and each.group is not None and not _is_group(each.group, profile, each.source):
+        yield f"{path}.group", "a named group of the reply's pattern", each.group
     if not profile.binary and isinstance(each, Field) and each.type not in ("decimal", "hex"):
         yield f"{path}.type", "decimal or hex", each.type
+
+
+def _is_group(group: str, profile: Profile, source: str | None) -> bool:
+    """Tell whether a reply that `source` brings has the group, of some axis."""
+    wanted = re.escape(group).replace(r"\{axis\}", r"\w+")
+    brought = {each.expect for each in profile.commands.get(source or "", ())}
+    if source == STREAM and profile.stream is not None:
+        brought = {profile.stream.reply}
+    patterns = [reply.pattern or "" for name, reply in profile.replies.items() if name in brought]
+    return any(re.search(rf"\(\?P<{wanted}>", pattern) for pattern in patterns)
 
 
 def _invalid_flags(profile: Profile) -> Iterator[_InvalidValue]:
