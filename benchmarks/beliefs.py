@@ -30,7 +30,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from msgspec import structs
-from simrack.faults import Fault, FaultInjector
+from simrack.faults import Fault
+from simrack.faulty_device import FaultInjector
 
 import vcfbench
 from vcfbench.errors import BenchError

@@ -6,7 +6,8 @@
 
 from importlib import import_module
 
-from simrack.wires.visa_backend import SimulatedInstruments, SimVisaLibrary
+from simrack.wires.visa_backend import SimVisaLibrary
+from simrack.wires.visa_session import SimulatedInstruments
 
 __all__ = ["WRAPPER_CLASS"]
 

@@ -8,7 +8,8 @@ from importlib import import_module
 from pathlib import Path
 
 from simrack.clock import ScaledClock, VirtualClock
-from simrack.wires.visa_backend import SimulatedInstruments, SimVisaLibrary
+from simrack.wires.visa_backend import SimVisaLibrary
+from simrack.wires.visa_session import SimulatedInstruments
 
 __all__ = ["WRAPPER_CLASS"]
 

@@ -4,7 +4,8 @@ from random import Random
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from simrack.faults import Fault, FaultInjector, FaultScript, FaultyDevice
+from simrack.faults import Fault, FaultScript
+from simrack.faulty_device import FaultInjector, FaultyDevice
 
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError

@@ -6,7 +6,8 @@ from random import Random
 
 import pytest
 from msgspec.structs import replace
-from simrack.faults import Fault, FaultyDevice
+from simrack.faults import Fault
+from simrack.faulty_device import FaultyDevice
 from simrack.wires.serial_backend import _Port
 from typer.testing import CliRunner
 

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from msgspec import structs
 from msgspec.structs import replace
-from simrack.faults import Fault, FaultInjector, FaultScript
+from simrack.faults import Fault, FaultScript
+from simrack.faulty_device import FaultInjector
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.errors import ConfigError

@@ -43,18 +43,8 @@ What happens by itself goes into the model's `service()` and `next_event_s()`; *
 
 from simrack.scpi.attributes import Rows, Settings, attribute
 from simrack.scpi.common import COMMON_COMMANDS, MASK_16, condition, enable, event, next_error
-from simrack.scpi.engine import (
-    GPIB,
-    LAN,
-    RS232,
-    USB,
-    Dialect,
-    Interface,
-    Pending,
-    ScpiEngine,
-    ScpiModel,
-    ScpiTwin,
-)
+from simrack.scpi.dialect import GPIB, LAN, RS232, USB, Dialect, Interface
+from simrack.scpi.engine import ScpiEngine, ScpiModel
 from simrack.scpi.errors import ERROR_WORDS, ErrorQueue, ScpiError
 from simrack.scpi.formats import (
     INFINITY,
@@ -84,8 +74,10 @@ from simrack.scpi.parameters import (
     clip,
     refuse,
 )
+from simrack.scpi.pending import Pending
 from simrack.scpi.status import Register, Status
 from simrack.scpi.table import Command, CommandTable
+from simrack.scpi.twin import ScpiTwin
 
 __all__ = [
     "COMMON_COMMANDS",

@@ -10,124 +10,23 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING, Any, Protocol
 
-from msgspec import Struct, field
-
 from simrack.scpi.errors import ErrorQueue, ScpiError, esr_bit
-from simrack.scpi.formats import Parts, signed_integer
 from simrack.scpi.lexer import find_message_end
-from simrack.scpi.parameters import Limits, Violation, refuse
+from simrack.scpi.pending import Pending
 from simrack.scpi.status import Register, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from simrack.clock import Clock
+    from simrack.scpi.dialect import Dialect, Interface
+    from simrack.scpi.formats import Parts
     from simrack.scpi.table import CommandTable, CompiledUnit, Program
 
 _CACHED_MESSAGES = 2048
 _CACHED_LENGTH = 512
 _SMALLEST_BUFFER = 64
 """No instrument's input buffer is smaller: what is shorter than this never fills one."""
-
-
-class Interface(Struct, frozen=True):
-    """A connector's personality.
-
-    Args:
-        name: as in a constructor's `interface`.
-        terminator: end of a response message.
-        message_exchange: IEEE 488.2 rules apply: an unread answer is lost to the next message (-410), a read with
-            nothing to say is -420. A UART or a socket just sends what it has.
-        break_byte: byte that acts as device clear (Ctrl-C on RS-232).
-    """
-
-    name: str
-    terminator: bytes = b"\n"
-    message_exchange: bool = True
-    break_byte: bytes = b""
-
-
-GPIB = Interface("gpib")
-USB = Interface("usb")
-LAN = Interface("lan", message_exchange=False)
-RS232 = Interface("rs232", b"\r\n", message_exchange=False, break_byte=b"\x03")
-
-
-class Dialect(Struct, frozen=True):
-    """Peculiarities of a model's parser.
-
-    Args:
-        queue_depth: entries of the error queue.
-        words: error words that differ from the standard ones.
-        number_not_allowed: error for a number where a word or string is due.
-        out_of_range: what becomes of a number beyond its limits (`refuse` or `clip`).
-        integer: reply format of registers and counts.
-        error_number: reply format of an error's number.
-        input_limit: longest message, bytes.
-        input_overflow: error when it is longer.
-        input_buffer: characters that are held while the parser waits for its answers to be fetched (-430 beyond).
-        output_queue: characters of answers that are held until they are fetched. Unverified for every model.
-        takes_blocks: whether any command has a block; where none has, a newline within one ends the message.
-    """
-
-    queue_depth: int = 20
-    words: dict[int, str] = field(default_factory=dict)
-    number_not_allowed: int = -128
-    out_of_range: Callable[[float, Limits, str], Violation] = refuse
-    integer: Callable[[float], str] = signed_integer
-    error_number: Callable[[float], str] = signed_integer
-    input_limit: int = 1 << 16
-    input_overflow: int = 521
-    input_buffer: int = 1 << 14
-    output_queue: int = 1 << 14
-    takes_blocks: bool = True
-
-
-class StreamedAnswer(Protocol):
-    """The answer to a query that is sent while it comes about."""
-
-    def waiting(self) -> bool:
-        """Whether a part can be sent now."""
-        ...
-
-    def take(self) -> bytes:
-        """Return the bytes that can be sent now; the query's reply follows at the end."""
-        ...
-
-
-class Pending:
-    """A command that is not finished: the parser stays busy until `ready_at()`.
-
-    Args:
-        ready_at: returns the bench time at which it is finished, or None while that is not known (no trigger yet).
-        finish: called then, for the query's value (or None, or a further Pending); may raise ScpiError.
-        stream: parts of the answer that are sent before.
-        labour: what is to be worked out for it, in slices; it takes no bench time.
-    """
-
-    __slots__ = ("finish", "labour", "ready_at", "stream")
-
-    def __init__(
-        self,
-        ready_at: Callable[[], float | None],
-        finish: Callable[[], Any],
-        stream: StreamedAnswer | None = None,
-        labour: Iterator[object] | None = None,
-    ) -> None:
-        self.ready_at = ready_at
-        self.finish = finish
-        self.stream = stream
-        self.labour = labour
-
-    @classmethod
-    def at(cls, instant_s: float, finish: Callable[[], Any] = lambda: None) -> Pending:
-        """Return a command that is finished at `instant_s`."""
-        return cls(lambda: instant_s, finish)
-
-    @classmethod
-    def worked_out(cls, labour: Iterator[object], finish: Callable[[], Any]) -> Pending:
-        """Return a command that is finished once `labour` is at its end."""
-        return cls(lambda: -math.inf, finish, labour=labour)
 
 
 class ScpiModel(Protocol):
@@ -590,62 +489,3 @@ def _whole(part: str | bytes | Parts) -> bytes:
     if isinstance(part, bytes):
         return part
     return part.encode("latin-1") if isinstance(part, str) else b"".join(part.parts)
-
-
-class ScpiTwin:
-    """Base of simulated SCPI instruments: a :class:`~simrack.device.Device` around an engine.
-
-    A model sets `engine` in its constructor and overrides what it has of :class:`ScpiModel`.
-    """
-
-    engine: ScpiEngine
-
-    def write(self, data: bytes, *, end: bool = False) -> None:
-        """Take bytes from the controller."""
-        self.engine.write(data, end=end)
-
-    def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return at most `limit` bytes that are ready, and whether END comes with the last."""
-        return self.engine.read(limit)
-
-    def wake_at(self) -> float | None:
-        """Return when something happens by itself."""
-        return self.engine.wake_at()
-
-    def clear(self) -> None:
-        """Device clear."""
-        self.engine.clear()
-
-    def status_byte(self) -> int:
-        """Serial poll."""
-        return self.engine.status_byte()
-
-    def requests_service(self) -> bool:
-        """Whether the instrument pulls SRQ."""
-        return self.engine.requests_service()
-
-    def trigger(self) -> None:
-        """Group execute trigger."""
-        self.engine.trigger()
-
-    def identity(self) -> str:
-        """Return the answer to *IDN?."""
-        raise NotImplementedError
-
-    def reset(self) -> None:
-        """Take the *RST state."""
-        raise NotImplementedError
-
-    def service(self) -> None:
-        """Bring everything that happens by itself up to now; by default nothing does."""
-
-    def next_event_s(self) -> float | None:
-        """Return when :meth:`service` next has something to do."""
-        return None
-
-    def abort(self) -> None:
-        """End the running measurement; by default there is none."""
-
-    def operations_end_s(self) -> float:
-        """Return when pending operations end; by default none is pending."""
-        return -math.inf

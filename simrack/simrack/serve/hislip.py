@@ -10,7 +10,8 @@ import struct
 from itertools import count
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from simrack.serve.instrument import HISLIP, Client, ServedInstrument
+from simrack.serve.embodied import HISLIP
+from simrack.serve.instrument import Client, ServedInstrument
 from simrack.serve.wire import Connection, Listener
 
 if TYPE_CHECKING:

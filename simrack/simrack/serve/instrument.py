@@ -11,36 +11,23 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING, Any, Protocol
 
-from simrack.rate_tables.line import LineDevice
-from simrack.rate_tables.stream import FrameDevice
-from simrack.scpi import RS232, Interface, ScpiError, ScpiTwin
-from simrack.serve.framing import NOTHING_EMPTY, empty_messages, message_sizes, shortest_calls
+from simrack.serve.embodied import CONVERTER, SOCKET, EmbodiedDevice
+from simrack.serve.framing import NOTHING_EMPTY
 
 if TYPE_CHECKING:
     import socket
     from collections.abc import Callable
 
     from simrack.device import Device
+    from simrack.scpi import Interface
     from simrack.serve.clock import ServedClock
-
-__all__ = ["CONVERTER", "HISLIP", "RS232", "SOCKET", "VXI11", "Client", "ServedInstrument"]
-
-SOCKET = Interface("lan", message_exchange=False)
-CONVERTER = Interface("converter", message_exchange=False, break_byte=b"\x03")
-"""The socket of a converter, behind which a GPIB or serial instrument is: both have a device clear."""
-HISLIP = Interface("hislip", message_exchange=False)
-VXI11 = Interface("vxi11")
+    from simrack.serve.wire import DelayingWire
 
 WHOLE_RESPONSE = 1 << 25
 _PASSED_WHILE_BUSY = 256
-_KNOWN_MESSAGES = 2048
-_KNOWN_LENGTH = 256
-_LONGEST_LINE = 1 << 16
 _TRIGGER = b"*TRG"
 _CLEAR = b"++clr"
 """What GPIB converters (Prologix and those like it) take for themselves: selected device clear."""
-_NEVER_KNOWN = (b"#", b"\x03", b"++")
-"""What is in messages that must be looked at each time: blocks, breaks, words to a converter."""
 _NOTHING = math.inf
 
 
@@ -96,8 +83,7 @@ class Client:
         return self.pushes and not self.blocked
 
     def deliver(self, data: bytes, *, end: bool) -> None:
-        """Take (a part of) a response."""
-        raise NotImplementedError
+        """Take (a part of) a response; here it goes nowhere, as of a question whose asker has left."""
 
     def refill(self) -> None:
         """Called when the instrument has gone on: a pending read may find something now."""
@@ -164,24 +150,6 @@ class Client:
         self.instrument.forget(self)
 
 
-class DelayingWire(Protocol):
-    """A wire on which something is on its way for a while."""
-
-    @property
-    def next_s(self) -> float:
-        """When something arrives next, inf for never."""
-        ...
-
-    @property
-    def awaited(self) -> bool:
-        """Whether anything is on its way that somebody may wait for, so that time may jump there."""
-        ...
-
-    def go_on(self) -> None:
-        """Let bytes arrive that are due by now."""
-        ...
-
-
 class PassingTime(Protocol):
     """Passing of bench time, for an instrument that does something by itself."""
 
@@ -192,14 +160,7 @@ class PassingTime(Protocol):
     """Those that work something out, a slice a turn."""
 
 
-class _Nobody(Client):
-    """Takes the answer to a question whose asker has left."""
-
-    def deliver(self, data: bytes, *, end: bool) -> None:
-        """Drop it."""
-
-
-class ServedInstrument:
+class ServedInstrument(EmbodiedDevice):
     """A device and its connections.
 
     Args:
@@ -209,15 +170,11 @@ class ServedInstrument:
     """
 
     def __init__(self, role: str, device: Device, clock: ServedClock) -> None:
-        self.role = role
-        self.clock = clock
         self.due_s = _NOTHING
         self.clients: set[Client] = set()
         self.holder: Client | None = None
         """The connection whose query is being answered, or whose answer it has not fetched."""
         self.waiting: deque[Client] = deque()
-        self.known: dict[bytes, bool] = {}
-        """Whole messages seen before: whether they ask something."""
         self.lock: Client | None = None
         self.lock_waiters: list[Callable[[], None]] = []
         self.fault: Callable[[bytes, bool], tuple[bytes, bool, float]] | None = None
@@ -230,24 +187,12 @@ class ServedInstrument:
         self.watches_service = False
         self._requested = False
         self._passed = 0
-        self._embody(device)
+        super().__init__(role, device, clock)
 
     def _embody(self, device: Device) -> None:
-        """Be `device` from now on."""
-        self.device = device
-        self.engine = device.engine if isinstance(device, ScpiTwin) else None
-        limit = _LONGEST_LINE if self.engine is None else self.engine.dialect.input_limit
-        self.longest = limit + 8
-        self.message_size, self.line_size = message_sizes(device)
-        self.binary = isinstance(device, FrameDevice)
-        """Whether every byte may be part of a message: none means a break."""
-        self.blank = empty_messages(device)
-        """Finds the ends of messages without anything before them, which mean nothing."""
-        self._write, self._read, self._wake_at = shortest_calls(device)
+        super()._embody(device)
         if self.engine is not None:
             self.engine.hand_over = self._hand_over
-        self.speaks = self.engine is None and device.wake_at() is not None
-        """Whether it says something unasked, so that a client may wait for it without a word."""
 
     def replace(self, device: Device) -> None:
         """Put another specimen in its place: nobody is owed anything; connections and locks stay."""
@@ -258,13 +203,6 @@ class ServedInstrument:
         self._embody(device)
         for client in tuple(self.clients):
             client.start_anew()
-
-    def power(self, *, on: bool) -> None:
-        """Let the instrument take and say something, or nothing at all."""
-        if on:
-            self._write, self._read, self._wake_at = shortest_calls(self.device)
-        else:
-            self._write, self._read = (lambda _data, **_end: None), (lambda _limit: (b"", False))
 
     # --- messages -----------------------------------------------------------------------------------------
 
@@ -299,18 +237,6 @@ class ServedInstrument:
             self._drain()
             self.touched()
         self.turn()
-
-    def asks(self, message: bytes) -> bool:
-        """Whether `message` may be answered; remembers messages, which are mostly the same few."""
-        if self.engine is None:
-            return True
-        asks = b"?" in message
-        if len(message) <= _KNOWN_LENGTH and message not in self.known and message.endswith(b"\n"):
-            if len(self.known) >= _KNOWN_MESSAGES:
-                self.known.clear()
-            if message.count(b"\n") == 1 and not any(mark in message for mark in _NEVER_KNOWN):
-                self.known[message] = asks
-        return asks
 
     def execute(self, client: Client, message: bytes, tag: Any = None, *, asks: bool) -> None:
         """Hand `message` to the device, and the answer to `client` if it is there at once."""
@@ -352,7 +278,7 @@ class ServedInstrument:
         return data, end
 
     def release(self) -> None:
-        """The response has been fetched: nobody holds the instrument."""
+        """Have nobody hold the instrument: the response has been fetched."""
         if not self.busy:
             self.holder = None
         self.touched()
@@ -430,17 +356,12 @@ class ServedInstrument:
         self.touched()
         return byte
 
-    def complain(self, number: int) -> None:
-        """Queue an error of the message exchange that the transport has seen."""
-        if self.engine is not None:
-            self.engine.report(ScpiError(number))
-
     def forget(self, client: Client) -> None:
         """Do without `client`; the answer that it is owed goes nowhere."""
         self.clients.discard(client)
         self._lose_turn(client)
         if self.holder is client:
-            nobody = _Nobody(self, SOCKET)
+            nobody = Client(self, SOCKET)
             self.clients.discard(nobody)
             self.holder = nobody
             self._drain()
@@ -464,17 +385,6 @@ class ServedInstrument:
             self.resume(client)
 
     # --- time ---------------------------------------------------------------------------------------------
-
-    @property
-    def busy(self) -> bool:
-        """Whether the device works on a message."""
-        if self.engine is not None:
-            return self.engine.busy
-        if self.speaks:
-            return False
-        if isinstance(self.device, LineDevice):
-            return self.device.answering  # not merely turning
-        return self.device.wake_at() is not None
 
     @property
     def engaged(self) -> bool:

@@ -9,7 +9,9 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING
 
-from simrack.serve.instrument import RS232, SOCKET, Client
+from simrack.scpi import RS232
+from simrack.serve.embodied import SOCKET
+from simrack.serve.instrument import Client
 from simrack.serve.loop import READ, WRITE
 from simrack.serve.wire import Outbox
 

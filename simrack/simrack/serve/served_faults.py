@@ -5,7 +5,8 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING
 
-from simrack.faults import CUTTING, UNREACHABLE, Ongoing, begin_on_bench, require_possible, spoiled, spoils
+from simrack.bench_faults import begin_on_bench, require_possible
+from simrack.faults import CUTTING, UNREACHABLE, Ongoing, spoiled, spoils
 
 if TYPE_CHECKING:
     import socket

@@ -16,8 +16,9 @@ from msgspec import Struct, field
 from simrack.faults import FaultScript
 from simrack.serve.adjust import adjustments_of
 from simrack.serve.control import ControlServer, Refused
+from simrack.serve.embodied import CONVERTER, SOCKET
 from simrack.serve.hislip import HislipServer
-from simrack.serve.instrument import CONVERTER, SOCKET, ServedInstrument
+from simrack.serve.instrument import ServedInstrument
 from simrack.serve.loop import Loop
 from simrack.serve.passage import AttendedPassage
 from simrack.serve.raw import ByteStream, Pty, TcpStream, has_ptys

@@ -15,7 +15,8 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from simrack.handlers import Handlers
-from simrack.serve.instrument import VXI11, WHOLE_RESPONSE, Client, ServedInstrument
+from simrack.serve.embodied import VXI11
+from simrack.serve.instrument import WHOLE_RESPONSE, Client, ServedInstrument
 from simrack.serve.interrupts import Destination, InterruptChannel
 from simrack.serve.rpc import Call, RpcConnection, opaque
 from simrack.serve.wire import Listener

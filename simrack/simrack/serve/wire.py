@@ -6,7 +6,7 @@ import contextlib
 import socket
 from collections import deque
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from simrack.serve.loop import READ, WRITE
 
@@ -233,3 +233,21 @@ class Connection:
         if not self._outbox.size:
             self.loop.change(self._fd, 0 if self._held else READ)
             self.relieved()
+
+
+class DelayingWire(Protocol):
+    """A wire on which something is on its way for a while."""
+
+    @property
+    def next_s(self) -> float:
+        """When something arrives next, inf for never."""
+        ...
+
+    @property
+    def awaited(self) -> bool:
+        """Whether anything is on its way that somebody may wait for, so that time may jump there."""
+        ...
+
+    def go_on(self) -> None:
+        """Let bytes arrive that are due by now."""
+        ...

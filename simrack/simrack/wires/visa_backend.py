@@ -14,16 +14,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from itertools import count
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast
 
 from pyvisa import attributes, constants, errors, highlevel, rname
-from pyvisa.constants import AccessModes, EventType, InterfaceType, ResourceAttribute, StatusCode
+from pyvisa.constants import EventType, ResourceAttribute, StatusCode
 from pyvisa.typing import VISAEventContext, VISARMSession, VISASession
 from pyvisa.util import LibraryPath
 
-from simrack.attendance import AttendedClock
 from simrack.wires import visa_serial
-from simrack.wires.serial_line import HandshakeLine
+from simrack.wires.visa_session import (
+    SUCCESS,
+    OpenSession,
+    SimulatedInstruments,
+    VisaBench,
+    available,
+    known_attribute,
+    take_arrived,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -32,144 +39,18 @@ if TYPE_CHECKING:
     from simrack.device import Device
 
 _EMBEDDED = "embedded"
-_LINE_FEED = 10
-_SUCCESS = StatusCode.success
-_FULL = StatusCode.success_max_count_read
-_TERMINATED = StatusCode.success_termination_character_read
 _TIMEOUT = ResourceAttribute.timeout_value
-"""Looked up once: Python 3.11 takes long to find a member of an enumeration, and these come with every message."""
-_DEFAULT_TIMEOUT_MS = 2000
-
-
-class SimulatedInstruments(NamedTuple):
-    """The instruments of a simulated bench by resource name, and the clock of its World."""
-
-    instruments: Mapping[str, Device]
-    clock: Clock
 
 
 Resolver: TypeAlias = Callable[[str], SimulatedInstruments]
 """Makes the simulated bench of a bench file's path, of the embedded paper bench for ""."""
 
 
-class _Place:
-    """A device where VISA finds it."""
-
-    __slots__ = ("device", "name", "owner", "parsed", "sharers")
-
-    def __init__(self, name: str, device: Device) -> None:
-        self.parsed = rname.ResourceName.from_string(name)
-        self.name = str(self.parsed)
-        self.device = device
-        self.owner: VISASession | None = None
-        self.sharers: set[VISASession] = set()
-
-    def locked_against(self, session: VISASession) -> bool:
-        """Tell whether somebody else holds a lock in which `session` has no part."""
-        if self.owner is not None:
-            return self.owner != session
-        return bool(self.sharers) and session not in self.sharers
-
-    def lock_state(self) -> AccessModes:
-        """Return how it is locked."""
-        if self.owner is not None:
-            return AccessModes.exclusive_lock
-        return AccessModes.shared_lock if self.sharers else AccessModes.no_lock
-
-
-class _Bench:
-    """The instruments behind one handle."""
-
-    __slots__ = ("clock", "lock", "places")
-
-    def __init__(self, instruments: Mapping[str, Device], clock: Clock) -> None:
-        places = [_Place(name, device) for name, device in instruments.items()]
-        self.places = {place.name.upper(): place for place in places}
-        self.clock = clock if isinstance(clock, AttendedClock) else AttendedClock(clock)
-        self.clock.attend(*instruments.values())
-        self.lock = self.clock.held
-
-
-class _Session:
-    """An open resource."""
-
-    __slots__ = (
-        *("attributes", "bench", "ended", "kind", "line", "offset", "place", "rest", "sends_end", "stream"),
-        *("terminator", "timeout_s"),
-    )
-
-    def __init__(self, bench: _Bench, place: _Place, maker: str) -> None:
-        self.bench = bench
-        self.place = place
-        self.kind = (place.parsed.interface_type_const, place.parsed.resource_class)
-        self.stream = self.kind[0] is InterfaceType.asrl or self.kind[1] == "SOCKET"
-        self.timeout_s = _DEFAULT_TIMEOUT_MS / 1e3
-        self.rest = b""
-        self.offset = 0
-        self.ended = False
-        board = str(getattr(place.parsed, "board", "0"))
-        self.attributes: dict[int, Any] = {
-            ResourceAttribute.resource_name: place.name,
-            ResourceAttribute.resource_class: place.parsed.resource_class,
-            ResourceAttribute.interface_type: place.parsed.interface_type_const,
-            ResourceAttribute.interface_number: (int(board) if board.isdigit() else 0),
-            ResourceAttribute.resource_manufacturer_name: maker,
-            ResourceAttribute.timeout_value: _DEFAULT_TIMEOUT_MS,
-            ResourceAttribute.termchar: _LINE_FEED,
-            ResourceAttribute.termchar_enabled: constants.VI_FALSE,
-            ResourceAttribute.send_end_enabled: constants.VI_TRUE,
-        }
-        if self.kind[0] is InterfaceType.asrl:
-            self.attributes[ResourceAttribute.asrl_end_in] = constants.SerialTermination.termination_char
-        parsed, known = self.place.parsed, self.attributes
-        for attribute, field, convert in _NAME_ATTRIBUTES:
-            value = getattr(parsed, field, None)
-            if value is not None and attributes.AttributesByID[attribute].in_resource(self.kind):
-                known[attribute] = convert(value)
-        self.terminator: int | None = None
-        """The byte that ends a read, None when only END does."""
-        self.sends_end = True
-        """Whether END comes with the last byte of a write."""
-        self.learn_ends()
-        self.line = place.device if isinstance(place.device, HandshakeLine) else None
-        if self.line is not None:
-            visa_serial.configure(self.line, self.attributes)
-
-    def learn_ends(self) -> None:
-        """Work out the ends of a read, and of a write."""
-        known = self.attributes
-        ends_at_character = known.get(ResourceAttribute.asrl_end_in) == constants.SerialTermination.termination_char
-        enabled = known[ResourceAttribute.termchar_enabled] or ends_at_character
-        self.terminator = known[ResourceAttribute.termchar] if enabled else None
-        self.sends_end = bool(known[ResourceAttribute.send_end_enabled]) and not self.stream
-
-    def drop_buffer(self) -> None:
-        """Forget received and unread bytes."""
-        self.rest = b""
-        self.offset = 0
-        self.ended = False
-
-
-def _number(text: str) -> int:
-    return int(text, 0)
-
-
-_NAME_ATTRIBUTES: tuple[tuple[ResourceAttribute, str, Callable[[str], Any]], ...] = (
-    (ResourceAttribute.gpib_primary_address, "primary_address", _number),
-    (ResourceAttribute.manufacturer_id, "manufacturer_id", _number),
-    (ResourceAttribute.model_code, "model_code", _number),
-    (ResourceAttribute.usb_serial_number, "serial_number", str),
-    (ResourceAttribute.tcpip_address, "host_address", str),
-    (ResourceAttribute.tcpip_port, "port", _number),
-    (ResourceAttribute.tcpip_device_name, "lan_device_name", str),
-)
-
-
 class SimVisaLibrary(highlevel.VisaLibraryBase):
     """The library object of one simulated bench; :meth:`register` benches before opening them by handle."""
 
     maker: ClassVar[str] = "simrack"
-    _benches: ClassVar[dict[str, _Bench]] = {}
+    _benches: ClassVar[dict[str, VisaBench]] = {}
     _resolvers: ClassVar[list[Resolver]] = []
 
     def __init_subclass__(cls) -> None:
@@ -186,7 +67,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         """
         if handle in cls._benches:
             raise ValueError(f"simulated bench {handle!r} is registered already")
-        cls._benches[handle] = _Bench(instruments, clock)
+        cls._benches[handle] = VisaBench(instruments, clock)
 
     @classmethod
     def unregister(cls, handle: str) -> None:
@@ -209,15 +90,15 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         return {"Backend": f"simulated instruments of {cls.maker}"}
 
     def _init(self) -> None:
-        self._sessions: dict[int, _Session] = {}
+        self._sessions: dict[int, OpenSession] = {}
         self._contexts: set[int] = set()
         self._numbers = count(1)
-        self._resolved: _Bench | None = None
+        self._resolved: VisaBench | None = None
         self._manager: VISARMSession | None = None
 
     # --- benches and sessions -----------------------------------------------------------------------------
 
-    def _bench(self) -> _Bench:
+    def _bench(self) -> VisaBench:
         """Return the bench of this library; OSError when nobody knows it."""
         handle = str(self.library_path)
         if handle in self._benches:
@@ -225,7 +106,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         if self._resolved is None:
             if not self._resolvers:
                 raise OSError(f"no simulated bench {handle!r} is registered")
-            self._resolved = _Bench(*self._resolvers[-1]("" if handle == _EMBEDDED else handle))
+            self._resolved = VisaBench(*self._resolvers[-1]("" if handle == _EMBEDDED else handle))
         return self._resolved
 
     @property
@@ -233,13 +114,13 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         """Bench time of this library's bench: ``sleep_until`` lets it pass, where ``time.sleep`` may not."""
         return self._bench().clock
 
-    def _session(self, session: int) -> _Session:
+    def _session(self, session: int) -> OpenSession:
         try:
             return self._sessions[session]
         except KeyError:
             raise errors.VisaIOError(StatusCode.error_invalid_object) from None
 
-    def _done(self, session: int, status: StatusCode = _SUCCESS) -> StatusCode:
+    def _done(self, session: int, status: StatusCode = SUCCESS) -> StatusCode:
         return self.handle_return_value(cast("VISASession", session), status)
 
     def open_default_resource_manager(self) -> tuple[VISARMSession, StatusCode]:
@@ -266,7 +147,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         if place is None:
             raise errors.VisaIOError(StatusCode.error_resource_not_found)
         number = VISASession(next(self._numbers))
-        self._sessions[number] = _Session(bench, place, self.maker)
+        self._sessions[number] = OpenSession(bench, place, self.maker)
         if access_mode == constants.AccessModes.exclusive_lock:
             self.lock(number, constants.Lock.exclusive, 0)
         return number, self._done(number)
@@ -281,7 +162,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
             closed.place.sharers.discard(cast("VISASession", session))
         self._contexts.discard(session)
         self._last_status_in_session.pop(session, None)
-        return _SUCCESS
+        return SUCCESS
 
     def list_resources(self, session: VISARMSession, query: str = "?*::INSTR") -> tuple[str, ...]:
         """Return the names of the bench's instruments that match the VISA expression `query`."""
@@ -296,8 +177,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         self._check_owner(session, opened)
         with opened.bench.lock:
             opened.place.device.write(data, end=opened.sends_end)
-        self._last_status = self._last_status_in_session[session] = _SUCCESS
-        return len(data), _SUCCESS
+        self._last_status = self._last_status_in_session[session] = SUCCESS
+        return len(data), SUCCESS
 
     def read(self, session: VISASession, count: int) -> tuple[bytes, StatusCode]:
         """Receive up to `count` bytes of the next response; waits in bench time, at most the session's time-out."""
@@ -309,23 +190,23 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
                 data, end = opened.place.device.read(count)
             if end and not opened.stream and (terminator is None or data.find(terminator) in (-1, len(data) - 1)):
                 # what nearly every read is: a whole response, as it came
-                self._last_status = self._last_status_in_session[session] = _SUCCESS
-                return data, _SUCCESS
+                self._last_status = self._last_status_in_session[session] = SUCCESS
+                return data, SUCCESS
             opened.rest, opened.offset, opened.ended = data, 0, end
         data, status = self._collect(opened, count, terminator)
-        if status is not _SUCCESS:
+        if status is not SUCCESS:
             return data, self._done(session, status)
         self._last_status = self._last_status_in_session[session] = status
         return data, status
 
-    def _collect(self, opened: _Session, count: int, terminator: int | None) -> tuple[bytes, StatusCode]:
+    def _collect(self, opened: OpenSession, count: int, terminator: int | None) -> tuple[bytes, StatusCode]:
         """Put a read together from the bytes there and those that come before the time-out."""
         deadline = opened.bench.clock.now() + opened.timeout_s
         parts: list[bytes] = []
         if not opened.rest and not self._await(opened, count, deadline):
             return b"", StatusCode.error_timeout
         while True:
-            part, status = _take(opened, count, terminator)
+            part, status = take_arrived(opened, count, terminator)
             parts.append(part)
             count -= len(part)
             if status is not None:
@@ -334,14 +215,14 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
                 return b"".join(parts), StatusCode.error_timeout
 
     @staticmethod
-    def _fetch(opened: _Session, count: int) -> bool:
+    def _fetch(opened: OpenSession, count: int) -> bool:
         """Take the device's present bytes; False when there are none."""
         with opened.bench.lock:
             opened.rest, opened.ended = opened.place.device.read(count)
         opened.offset = 0
         return bool(opened.rest)
 
-    def _await(self, opened: _Session, count: int, deadline: float) -> bool:
+    def _await(self, opened: OpenSession, count: int, deadline: float) -> bool:
         """Wait until a device that is silent now says something; False when it does not before `deadline`."""
         clock = opened.bench.clock
         while clock.now() < deadline:
@@ -353,7 +234,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         return False
 
     @staticmethod
-    def _will_act(opened: _Session) -> bool:
+    def _will_act(opened: OpenSession) -> bool:
         """Tell whether a device will do something by itself; it is not waited for for ever where it will not."""
         with opened.bench.lock:
             wake_s = opened.place.device.wake_at()
@@ -387,7 +268,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         return self._done(session)
 
     @staticmethod
-    def _drain(opened: _Session) -> None:
+    def _drain(opened: OpenSession) -> None:
         opened.drop_buffer()
         with opened.bench.lock:
             while opened.place.device.read(1 << 20)[0]:
@@ -413,7 +294,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         self._addressed(session)
         return self._done(session)
 
-    def _addressed(self, session: VISASession) -> _Session:
+    def _addressed(self, session: VISASession) -> OpenSession:
         """Return the session if its interface can address a device out of band."""
         opened = self._session(session)
         if opened.stream:
@@ -424,7 +305,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     # --- locks --------------------------------------------------------------------------------------------
 
     @staticmethod
-    def _check_owner(session: VISASession, opened: _Session) -> None:
+    def _check_owner(session: VISASession, opened: OpenSession) -> None:
         place = opened.place
         if (place.owner is not None or place.sharers) and place.locked_against(session):
             raise errors.VisaIOError(StatusCode.error_resource_locked)
@@ -465,11 +346,11 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     ) -> tuple[Any, StatusCode]:
         """Return an attribute, its VISA default when it was never set."""
         opened = self._session(session)
-        known = _known_attribute(opened, attribute)
+        known = known_attribute(opened, attribute)
         if attribute == ResourceAttribute.resource_lock_state:
             return opened.place.lock_state(), self._done(session)
         if attribute == ResourceAttribute.asrl_avalaible_number:
-            return _available(opened), self._done(session)
+            return available(opened), self._done(session)
         pin = None if opened.line is None else visa_serial.pin(opened.line, attribute)
         if pin is not None:
             return pin, self._done(session)
@@ -487,9 +368,9 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         if attribute == _TIMEOUT:  # what drivers set before nearly every exchange
             opened.attributes[attribute] = attribute_state
             opened.timeout_s = math.inf if attribute_state == constants.VI_TMO_INFINITE else attribute_state / 1e3
-            self._last_status = self._last_status_in_session[session] = _SUCCESS
-            return _SUCCESS
-        if not _known_attribute(opened, attribute).write:
+            self._last_status = self._last_status_in_session[session] = SUCCESS
+            return SUCCESS
+        if not known_attribute(opened, attribute).write:
             raise errors.VisaIOError(StatusCode.error_attribute_read_only)
         opened.attributes[attribute] = attribute_state
         opened.learn_ends()
@@ -543,39 +424,3 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         context = VISAEventContext(next(self._numbers))
         self._contexts.add(context)
         return in_event_type, context, self._done(session)
-
-
-def _take(opened: _Session, count: int, terminator: int | None) -> tuple[bytes, StatusCode | None]:
-    """Take up to `count` bytes from the session's buffer, and why the read ends with them (None: it does not)."""
-    rest, start = opened.rest, opened.offset
-    stop = min(len(rest), start + count)
-    found = -1 if terminator is None else rest.find(terminator, start, stop)
-    if found >= 0:
-        stop = found + 1
-    part = rest if start == 0 and stop == len(rest) else rest[start:stop]
-    opened.offset = stop
-    exhausted = stop == len(rest)
-    if exhausted:
-        opened.rest, opened.offset = b"", 0
-    if exhausted and opened.ended and part and not opened.stream:
-        opened.ended = False
-        return part, _SUCCESS
-    if found >= 0:
-        return part, _TERMINATED
-    return part, _FULL if len(part) == count else None
-
-
-def _available(opened: _Session) -> int:
-    """Return how many received bytes wait to be read."""
-    if not opened.rest:
-        with opened.bench.lock:
-            opened.rest, opened.ended = opened.place.device.read(1 << 20)
-        opened.offset = 0
-    return len(opened.rest) - opened.offset
-
-
-def _known_attribute(opened: _Session, attribute: int) -> type[attributes.Attribute[Any]]:
-    known = attributes.AttributesByID.get(attribute)
-    if known is None or not known.in_resource(opened.kind):
-        raise errors.VisaIOError(StatusCode.error_nonsupported_attribute)
-    return known

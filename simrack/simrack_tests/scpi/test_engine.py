@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from simrack.scpi import GPIB, LAN, RS232, USB, Dialect, Interface
-from simrack.serve.instrument import HISLIP, SOCKET, VXI11
+from simrack.serve.embodied import HISLIP, SOCKET, VXI11
 
 from simrack_tests.instruments.conversation import Conversation
 from simrack_tests.scpi.lamp import Lamp

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec.structs import replace
-from simrack.faults import Fault, FaultInjector
+from simrack.faults import Fault
+from simrack.faulty_device import FaultInjector
 from simrack.rate_tables.aaaa import AaaaTable
 from simrack.rate_tables.acl import AclTable
 from simrack.rate_tables.atl import AtlTable

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, field
 from msgspec.structs import replace
-from simrack.faults import FaultInjector
+from simrack.faulty_device import FaultInjector
 
 import vcfbench.clock
 import vcfbench.records.journal

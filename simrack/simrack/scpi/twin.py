@@ -1,0 +1,68 @@
+"""Base of a simulated SCPI instrument: a device that hands everything to its engine."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from simrack.scpi.engine import ScpiEngine
+
+
+class ScpiTwin:
+    """Base of simulated SCPI instruments: a :class:`~simrack.device.Device` around an engine.
+
+    A model sets `engine` in its constructor and overrides what it has of :class:`ScpiModel`.
+    """
+
+    engine: ScpiEngine
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Take bytes from the controller."""
+        self.engine.write(data, end=end)
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return at most `limit` bytes that are ready, and whether END comes with the last."""
+        return self.engine.read(limit)
+
+    def wake_at(self) -> float | None:
+        """Return when something happens by itself."""
+        return self.engine.wake_at()
+
+    def clear(self) -> None:
+        """Device clear."""
+        self.engine.clear()
+
+    def status_byte(self) -> int:
+        """Serial poll."""
+        return self.engine.status_byte()
+
+    def requests_service(self) -> bool:
+        """Whether the instrument pulls SRQ."""
+        return self.engine.requests_service()
+
+    def trigger(self) -> None:
+        """Group execute trigger."""
+        self.engine.trigger()
+
+    def identity(self) -> str:
+        """Return the answer to *IDN?."""
+        raise NotImplementedError
+
+    def reset(self) -> None:
+        """Take the *RST state."""
+        raise NotImplementedError
+
+    def service(self) -> None:
+        """Bring everything that happens by itself up to now; by default nothing does."""
+
+    def next_event_s(self) -> float | None:
+        """Return when :meth:`service` next has something to do."""
+        return None
+
+    def abort(self) -> None:
+        """End the running measurement; by default there is none."""
+
+    def operations_end_s(self) -> float:
+        """Return when pending operations end; by default none is pending."""
+        return -math.inf
