@@ -21,10 +21,9 @@ def test_every_definition_of_white_noise_on_a_line() -> None:
     assert found.sd_10_s == pytest.approx(math.hypot(1.0 / math.sqrt(50.0), line), rel=0.04)
     assert found.sd_100_s == pytest.approx(math.hypot(1.0 / math.sqrt(500.0), line), rel=0.05)
     assert found.sd_10_s_detrended == pytest.approx(1.0 / math.sqrt(50.0), rel=4.0 / math.sqrt(2.0 * 358))
-    assert found.slope_per_s == pytest.approx(0.001, abs=4.0 * math.sqrt(12.0 / 18_000) / 3600.0)
     assert found.peak_to_peak_10_s == pytest.approx(3.6, rel=0.3)
-    assert found.floor_low < found.floor < found.floor_high
-    assert found.bias_instability == pytest.approx(found.floor / 0.66428, rel=1e-5)
+    assert found.allan_minimum_low < found.allan_minimum < found.allan_minimum_high
+    assert found.bias_instability_read_off == pytest.approx(found.allan_minimum / 0.66428, rel=1e-5)
 
 
 def test_what_the_record_does_not_allow_is_none() -> None:

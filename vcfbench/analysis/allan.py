@@ -4,8 +4,6 @@ The estimator is that of NIST SP 1065, section 5.2.4, on a record of equally spa
 that of the record: a record in deg/s gives deg/s. :mod:`vcfbench.analysis.noise_fit` fits what the curve is made of.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from enum import Enum

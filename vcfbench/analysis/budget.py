@@ -5,12 +5,10 @@ of Welch and Satterthwaite follow from them here. The propagation is of first or
 the tests check it by Monte Carlo (JCGM 101). Lack of fit is no uncertainty and has no place among the sources.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
-from typing import Any, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from msgspec import Struct
@@ -65,7 +63,7 @@ class Source(Struct, frozen=True):
         half_width: float,
         unit: str = "",
         distribution: Distribution = Distribution.RECTANGULAR,
-    ) -> Source:
+    ) -> Self:
         """Return a source that lies within `half_width` of its value, as data sheets state it.
 
         Raises:

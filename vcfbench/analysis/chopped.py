@@ -6,8 +6,6 @@ not show. Flicker (1/f) noise has no variance, but every difference has: E[(y1 -
 the time between, with one coefficient, which is found from those combinations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

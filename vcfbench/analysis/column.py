@@ -1,7 +1,5 @@
 """One column of a calibration as it is reported: plain numbers, which compare, hash and pickle."""
 
-from __future__ import annotations
-
 from msgspec import Struct
 
 

@@ -1,7 +1,5 @@
 """Agreement of results with each other and with a limit: E_n (ISO 13528) and guard bands (JCGM 106, ILAC-G8)."""
 
-from __future__ import annotations
-
 import math
 from enum import Enum
 

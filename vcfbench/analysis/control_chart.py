@@ -1,7 +1,5 @@
 """Stability of repeated results of one quantity: recursive residuals, and their tabular CUSUM."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from vcfbench.analysis.arrays import Floats

@@ -1,7 +1,5 @@
 """Coverage factors of sums in which sources within limits prevail: their distributions convolved, without trials."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 

@@ -4,8 +4,6 @@ Two layouts are read: a table whose first column is ``rate_deg_s`` and whose oth
 ``points.csv`` of a vcfbench record, which has one line a point.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -4,8 +4,6 @@ Samples are mixed down with the carrier's frequency and averaged in windows of a
 that their noise stays independent. Then a decay is a complex exponential, and what goes on is a constant.
 """
 
-from __future__ import annotations
-
 import math
 from typing import TypeAlias
 

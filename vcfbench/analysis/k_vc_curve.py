@@ -5,8 +5,6 @@ in common (gain and offset of the meter, of the table). The fit is generalised l
 ISO 6143 for calibration gases. k1 is K_Vc for small signals, k2 and k3 are the modulator's even and odd curvature.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

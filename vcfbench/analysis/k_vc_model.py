@@ -5,8 +5,6 @@ excite the modes in another proportion than a rate does, and a feed-through; der
 other way to be known, the absolute force of the combs and the mass, is a factor that no function here returns.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Least squares with a model of one's own, and the goodness of the fit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

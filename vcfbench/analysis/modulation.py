@@ -5,8 +5,6 @@ makes three times as much of the fundamental as of the third harmonic, and shift
 tells the gain of small signals and what the sine does to the mean.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Sequence

@@ -8,8 +8,6 @@ Under such noise the scatter of readings over the root of their number is too sm
 as much in the mean of an hour as in that of ten seconds (Witt and Reymann 2000). :func:`u_of_combination` has it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from enum import Enum

@@ -4,8 +4,6 @@ All are relative to the span or to the one-sided full scale, in ppm. `None` stan
 definition: no two rates on one side of zero, no rate of 10 deg/s or more, a slope that rounds to nothing.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

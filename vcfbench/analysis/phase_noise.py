@@ -9,8 +9,6 @@ autocovariance s(t) of the phase (Greenhall and Riley, *Uncertainty of stability
 The factors are such that the Allan variances are 3 Q^2/tau^2, N^2/tau, (2 ln 2/pi) B^2 and K^2 tau/3.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache, lru_cache

@@ -5,8 +5,6 @@ samples is found from a strong one. The closed form has both side bands of both 
 gyroscope is free: share and place of the in-phase mode, phase of the demodulator.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

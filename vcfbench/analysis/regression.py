@@ -3,8 +3,6 @@
 Notation: `rate_deg_s` is the applied rate, `output_v` the mean output at each rate; one-dimensional, of one length.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

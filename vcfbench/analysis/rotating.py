@@ -6,8 +6,6 @@ peaks, apart from half a turn and from the delay of the filter behind the demodu
 delta.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -36,6 +34,21 @@ class Rotation(Struct, frozen=True):
     reference_deg: float
     turning: float
     output: float
+
+
+class ReferencePhase(Struct, frozen=True):
+    """Phase of a demodulator's reference against the drive signal, deg, -90 to 90: half turns are not seen.
+
+    `delay_s` is that of the filter behind the demodulator. The uncertainties are the scatter of the records;
+    `scatter_deg` is that of the phase of one.
+    """
+
+    phase_deg: float
+    u_phase_deg: float
+    delay_s: float
+    u_delay_s: float
+    dof: int
+    scatter_deg: float
 
 
 def fit_rotation(
@@ -130,18 +143,3 @@ def reference_phase(rotations: Sequence[Rotation]) -> ReferencePhase:
         dof,
         math.sqrt(float(left @ left) / dof),
     )
-
-
-class ReferencePhase(Struct, frozen=True):
-    """Phase of a demodulator's reference against the drive signal, deg, -90 to 90: half turns are not seen.
-
-    `delay_s` is that of the filter behind the demodulator. The uncertainties are the scatter of the records;
-    `scatter_deg` is that of the phase of one.
-    """
-
-    phase_deg: float
-    u_phase_deg: float
-    delay_s: float
-    u_delay_s: float
-    dof: int
-    scatter_deg: float

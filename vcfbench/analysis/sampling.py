@@ -6,9 +6,8 @@ almost unchanged. The factors are those by which the deviation at ``factor * int
 record (for one reading a cluster: the bias function B2 of Barnes, NBS Technical Note 375).
 """
 
-from __future__ import annotations
-
 import math
+from typing import Self
 
 import numpy as np
 from msgspec import Struct
@@ -43,7 +42,7 @@ class Sampling(Struct, frozen=True):
             )
 
     @classmethod
-    def without_gaps(cls, interval_s: float) -> Sampling:
+    def without_gaps(cls, interval_s: float) -> Self:
         """Return the sampling of readings that follow each other directly."""
         return cls(interval_s, interval_s)
 

@@ -1,7 +1,5 @@
 """A scale-factor calibration: everything that one column of outputs against rates is reported with."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -4,8 +4,6 @@ The model is ``offset + amplitude * cos(2 pi f t + phase)`` with t = 0 at the fi
 of least squares with the scatter of the residuals: independent noise of the samples is assumed.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Probabilities of a value: Student's t and Fisher's F, exact, without heavy imports."""
 
-from __future__ import annotations
-
 import math
 from statistics import NormalDist
 

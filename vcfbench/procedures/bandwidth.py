@@ -4,8 +4,6 @@ The meter samples the output by itself at 0.2 power-line cycles, since one cycle
 All frequencies have one amplitude and one range, so that what generator and meter are off cancels in the response.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 from statistics import fmean, stdev
@@ -28,8 +26,9 @@ from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRail
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import oscilloscope
+from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
-from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
 from vcfbench.procedures.shared.routines import at_rest, energised, rails_of, v_vc_on
 from vcfbench.procedures.shared.tones import (
@@ -40,7 +39,7 @@ from vcfbench.procedures.shared.tones import (
     stands_off_mains,
 )
 from vcfbench.records.devices import Characteristics
-from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import Routine, answer
@@ -125,59 +124,46 @@ PHASE_HOLDS = (
 )
 
 
+@framed(energised, at_rest)
 def plan(settings: BandwidthSettings) -> steps.Plan:
     """Sweep the sine over all frequencies, find the split, and go closely about it."""
-    return (yield from energised(settings, at_rest(settings, _gains_and_phases(settings))))
-
-
-def _gains_and_phases(settings: BandwidthSettings) -> Routine[steps.Outcome]:
-    found = yield from _swept(settings)
+    found = yield from sweep(settings)
     yield from phases_of(settings, settings.sine_amplitude_v, found)
     return steps.Outcome(f"response at {len(found)} frequencies")
 
 
-def sweep(settings: BandwidthSettings) -> Routine[steps.Outcome]:
-    """Measure the drive frequency, then the response at all frequencies; V_Vc is left a sine."""
-    found = yield from _swept(settings)
-    return steps.Outcome(f"response at {len(found)} frequencies")
+Responses = list[tuple[float, steps.SineResponse]]
+"""Frequency (Hz) and what was sampled there."""
 
 
-def _swept(settings: BandwidthSettings) -> Routine[list[tuple[float, steps.SineResponse]]]:
-    # Measure the drive frequency where there is an oscilloscope: Q is in proportion to it
+def sweep(settings: BandwidthSettings) -> Routine[Responses]:
+    """Measure the drive frequency, to which Q is in proportion, then the responses; V_Vc is left a sine."""
     if settings.station.oscilloscope is not None:
         yield from oscilloscope.capture_drive(settings)
     yield steps.ConfigureMeter(float(settings.meter_range_v), NPLC)
     yield from v_vc_on()
     yield steps.Note("The sine at frequencies far apart")
-    found = []
-    for frequency_hz in _measurable(settings, settings.frequencies_hz):
-        response = yield from _respond(settings, frequency_hz)
-        found.append((frequency_hz, response))
+    found = yield from _respond(settings, settings.frequencies_hz)
     tones = tones_of(settings, found)
     split_hz = split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
     yield steps.Note(f"The sine about the split, near {split_hz:.4g} Hz")
-    close = _measurable(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
-    for frequency_hz in close:
-        response = yield from _respond(settings, frequency_hz)
-        found.append((frequency_hz, response))
+    found += yield from _respond(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     return found
 
 
-def _measurable(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> list[float]:
-    """Return the frequencies, rising, that a record tells from the mains: its pick-up is a tone as well."""
-    mains_hz, samples = settings.station.mains_hz, settings.record_samples
-    return sorted(each for each in frequencies_hz if each <= HIGHEST_HZ and stands_off_mains(each, mains_hz, samples))
-
-
-def _respond(settings: BandwidthSettings, frequency_hz: float) -> Routine[steps.SineResponse]:
-    yield steps.SetSine(frequency_hz, settings.sine_amplitude_v)
-    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
-    samples, split_hz = settings.record_samples, settings.split_guess_hz
-    sample = steps.SampleSine(frequency_hz, settings.sine_amplitude_v, samples, sampled_every_s(frequency_hz), split_hz)
-    response = answer((yield sample), steps.SineResponse)
-    yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
-    return response
+def _respond(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> Routine[Responses]:
+    """Take the response at those frequencies, rising, that a record tells from the mains, whose pick-up is a tone."""
+    amplitude_v, samples, found = settings.sine_amplitude_v, settings.record_samples, []
+    for hz in sorted(frequencies_hz):
+        if hz > HIGHEST_HZ or not stands_off_mains(hz, settings.station.mains_hz, samples):
+            continue
+        yield steps.SetSine(hz, amplitude_v)
+        yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+        sample = steps.SampleSine(hz, amplitude_v, samples, sampled_every_s(hz), settings.split_guess_hz)
+        found.append((hz, answer((yield sample), steps.SineResponse)))
+        yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
+    return found
 
 
 def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> list[Tone]:
@@ -188,7 +174,12 @@ def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.Sin
 def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     """Fit the response to all that was sampled."""
     sampled = [(step, each) for step, each in measured.found(steps.SineResponse) if isinstance(step, steps.SampleSine)]
-    drive_hz, u_drive_hz = _drive_hz(settings, measured)
+    low_hz, high_hz = settings.drive.frequency_hz
+    drive_hz, u_drive_hz = 0.5 * (low_hz + high_hz), (high_hz - low_hz) / math.sqrt(12.0)
+    if of_drive := [found for _, found in measured.found(steps.SineRecords) if len(found.channels) == 1]:
+        seen = [each.frequency_hz for each in of_drive[-1].records]
+        drive_hz, scatter = fmean(seen), stdev(seen) / math.sqrt(len(seen))
+        u_drive_hz = math.hypot(scatter, oscilloscope.TIME_BASE * fmean(seen) / math.sqrt(3.0))
     known = Known(
         drive_hz,
         settings.in_phase_split_hz,
@@ -196,7 +187,16 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
         low_pass_order=settings.low_pass_order,
     )
     if isinstance(measured, Foreseen):
-        tones = _foreseen_tones(settings, [step for step, _ in sampled], known, measured.white_v_sqrt_s)
+        # What the paper's gyroscope will show, with the noise that its modes pass and that is folded
+        gyro = settings.expected_gyro()
+        static_v = abs(gyro.scale_factor * gyro.k_vc) * settings.sine_amplitude_v
+        shown = (settings.split_guess_hz, _PAPER_Q, 1.0, settings.in_phase_split_hz, _PAPER_LAG_RAD)
+        reading_s = NPLC / settings.station.mains_hz
+        whole = static_v, measured.white_v_sqrt_s
+        tones = [
+            foreseen_tone(step.frequency_hz, (step.samples, step.interval_s, reading_s), whole, known, shown)
+            for step, _ in sampled
+        ]
     else:
         tones = tones_of(settings, [(step.frequency_hz, each) for step, each in sampled])
     band = fit_rate_band(tones, settings.sine_amplitude_v, known)
@@ -205,44 +205,27 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     return replace(_bandwidth(band, drive_hz, u_drive_hz), phase=phase)
 
 
-def _foreseen_tones(
-    settings: BandwidthSettings, asked: Sequence[steps.SampleSine], known: Known, white_v_sqrt_s: float
-) -> list[Tone]:
-    """Return the sines that the paper's gyroscope will show, and their noise: passed by its modes, and folded."""
-    gyro = settings.expected_gyro()
-    static_v = abs(gyro.scale_factor * gyro.k_vc) * settings.sine_amplitude_v
-    shape = (settings.split_guess_hz, _PAPER_Q, 1.0, settings.in_phase_split_hz, _PAPER_LAG_RAD)
-    reading_s = NPLC / settings.station.mains_hz
-    windows = [(each.frequency_hz, (each.samples, each.interval_s, reading_s)) for each in asked]
-    return [foreseen_tone(*window, (static_v, white_v_sqrt_s), known, shape) for window in windows]
-
-
-def _drive_hz(settings: BandwidthSettings, measured: Measured) -> tuple[float, float]:
-    """Return the drive frequency and its standard uncertainty, Hz: as measured, or the middle of its window."""
-    found = [each for each in measured.found(steps.SineRecords) if len(each[1].channels) == 1]
-    if not found:
-        low, high = settings.drive.frequency_hz
-        return 0.5 * (low + high), (high - low) / math.sqrt(12.0)
-    seen = [each.frequency_hz for each in found[-1][1].records]
-    scatter = stdev(seen) / math.sqrt(len(seen))
-    return fmean(seen), math.hypot(scatter, oscilloscope.TIME_BASE * fmean(seen) / math.sqrt(3.0))
-
-
 def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
+    def quantity(value: float, unit: str, u_noise: float, **parts: float) -> Measurand:
+        """Combine independent parts; only that of the noise has finite degrees of freedom."""
+        noise = UncertaintyPart("noise", u_noise, band.noise_dof)
+        return measurand(
+            value, unit, [noise, *(UncertaintyPart(each.replace("_", " "), u) for each, u in parts.items())]
+        )
+
     def frequency(value: float, u_noise: float) -> Measurand:
-        return _quantity(value, "Hz", band.noise_dof, noise=u_noise, time_base=_TIME_BASE / math.sqrt(3.0) * value)
+        return quantity(value, "Hz", u_noise, time_base=_TIME_BASE / math.sqrt(3.0) * value)
 
     return Bandwidth(
         split_hz=frequency(band.split_hz, band.u_split_hz),
-        q=_quantity(
-            *(band.q, "", band.noise_dof),
-            noise=band.u_q,
+        q=quantity(
+            *(band.q, "", band.u_q),
             time_base=_TIME_BASE / math.sqrt(3.0) * band.q,
             drive_frequency=band.q * u_drive_hz / drive_hz,
         ),
         plus_3_db_hz=frequency(band.plus_3_db.frequency_hz, band.plus_3_db.u_frequency_hz),
         peak_hz=frequency(band.peak.frequency_hz, band.peak.u_frequency_hz),
-        peak_gain=_quantity(band.peak_gain, "", band.noise_dof, noise=band.u_peak_gain),
+        peak_gain=quantity(band.peak_gain, "", band.u_peak_gain),
         minus_3_db_hz=frequency(band.minus_3_db.frequency_hz, band.minus_3_db.u_frequency_hz),
         drive_hz=drive_hz,
         u_drive_hz=u_drive_hz,
@@ -255,14 +238,6 @@ def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
         gain_v_per_v=tuple(band.gain.tolist()),
         u_gain_v_per_v=tuple(band.u_gain.tolist()),
         residual=tuple(band.residual.tolist()),
-    )
-
-
-def _quantity(value: float, unit: str, noise_dof: float, **parts: float) -> Measurand:
-    """Combine independent parts; only that of the noise has finite degrees of freedom."""
-    dofs = {"noise": noise_dof}
-    return measurand(
-        value, unit, [UncertaintyPart(each.replace("_", " "), u, dofs.get(each)) for each, u in parts.items()]
     )
 
 
@@ -288,7 +263,7 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
     fit = f"closed form: chi-square {found.chi_square:.1f} for {found.dof} degrees of freedom; {share}"
     return Report(
         [
-            Table(QUANTITY_COLUMNS, [quantity_row(*each) for each in named.items()]),
+            quantity_table(named),
             Text(f"drive {found.drive_hz:.3f}({found.u_drive_hz:.3f}) Hz; {fit}\n{NOT_HELD}"),
             *phase_parts(found.phase),
             Text(PHASE_HOLDS if found.phase else NO_PHASE),

@@ -6,8 +6,6 @@ there all the time, drop out. The demodulator's reference is no node of the benc
 drive frequency and a little: :mod:`vcfbench.analysis.rotating`.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -23,6 +21,7 @@ from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRail
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import oscilloscope
+from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.oscilloscope import (
@@ -72,7 +71,6 @@ class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
         return self.rate_deg_s
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges; every node that is looked at needs a channel."""
         yield from super().contradictions()
         most_deg_s = self.station.limits.max_rate_deg_s
         if most_deg_s is not None and self.rate_deg_s > most_deg_s:
@@ -318,12 +316,9 @@ _TURNS = 4.0
 """Least turns of the sense signal against the drive in a record."""
 
 
+@framed(powered)
 def plan(settings: PhaseSettings) -> steps.Plan:
     """Take records at both signs of rate, V_Vc and difference, until every phase is known well enough."""
-    return (yield from powered(settings, _cycles(settings)))
-
-
-def _cycles(settings: PhaseSettings) -> Routine[steps.Outcome]:
     yield from v_vc_on()
     shown_v, turning_v, drive_hz = yield from _scales(settings)
     states: list[tuple[CaptureSense, SineRecords]] = []

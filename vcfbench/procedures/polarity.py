@@ -5,8 +5,6 @@ cycle, turns signs of its own. The least that explains all signs that are wrong 
 pair of faults that shows the same signs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
@@ -23,6 +21,7 @@ from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Ro
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.known.levels import both_signs, ready_v_vc_meter
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.records.schema import Point
@@ -81,7 +80,6 @@ class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
         return self.station.limits.max_rate_deg_s is not None
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         limit_deg_s = self.station.limits.max_rate_deg_s
         if limit_deg_s is not None and self.polarity_rate_deg_s > limit_deg_s:
@@ -122,16 +120,12 @@ class PolarityResult(Struct, frozen=True):
     expected_from: str
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the judged values."""
         return {"wrong_signs": float(self.wrong_signs)}
 
 
+@framed(routines.energised)
 def polarity(settings: PolaritySettings) -> steps.Plan:
     """Turn both ways, then drive V_Vc both ways."""
-    return (yield from routines.energised(settings, _both_ways(settings)))
-
-
-def _both_ways(settings: PolaritySettings) -> Routine[steps.Outcome]:
     yield from _look_at_drive(settings)
     yield steps.Note("At rest, generator off")
     yield steps.Settle(settings.settle_s, "gyro settles")
@@ -140,7 +134,11 @@ def _both_ways(settings: PolaritySettings) -> Routine[steps.Outcome]:
     if settings.has_table:
         points += yield from routines.under_servo(settings, _turned(settings))
         yield steps.Settle(settings.settle_s, "gyro settles")
-    points += yield from _driven(settings)
+    yield steps.Note(f"V_Vc, {settings.polarity_v_vc_v:g} V both ways")
+    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
+    yield from routines.v_vc_on()
+    points += yield from both_signs(settings, DRIVEN, settings.polarity_v_vc_v, tolerance_v=_ANY_V)
+    yield steps.DisableVvc()
     silent = [each.what for each in _responses(settings, points) if not each.found]
     if silent:
         raise MeasurementError(
@@ -190,18 +188,14 @@ def _turned(settings: PolaritySettings) -> Routine[list[Point]]:
     return points
 
 
-def _driven(settings: PolaritySettings) -> Routine[list[Point]]:
-    yield steps.Note(f"V_Vc, {settings.polarity_v_vc_v:g} V both ways")
-    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
-    yield from routines.v_vc_on()
-    points = yield from both_signs(settings, DRIVEN, settings.polarity_v_vc_v, tolerance_v=_ANY_V)
-    yield steps.DisableVvc()
-    return points
-
-
 def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
     """Return the signs, and the explanation of the wrong ones."""
-    signs = [*_responses(settings, points), *_bias(settings, points)]
+    signs, bias_v = _responses(settings, points), settings.expected.bias_v
+    if bias_v is not None and not bias_v[0] <= 0.0 <= bias_v[1]:  # the output at rest tells leads from phases
+        [rest] = [point for point in points if point.step == AT_REST]
+        sure = abs(rest.output_v) > _SURE * _u(rest)
+        at_rest = _sign_of(rest.output_v) if sure else 0
+        signs.append(Sign("bias", _sign_of(bias_v[0]), at_rest, rest.output_v, _u(rest), "V"))
     if _carrier_has_a_sign(settings):
         *_, (_, drive) = points.found(steps.DriveReading)
         found = _carrier_sign(settings, drive.phase_deg)
@@ -250,17 +244,6 @@ def _sign_of(value: float) -> Literal[-1, 1]:
     return 1 if value > 0.0 else -1
 
 
-def _bias(settings: PolaritySettings, points: Sequence[Point]) -> list[Sign]:
-    """Return the sign of the output at rest, where the bench file expects one: it tells leads from phases."""
-    window = settings.expected.bias_v
-    if window is None or window[0] <= 0.0 <= window[1]:
-        return []
-    [rest] = [point for point in points if point.step == AT_REST]
-    sure = abs(rest.output_v) > _SURE * _u(rest)
-    found = _sign_of(rest.output_v) if sure else 0
-    return [Sign("bias", _sign_of(window[0]), found, rest.output_v, _u(rest), "V")]
-
-
 def _silence(silent: Sequence[What]) -> tuple[str, ...]:
     """Name the leads that may be loose where there is no response."""
     if "table" in silent and "V_Vc" in silent:
@@ -280,9 +263,16 @@ def _explained(wrong: set[What], seen: set[What]) -> tuple[tuple[str, ...], tupl
 
     Besides, those with two faults where one would do, or none. Two that turn the same sign leave it as it was.
     """
+
+    def shows(chosen: Sequence[str]) -> bool:  # together just the signs that are wrong, each of them one that was seen
+        turns = [CAUSES[each] & seen for each in chosen]
+        alone = reduce(xor, turns)
+        bias = frozenset({"bias"}) & seen if sum(each in DEMODULATED for each in chosen) % 2 else frozenset()
+        return all(turns) and wrong in (alone, alone ^ bias)
+
     by_count: list[tuple[str, ...]] = [() if wrong else ("",)]  # no fault at all
     for count in range(1, len(CAUSES) + 1):
-        choices = [chosen for chosen in combinations(CAUSES, count) if _shows(chosen, wrong, seen)]
+        choices = [chosen for chosen in combinations(CAUSES, count) if shows(chosen)]
         by_count.append(tuple(", and ".join(chosen) for chosen in choices))
         if count > 1 and any(by_count):
             break
@@ -290,14 +280,6 @@ def _explained(wrong: set[What], seen: set[What]) -> tuple[tuple[str, ...], tupl
     if fewest is None:
         return ("none of the causes that are known turns just these signs",), ()
     return by_count[fewest] if fewest else (), by_count[2] if fewest < 2 else ()
-
-
-def _shows(chosen: Sequence[str], wrong: set[What], seen: set[What]) -> bool:
-    """Tell whether these faults together turn just the signs that are wrong, each of them one that was seen."""
-    turns = [CAUSES[each] & seen for each in chosen]
-    alone = reduce(xor, turns)
-    bias = frozenset({"bias"}) & seen if sum(each in DEMODULATED for each in chosen) % 2 else frozenset()
-    return all(turns) and wrong in (alone, alone ^ bias)
 
 
 def report(settings: PolaritySettings, _points: Sequence[Point], found: PolarityResult) -> Report:

@@ -5,8 +5,6 @@ records of the oscilloscope. The sweep is that of :mod:`vcfbench.procedures.band
 holds it at resonance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from statistics import fmean
 from typing import Annotated, ClassVar
@@ -21,6 +19,7 @@ from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characte
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
@@ -62,7 +61,6 @@ class SenseDecay(StepResult, Struct, frozen=True):
     modes: tuple[RingingMode, ...]
 
     def describe(self) -> str:
-        """Name the modes."""
         return ", ".join(f"{mode.frequency_hz:.2f} Hz with Q {mode.q:.4g}" for mode in self.modes)
 
 
@@ -79,7 +77,6 @@ class CaptureDecay(Step, Struct, frozen=True):
     expected: SenseDecay
 
     def describe(self) -> str:
-        """Name the captured signal."""
         return "oscilloscope: the sense modes ring down"
 
     def perform(self, context: Context) -> SenseDecay:
@@ -100,7 +97,6 @@ class CaptureDecay(Step, Struct, frozen=True):
         return SenseDecay(drive_hz, tuple(RingingMode(each.frequency_hz, each.q, each.amplitude) for each in modes))
 
     def predict(self, gyro: LinearGyro) -> SenseDecay:
-        """Predict the expected decay."""
         del gyro
         return self.expected
 
@@ -113,7 +109,6 @@ class DriveDecay(StepResult, Struct, frozen=True):
     trouble: str = ""
 
     def describe(self) -> str:
-        """Name the mode, or the trouble."""
         return self.trouble or f"{self.frequency_hz:.3f} Hz with Q {self.q:.5g}"
 
 
@@ -134,11 +129,9 @@ class ReleaseDrive(Step, Struct, frozen=True):
     drive_hz: float
 
     def describe(self) -> str:
-        """Describe the action."""
         return "supply outputs off; oscilloscope: the drive rings down"
 
     def perform(self, context: Context) -> DriveDecay:
-        """Switch off, capture at once, download and fit; a drive that is not seen to ring down is an answer too."""
         scope = context.bench.oscilloscope
         scope.configure_channel(self.channel, scale_v_per_div(self.amplitude_v))
         context.bench.power.disable_outputs()
@@ -151,7 +144,6 @@ class ReleaseDrive(Step, Struct, frozen=True):
         return DriveDecay(found.frequency_hz, found.q)
 
     def predict(self, gyro: LinearGyro) -> DriveDecay:
-        """Predict a drive that rings down."""
         del gyro
         return DriveDecay(self.drive_hz, 1000.0)
 
@@ -190,12 +182,9 @@ NOT_HELD = (
 )
 
 
+@framed(energised, at_rest)
 def plan(settings: ResonanceSettings) -> steps.Plan:
     """Sweep, then let the sense modes ring down, then the drive."""
-    return (yield from energised(settings, at_rest(settings, _both_ways(settings))))
-
-
-def _both_ways(settings: ResonanceSettings) -> Routine[steps.Outcome]:
     swept = yield from sweep(settings)
     yield steps.Note("The sense modes ring down as V_Vc is switched off")
     yield from v_vc_level_again()
@@ -219,7 +208,7 @@ def _both_ways(settings: ResonanceSettings) -> Routine[steps.Outcome]:
             yield steps.CheckRails(rails, settings.rail_tolerance_v)
         yield ReleaseDrive(channel, drive_v, points, drive_hz)
     rung = f"{settings.sense_ring_downs} ring-downs of the sense modes, {settings.drive_ring_downs} of the drive"
-    return steps.Outcome(f"{swept.summary}; {rung}")
+    return steps.Outcome(f"response at {len(swept)} frequencies; {rung}")
 
 
 def ring_downs(

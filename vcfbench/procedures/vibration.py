@@ -5,8 +5,6 @@ first generator stands at 0 V. What the output should make of it follows from it
 the same run, and from the closed form of the modes; both are compared at each frequency.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from statistics import fmean
@@ -24,6 +22,7 @@ from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRail
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines, tones
+from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.known.levels import both_signs, generator_sheet
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
 from vcfbench.procedures.shared.steady.walk import require_answer
@@ -112,7 +111,6 @@ class VibrationResult(Struct, frozen=True):
     v_vc_is_measured: bool
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits, by its keys."""
         return {"e_n": self.largest_e_n}
 
 
@@ -123,21 +121,31 @@ NOT_HELD = (
 )
 
 
+def _unshaken(_settings: VibrationSettings, work: steps.Plan) -> steps.Plan:
+    yield steps.DisableVibration()
+    return (yield from work)
+
+
+@framed(_unshaken, routines.energised, routines.at_rest)
 def vibration(settings: VibrationSettings) -> steps.Plan:
     """Take the response at rest, then the vibrations."""
-    yield steps.DisableVibration()
-    return (yield from routines.energised(settings, routines.at_rest(settings, _both(settings))))
-
-
-def _both(settings: VibrationSettings) -> Routine[steps.Outcome]:
     yield from watched(settings, _static(settings))
     yield steps.Note("The virtual vibration")
+    amplitude_v = settings.vibration_amplitude_v
     yield from _meters(settings, tones.NPLC)
     try:
-        yield steps.SetVibration(settings.frequencies_hz[0], settings.vibration_amplitude_v)
+        yield steps.SetVibration(settings.frequencies_hz[0], amplitude_v)
         yield steps.EnableVibration()
         for frequency_hz in settings.frequencies_hz:
-            yield from _vibrate(settings, frequency_hz)
+            yield steps.SetVibration(frequency_hz, amplitude_v)
+            yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+            yield steps.SampleModulated(
+                *(frequency_hz, amplitude_v, settings.record_samples, tones.sampled_every_s(frequency_hz)),
+                of="both" if settings.v_vc_is_measured else "output",
+                table_deg_s=None,
+                tolerance_deg_s=settings.rate_tolerance_deg_s,
+            )
+            yield steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)
     finally:
         yield steps.DisableVibration()
     yield from _meters(settings, float(settings.nplc))
@@ -157,18 +165,6 @@ def _static(settings: VibrationSettings) -> Routine[None]:
     yield from routines.v_vc_on()
     require_answer(settings, (yield from both_signs(settings, _STATIC, settings.static_v_vc_v)))
     yield steps.SetVvc(0.0)
-
-
-def _vibrate(settings: VibrationSettings, frequency_hz: float) -> Routine[None]:
-    yield steps.SetVibration(frequency_hz, settings.vibration_amplitude_v)
-    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
-    yield steps.SampleModulated(
-        *(frequency_hz, settings.vibration_amplitude_v, settings.record_samples, tones.sampled_every_s(frequency_hz)),
-        of="both" if settings.v_vc_is_measured else "output",
-        table_deg_s=None,
-        tolerance_deg_s=settings.rate_tolerance_deg_s,
-    )
-    yield steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)
 
 
 def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
@@ -205,25 +201,19 @@ def _static_gain(settings: VibrationSettings, measured: Measured) -> Measurand:
     gain = math.fsum(sign * point.output_v for sign, point in zip(signs, points, strict=True)) / swing_v
     of_output = math.sqrt(math.fsum(point.std_v**2 / point.n for point in points)) / abs(swing_v)
     of_level = math.sqrt(math.fsum((point.v_vc_std_v or 0.0) ** 2 / point.n for point in points)) / abs(swing_v)
-    dof = float(sum(point.n - 1 for point in points))
+    dof, known = float(sum(point.n - 1 for point in points)), settings.station.sources
+    begin_s = [float(window.t_s[0]) for window in measured.readings.windows[: len(signs)]]
+    share = flicker_share(begin_s, settings.samples * settings.sample_interval_s, signs)
+    b_v = (known.bias_instability_deg_h or 0.0) / 3600.0 / abs(settings.expected_gyro().k_vc)
     parts = [
         UncertaintyPart("readings at rest", of_output, dof),
-        _flicker_at_rest(settings, measured, signs, abs(gain) / abs(swing_v)),
+        UncertaintyPart(
+            "flicker at rest", abs(gain) / abs(swing_v) * b_v * math.sqrt(share), known.bias_instability_dof
+        ),
         UncertaintyPart("readings of V_Vc at rest", abs(gain) * of_level, dof),
         *_believed(settings, "V_Vc direct", abs(gain)),
     ]
     return measurand(gain, "V/V", parts)
-
-
-def _flicker_at_rest(
-    settings: VibrationSettings, measured: Measured, signs: Sequence[float], per_v: float
-) -> UncertaintyPart:
-    """Return the contribution of flicker to the response at rest; `per_v` turns a sum of V_Vc into it."""
-    known = settings.station.sources
-    begin_s = [float(window.t_s[0]) for window in measured.readings.windows[: len(signs)]]
-    share = flicker_share(begin_s, settings.samples * settings.sample_interval_s, signs)
-    b_v = (known.bias_instability_deg_h or 0.0) / 3600.0 / abs(settings.expected_gyro().k_vc)
-    return UncertaintyPart("flicker at rest", per_v * b_v * math.sqrt(share), known.bias_instability_dof)
 
 
 def _believed(settings: VibrationSettings, what: str, size: float) -> list[UncertaintyPart]:

@@ -5,8 +5,6 @@ three of them in a row agree and their slope is below the bias instability a min
 `shortest_s`, since the end of an exponential is not seen in its middle; or at `longest_s`, and then says so.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -27,10 +25,10 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
+from vcfbench.procedures.shared.framed import framed, scale_factor_read
 from vcfbench.procedures.shared.known.scale_factor import (
     AtRestSettings,
     ScaleFactor,
-    read_scale_factor,
     scale_factor_used,
 )
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
@@ -84,7 +82,6 @@ class WarmupResult(Struct, frozen=True):
     means_u_deg_s: tuple[float, ...]
 
     def acceptance_values(self) -> dict[str, float | None]:
-        """Return the values that ``[acceptance]`` limits."""
         return {"bias_deg_s": self.bias_end.value}
 
     def curve_deg_s(self, t_s: float) -> float:
@@ -138,7 +135,10 @@ def warmup_results(
     begin_s, end_s, means, u_scatter = _means(windows, interval_s)
     u_white = np.maximum(u_scatter, resolution_deg_s / math.sqrt(12.0))
     root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
-    bias, u_bias, chi_square = _constant(root, means)
+    ones, white = np.linalg.solve(root, np.column_stack([np.ones(means.size), means])).T
+    weight = float(ones @ ones)
+    bias, u_bias = float(ones @ white) / weight, 1.0 / math.sqrt(weight)
+    chi_square = float(((white - bias * ones) ** 2).sum())
     dof, creep = means.size - 1, None
     if creeps and means.size > _PARAMETERS:
         found = _creep(begin_s, end_s, means, root, instability_deg_s)
@@ -245,14 +245,6 @@ class _Creep(Struct, frozen=True):
     chi_square: float
 
 
-def _constant(root: Floats, means: Floats) -> tuple[float, float, float]:
-    """Return mean, its standard uncertainty and chi-square of means without an exponential."""
-    ones, white = np.linalg.solve(root, np.column_stack([np.ones(means.size), means])).T
-    weight = float(ones @ ones)
-    mean = float(ones @ white) / weight
-    return mean, 1.0 / math.sqrt(weight), float(((white - mean * ones) ** 2).sum())
-
-
 def _creep(begin_s: Floats, end_s: Floats, means: Floats, root: Floats, instability_deg_s: float) -> _Creep:
     """Return the exponential of the means, each the integral over its seconds, weighed by its likelihood.
 
@@ -328,16 +320,12 @@ def warmup_report(_settings: object, _measured: Measured, results: WarmupResult)
         "multimeter, temperature, phases and scale factor as far as they are known; not turn-on to turn-on"
     )
     budget = budget_table("b_inf", results.bias_end)
-    return Report([Text("\n".join(said)), Table(columns, rows), budget, _figure(results)])
-
-
-def _figure(results: WarmupResult) -> Figure:
     times = results.means_t_s
     means = Series("means", times, results.means_deg_s, results.means_u_deg_s)
     curve = Series("fit", times, [results.curve_deg_s(t_s) for t_s in times], kind="line")
-    return Figure(
-        "Warm-up of the output at rest", Axis("time from power-on", "s"), Axis("rate", "deg/s"), [means, curve]
-    )
+    axes = Axis("time from power-on", "s"), Axis("rate", "deg/s")
+    figure = Figure("Warm-up of the output at rest", *axes, [means, curve])
+    return Report([Text("\n".join(said)), Table(columns, rows), budget, figure])
 
 
 _QUICK_NPLC = 1.0
@@ -371,7 +359,6 @@ class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
         return self.shortest_s
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.longest_s < self.shortest_s:
             yield InvalidValue("longest_s", f"at least shortest_s, {self.shortest_s:g} s", self.longest_s)
@@ -386,12 +373,10 @@ class SwitchedOn(StepResult, Struct, frozen=True):
     log: tuple[Reading, ...]
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return the log with the correction of the multimeter's certificate to the output."""
         del step
         return replace(self, log=tuple(each.corrected(known) for each in self.log))
 
     def describe(self) -> str:
-        """Say how long it was followed."""
         return f"{len(self.log)} readings from power-on"
 
 
@@ -404,16 +389,13 @@ class SwitchOnAndLog(steps.EnableSupply, frozen=True):
     interval_s: float
 
     def describe(self) -> str:
-        """Describe the action."""
         return f"supply outputs on; the output every {self.interval_s:g} s for {self.seconds:g} s"
 
     @property
     def physical_s(self) -> float:
-        """The log, s."""
         return self.seconds
 
     def perform(self, context: Context) -> Any:
-        """Switch on, and read until the time is over; a meter that is slower gives fewer readings."""
         clock, meter = context.bench.clock, context.bench.multimeter
         begun_s = clock.now()
         context.bench.power.enable_outputs()
@@ -424,18 +406,13 @@ class SwitchOnAndLog(steps.EnableSupply, frozen=True):
         return SwitchedOn(begun_s, tuple(log))
 
     def predict(self, gyro: LinearGyro) -> Any:
-        """Predict an output that is there at once."""
         count = max(1, int(self.seconds / self.interval_s))
         return SwitchedOn(0.0, tuple(Reading(n * self.interval_s, gyro.output_v(0.0)) for n in range(count)))
 
 
+@framed(scale_factor_read, routines.off_afterwards, routines.held_at_rest)
 def warmup(settings: WarmupSettings) -> steps.Plan:
     """Follow the output from power-on: V_Vc off, the table (where there is one) held still under servo."""
-    yield from read_scale_factor(settings)
-    return (yield from routines.off_afterwards(settings, routines.held_at_rest(settings, _from_power_on(settings))))
-
-
-def _from_power_on(settings: WarmupSettings) -> Routine[steps.Outcome]:
     yield steps.Note("Power-on")
     yield steps.ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)
     yield from routines.source_off(settings)
@@ -454,19 +431,9 @@ def _from_power_on(settings: WarmupSettings) -> Routine[steps.Outcome]:
 
 def _until_steady(settings: WarmupSettings) -> Routine[steps.Outcome]:
     """Take means until they are steady or the time is over."""
-    window = steps.Acquire(
-        step=1,
-        rate_deg_s=0.0,
-        v_vc_v=0.0,
-        table_deg_s=None if settings.station.limits.max_rate_deg_s is None else 0.0,
-        tolerance_deg_s=settings.rate_tolerance_deg_s,
-        rails=routines.rails_of(settings),
-        rail_tolerance_v=settings.rail_tolerance_v,
-        samples=settings.readings_a_window,
-        interval_s=settings.sample_interval_s,
-        resolution_v=settings.meter_resolution_v,
-        noise_v=settings.expected.reading_noise_v,
-    )
+    table_deg_s = None if settings.station.limits.max_rate_deg_s is None else 0.0
+    of_all = {**routines.window_of(settings), "samples": settings.readings_a_window}
+    window = steps.Acquire(1, 0.0, 0.0, table_deg_s, **of_all)
     points: list[Point] = []
     while True:
         points.append(answer((yield window), steps.Window).point)

@@ -1,7 +1,5 @@
 """The data sheet: every value with an uncertainty that results hold, and their own remarks."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from types import MappingProxyType

@@ -5,8 +5,6 @@ The supply stays on from part to part: that one plan switches off at its end is 
 the power come. What the bench cannot do is left out, and it is said why.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -208,7 +206,6 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         return structs.replace(self, **written)
 
     def recalled(self) -> Self:
-        """Return these settings with the device's history that the parts name."""
         seen = self.station.characteristics
         for name in self.parts:
             if not self.lacking(name):
@@ -242,7 +239,6 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         return role in self.station.instruments
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges, of every part that will be run too."""
         yield from super().contradictions()
         for index, name in enumerate(self.parts):
             if name not in PROCEDURES or PROCEDURES[name].settings is type(self):
@@ -279,11 +275,9 @@ class BeginPart(Step, Struct, frozen=True):
     name: str
 
     def describe(self) -> str:
-        """Name it."""
         return f"Part: {self.name}"
 
     def perform(self, context: Context) -> Done:
-        """Do nothing."""
         del context
         return Done()
 
@@ -372,7 +366,6 @@ class CharacterizeResult(Struct, frozen=True):
     parts: tuple[PartResult, ...]
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits; of several parts with the same one, the first."""
         return self._first("acceptance_values")
 
     def acceptance_u95(self) -> Mapping[str, float]:

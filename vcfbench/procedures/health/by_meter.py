@@ -3,8 +3,6 @@
 Split and Q by the response to a few sines on V_Vc; the amplitudes of carrier and drive, its leads moved there.
 """
 
-from __future__ import annotations
-
 import math
 from statistics import fmean, stdev
 

@@ -1,7 +1,5 @@
 """Changes of K_Vc, cause by cause: corrected, left to its drift, or such that K_Vc cannot be stated."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Mapping
 from typing import Final, Literal

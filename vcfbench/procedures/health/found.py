@@ -1,11 +1,10 @@
 """Characteristics of a device by the oscilloscope's records: modes, phases, feed-through, amplitudes, uncertainties."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Sequence
 from statistics import fmean, variance
+from typing import Self
 
 from msgspec import Struct, structs
 
@@ -58,7 +57,7 @@ class Health(Struct, frozen=True, kw_only=True):
         found = structs.asdict(self).items()
         return structs.replace(known, **{name: each.kept() for name, each in found if each is not None})
 
-    def unchanged(self, then: Characteristics) -> Health:
+    def unchanged(self, then: Characteristics) -> Self:
         """Return the same findings of an unchanged device: the values of `then`, with their uncertainties."""
 
         def same(kept: Kept) -> Measurand:

@@ -6,8 +6,6 @@ phase of what it does, and is a sine at twice the drive frequency and a little, 
 and at far from that, where no mode answers: what is left there comes through without motion.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Sequence
@@ -157,7 +155,6 @@ class CaptureFar(steps.CaptureRotations, frozen=True):
         return steps.RotationRecord(found.drive_hz, found.difference_hz, 0.0, found.turning, 0.0)
 
     def predict(self, gyro: LinearGyro) -> steps.Rotations:
-        """Predict the modes' response of a dry run there, without feed-through."""
         del gyro
         modes = _expected(self.drive_hz)
         turning_v = abs(modes.answer(_SHARE, self.difference_hz) / modes.answer(_SHARE, 0.0))

@@ -5,8 +5,6 @@ currents when it is warm; and each rail moved up and down within the limits of t
 against drift, with bias and scale factor taken each time (by V_Vc of both signs, or by the table).
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 from msgspec import Struct, structs
@@ -28,8 +26,9 @@ from vcfbench.procedures.power.results import (
 )
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.framed import framed, scale_factor_read
 from vcfbench.procedures.shared.kept_characteristics import Keeps
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.records.devices import Characteristics
@@ -50,11 +49,9 @@ class _Logged:
 
     @property
     def physical_s(self) -> float:
-        """The log, s."""
         return self.seconds
 
     def predict(self, gyro: LinearGyro) -> Any:
-        """Predict rails that draw nothing and an output that is there at once."""
         times = [number * _ROUND_S for number in range(max(8, int(self.seconds / _ROUND_S)))]
         drawn = tuple(RailDraw(t_s, rail.output, None, 0.0) for t_s in times for rail in self.rails)
         return RailsLogged(0.0, drawn, tuple(Reading(t_s, gyro.output_v(0.0)) for t_s in times))
@@ -79,11 +76,9 @@ class SuppliedAndLogged(_Logged, steps.EnableSupply, frozen=True):
     seconds: float
 
     def describe(self) -> str:
-        """Describe the action."""
         return f"supply outputs on; currents and output as fast as they come for {self.seconds:g} s"
 
     def perform(self, context: Context) -> Any:
-        """Switch on and read."""
         begun_s = context.bench.clock.now()
         context.bench.power.enable_outputs()
         return self.log(context, begun_s)
@@ -96,11 +91,9 @@ class RailOnAndLog(_Logged, steps.ConfigureRail, frozen=True):
     seconds: float
 
     def describe(self) -> str:
-        """Describe the action."""
         return f"{steps.ConfigureRail.describe(self)}; currents and output as fast as they come for {self.seconds:g} s"
 
     def perform(self, context: Context) -> Any:
-        """Set the level and read."""
         begun_s = context.bench.clock.now()
         steps.ConfigureRail.perform(self, context)
         return self.log(context, begun_s)
@@ -117,16 +110,13 @@ class MeasureRails(Step, Struct, frozen=True):
     interval_s: float
 
     def describe(self) -> str:
-        """Name the quantities read."""
         return f"voltage and current of each rail, {self.samples} times, every {self.interval_s:g} s"
 
     @property
     def physical_s(self) -> float:
-        """The window, s."""
         return self.samples * self.interval_s
 
     def perform(self, context: Context) -> RailsDrawn:
-        """Read them; the supply's time for it beyond the interval makes the window longer."""
         clock, power = context.bench.clock, context.bench.power
         drawn = []
         for _ in range(self.samples):
@@ -138,26 +128,21 @@ class MeasureRails(Step, Struct, frozen=True):
         return RailsDrawn(tuple(drawn))
 
     def predict(self, gyro: LinearGyro) -> RailsDrawn:
-        """Predict rails at their levels that draw nothing."""
         del gyro
         drawn = [RailDraw(0.0, rail.output, rail.voltage_v, 0.0) for _ in range(self.samples) for rail in self.rails]
         return RailsDrawn(tuple(drawn))
 
 
+@framed(scale_factor_read, routines.off_afterwards, routines.held_at_rest)
 def plan(settings: PowerSettings) -> steps.Plan:
     """Log power-on, read the steady currents, and move the rails."""
-    yield from read_scale_factor(settings)
-    return (yield from routines.off_afterwards(settings, routines.held_at_rest(settings, _tested(settings))))
-
-
-def _tested(settings: PowerSettings) -> Routine[steps.Outcome]:
     yield steps.ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)
     yield from routines.source_off(settings)
     for number, order in enumerate(settings.orders):
-        yield from _powered_on(settings, order)
-        if number + 1 < len(settings.orders):
+        if number:
             yield steps.DisableSupply()
             yield steps.Settle(settings.off_s, "rails and drive come to rest")
+        yield from _powered_on(settings, order)
     rails = routines.rails_of(settings)
     yield steps.Settle(settings.start_up_s, "warm-up")
     yield steps.CheckRails(rails, settings.rail_tolerance_v)

@@ -1,7 +1,5 @@
 """Results of a test of the supply: inrush, valid output, steady currents, sensitivity to each rail."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
@@ -54,7 +52,7 @@ class PowerSettings(LevelSettings, frozen=True, kw_only=True):
     ] = 0.2
     cycles: Annotated[int, Meta(ge=1, le=100, description="times that each rail is moved up and down")] = 2
 
-    def moved(self, which: Varied, step_v: float) -> PowerSettings:
+    def moved(self, which: Varied, step_v: float) -> Self:
         """Return these settings with the rails `which` so much larger, V."""
         positive = step_v if which in {"positive", "both"} else 0.0
         negative = step_v if which in {"negative", "both"} else 0.0
@@ -63,7 +61,6 @@ class PowerSettings(LevelSettings, frozen=True, kw_only=True):
         )
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         limits = self.station.limits
         low_v, high_v = limits.min_rail_v, limits.max_rail_v
@@ -111,12 +108,10 @@ class RailsLogged(StepResult, Struct, frozen=True):
     outputs: tuple[Reading, ...]
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        """Return the log with the correction of the multimeter's certificate to the output."""
         del step
         return replace(self, outputs=tuple(each.corrected(known) for each in self.outputs))
 
     def describe(self) -> str:
-        """Name the largest current."""
         return f"{len(self.drawn)} currents, at most {max((each.current_a for each in self.drawn), default=0.0):.4g} A"
 
 
@@ -126,7 +121,6 @@ class RailsDrawn(StepResult, Struct, frozen=True):
     drawn: tuple[RailDraw, ...]
 
     def describe(self) -> str:
-        """Name the mean current of each."""
         outputs = dict.fromkeys(each.output for each in self.drawn)
         means = {output: fmean(each.current_a for each in self.drawn if each.output == output) for output in outputs}
         return ", ".join(f"{output} {current_a:.4f} A" for output, current_a in means.items())
@@ -187,7 +181,6 @@ class PowerResult(Struct, frozen=True):
     scale_factor_v_per_deg_s: ScaleFactor
 
     def quantities(self) -> Iterator[tuple[str, Measurand]]:
-        """Yield the values for a data sheet, by its names."""
         for rail in self.rails:
             yield f"supply current, {rail.rail} rail", rail.current
             yield f"largest current at power-on, {rail.rail} rail", rail.inrush
@@ -343,7 +336,7 @@ class _Moved(Struct, frozen=True):
     rails: tuple[Mapping[str, float], ...]
 
     @classmethod
-    def of(cls, windows: Sequence[tuple[Acquire, Window]], scale: float) -> _Moved:
+    def of(cls, windows: Sequence[tuple[Acquire, Window]], scale: float) -> Self:
         states = [windows[at : at + _A_STATE] for at in range(0, len(windows), _A_STATE)]
         bias, slope, rails = [], [], []
         for (_, rest), (at, plus), (_, minus) in states:

@@ -5,8 +5,6 @@ output stands still, then the output is chopped 0, +, -, -, +, 0 by V_Vc or by t
 measured where there is an oscilloscope. In the end the air is off, or the person is asked to bring the room back.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import pairwise
@@ -27,8 +25,9 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
+from vcfbench.procedures.shared.framed import framed, scale_factor_read
 from vcfbench.procedures.shared.kept_characteristics import Keeps
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, read_scale_factor
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.shared.oscilloscope import capture_drive
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.temperature.results import (
@@ -45,35 +44,37 @@ from vcfbench.steps.step import Routine, answer
 _SIGMAS = 3.0
 
 
-def plan(settings: TemperatureSettings) -> steps.Plan:
-    """Go to each temperature, soak, measure; whatever happens, the air is off afterwards."""
-    yield from read_scale_factor(settings)
-    return (yield from routines.energised(settings, _with_drive(settings)))
-
-
-def _with_drive(settings: TemperatureSettings) -> Routine[steps.Outcome]:
+def _looked_at(settings: TemperatureSettings, work: steps.Plan) -> steps.Plan:
     yield from routines.look_at_drive(settings)
     if not settings.split:
         yield steps.NotChecked("the mode split", "not measured here; --set split=true does, at each temperature")
-    return (yield from routines.held_at_rest(settings, _in_chamber(settings)))
+    return (yield from work)
 
 
-def _in_chamber(settings: TemperatureSettings) -> Routine[steps.Outcome]:
+def _air_off(settings: TemperatureSettings, work: steps.Plan) -> steps.Plan:
+    """Do `work`; whatever happens, the air is off afterwards, or a person is asked to bring the room back."""
     if settings.chamber is None:
-        outcome = yield from _over_temperature(settings)
+        outcome = yield from work
         yield steps.set_air_by_hand(settings.room_c, settings.chamber_takes_s)
         return outcome
     try:
-        return (yield from _over_temperature(settings))
+        return (yield from work)
     finally:
         yield steps.StopFlow()
 
 
-def _over_temperature(settings: TemperatureSettings) -> Routine[steps.Outcome]:
+@framed(scale_factor_read, routines.energised, _looked_at, routines.held_at_rest, _air_off)
+def plan(settings: TemperatureSettings) -> steps.Plan:
+    """Go to each temperature, soak, measure."""
     previous_c = settings.room_c
     for temperature_c, direction in zip(settings.temperatures_c, directions(settings.temperatures_c), strict=True):
         yield AtTemperature(temperature_c, direction)
-        yield from _go_to(settings, temperature_c, previous_c)
+        if settings.chamber is None:
+            yield steps.set_air_by_hand(temperature_c, settings.chamber_takes_s)
+        else:
+            yield steps.SetTemperature(temperature_c, settings.ramp_k_min, settings.window_k, 0.0)
+            way_k = max(0.0, abs(temperature_c - previous_c) - settings.window_k)
+            yield from _reached(settings, temperature_c, way_k / settings.ramp_k_min * 60.0)
         yield from _soak(settings)
         yield from _reached(settings, temperature_c)
         yield from watched(settings, chopped(settings, settings.cycles))
@@ -94,16 +95,6 @@ def directions(temperatures_c: Sequence[float]) -> list[str]:
     for before, here in pairwise(temperatures_c):
         found.append("up" if here > before else "down" if here < before else found[-1] if found else "up")
     return [found[0], *found]
-
-
-def _go_to(settings: TemperatureSettings, temperature_c: float, previous_c: float) -> Routine[None]:
-    """Have the air brought to a temperature."""
-    if settings.chamber is None:
-        yield steps.set_air_by_hand(temperature_c, settings.chamber_takes_s)
-        return
-    yield steps.SetTemperature(temperature_c, settings.ramp_k_min, settings.window_k, 0.0)
-    way_k = max(0.0, abs(temperature_c - previous_c) - settings.window_k)
-    yield from _reached(settings, temperature_c, way_k / settings.ramp_k_min * 60.0)
 
 
 def _reached(settings: TemperatureSettings, temperature_c: float, ramp_s: float = 0.0) -> Routine[None]:

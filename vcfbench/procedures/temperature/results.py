@@ -1,7 +1,5 @@
 """Results over temperature: temperature coefficients of scale factor, bias and frequency, hysteresis."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -51,11 +49,9 @@ class AtTemperature(Step, Struct, frozen=True):
     direction: str
 
     def describe(self) -> str:
-        """Name both."""
         return f"{self.temperature_c:+g} degC, {self.direction}"
 
     def perform(self, context: Context) -> Done:
-        """Do nothing."""
         del context
         return Done()
 
@@ -116,7 +112,6 @@ class TemperatureResult(Struct, frozen=True):
     scale_factor_v_per_deg_s: ScaleFactor
 
     def quantities(self) -> Iterator[tuple[str, Measurand | _NotSeen]]:
-        """Yield the values for a data sheet, by its names."""
         named = {
             f"scale factor at {self.reference_c:g} degC": self.scale_factor,
             "temperature coefficient of the scale factor": self.scale_factor_tc,

@@ -1,7 +1,5 @@
 """Settings of a run over temperature."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated
 
@@ -70,7 +68,6 @@ class TemperatureSettings(LevelSettings, frozen=True, kw_only=True):
         )
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         limits = self.station.limits
         if len(set(self.temperatures_c)) < 3:

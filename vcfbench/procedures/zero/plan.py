@@ -5,8 +5,6 @@ strongly as 0.2 s do: sqrt(5) times too much at 1 s, and 2.6 times behind a sens
 So there are three modes: the record as it stands, the same corrected for its dead time, and readings without gaps.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from datetime import timedelta
@@ -22,13 +20,14 @@ from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Ro
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, Provenance
 from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.framed import framed, scale_factor_read
 from vcfbench.procedures.shared.kept_characteristics import KeptSettings, conditions_of
-from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, read_scale_factor, scale_factor_used
+from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
 from vcfbench.records.devices import NewEntry
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Foreseen, Measured
-from vcfbench.steps.step import Routine, answer
+from vcfbench.steps.step import answer
 
 _LEAST_READINGS = 200
 """Fewer have no averaging times for four coefficients."""
@@ -122,7 +121,6 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
         return means * self.readings_a_mean if self.mode is Mode.GAPLESS else means
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.duration_s < _LEAST_READINGS * self.sample_interval_s * (1.0 - _EXACTLY):
             least_s = _LEAST_READINGS * self.sample_interval_s
@@ -144,43 +142,29 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
             yield InvalidValue("burst_readings", expected, self.burst_readings)
 
 
-def zero(settings: ZeroSettings) -> steps.Plan:
-    """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
-    yield from read_scale_factor(settings)
-    return (yield from routines.off_afterwards(settings, _warm(settings)))
-
-
-def _warm(settings: ZeroSettings) -> Routine[steps.Outcome]:
-    """Take the record with the PCB powered and warm, the drive looked at and the table held at rest."""
+def _warm(settings: ZeroSettings, work: steps.Plan) -> steps.Plan:
+    """Do `work` with the PCB powered and warm, and the drive looked at."""
     yield steps.Note("Start-up")
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield from routines.source_off(settings)
     yield from routines.rails_on(settings)
     yield from routines.look_at_drive(settings)
-    return (yield from routines.held_at_rest(settings, _record(settings)))
+    return (yield from work)
 
 
-def _record(settings: ZeroSettings) -> Routine[steps.Outcome]:
+@framed(scale_factor_read, routines.off_afterwards, _warm, routines.held_at_rest)
+def zero(settings: ZeroSettings) -> steps.Plan:
+    """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
     yield steps.Note(f"The output at rest for {settings.duration_s:g} s")
     yield steps.Settle(settings.settle_s, "gyro settles, at rest")
     table_deg_s = None if settings.station.limits.max_rate_deg_s is None else 0.0
-    common: dict[str, Any] = {
-        "step": 1,
-        "rate_deg_s": 0.0,
-        "v_vc_v": 0.0,
-        "table_deg_s": table_deg_s,
-        "tolerance_deg_s": settings.rate_tolerance_deg_s,
-        "rails": routines.rails_of(settings),
-        "rail_tolerance_v": settings.rail_tolerance_v,
-        "samples": settings.readings,
-        "resolution_v": settings.meter_resolution_v,
-        "noise_v": settings.expected.reading_noise_v,
-    }
+    window = {**routines.window_of(settings), "samples": settings.readings}
     if settings.mode is Mode.GAPLESS:
         burst = settings.burst_readings // settings.readings_a_mean * settings.readings_a_mean
-        taken = yield steps.AcquireGapless(**common, interval_s=settings.aperture_s, burst=burst)
+        window |= {"interval_s": settings.aperture_s, "burst": burst}
+        taken = yield steps.AcquireGapless(1, 0.0, 0.0, table_deg_s, **window)
     else:
-        taken = yield steps.Acquire(**common, interval_s=settings.sample_interval_s)
+        taken = yield steps.Acquire(1, 0.0, 0.0, table_deg_s, **window)
     routines.require_alive(settings, answer(taken, steps.Window).point)
     yield from routines.require_answer(settings)
     return steps.Outcome(f"static record of {settings.duration_s:g} s")
@@ -239,10 +223,6 @@ def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> New
     return NewEntry(record, Path(settings.devices))
 
 
-def _report(settings: ZeroSettings, _measured: Measured, results: ZeroResult) -> Any:
-    return zero_report(results, bandwidth_stated=settings.passed_hz is not None)
-
-
 ZERO = Procedure(
     name="zero",
     title=BUILT_IN["zero"][1],
@@ -254,7 +234,7 @@ ZERO = Procedure(
     settings=ZeroSettings,
     plan=zero,
     results=_results,
-    report=_report,
+    report=lambda own, _, results: zero_report(results, bandwidth_stated=own.passed_hz is not None),
     entry=_entry,
     needs={"power": PowersRails, "multimeter": ReadsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_source": SetsVoltage, "rate_table": Rotates},

@@ -1,7 +1,5 @@
 """Results of a static record: Allan curve, noise coefficients, bias stability, mean and trend, and their report."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -86,21 +84,6 @@ class AllanRow(Struct, frozen=True):
     fit: float | None
 
 
-class Stability(Struct, frozen=True):
-    """Bias stability by every definition in use, deg/h; None where the record is too short for it."""
-
-    sd_1_s: float | None
-    sd_10_s: float | None
-    sd_100_s: float | None
-    sd_10_s_detrended: float | None
-    peak_to_peak_10_s: float | None
-    allan_minimum: float
-    allan_minimum_low: float
-    allan_minimum_high: float
-    allan_minimum_tau_s: float
-    bias_instability_read_off: float
-
-
 class ZeroResult(Struct, frozen=True):
     """A static record. `mode` is the treatment of its dead time; rates are outputs over the scale factor."""
 
@@ -118,7 +101,7 @@ class ZeroResult(Struct, frozen=True):
     """The fitted coefficients; none where the record scatters by less than the meter resolves."""
     angle_random_walk_as_read: float
     """N of the record as it stands, deg/sqrt(h): noise folded in by dead time is in it."""
-    stability_deg_h: Stability
+    stability_deg_h: BiasStability
     output_v: Measurand | None
     bias: Measurand | None
     """deg/s: the mean as that of the horizon about the record, Earth's rate along the axis in it; None as above."""
@@ -133,7 +116,6 @@ class ZeroResult(Struct, frozen=True):
     swings from one to the next, and shorter ones follow no power of the time."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits."""
         return {"bias_v": self.bias_v, "bias_deg_s": self.bias_deg_s}
 
     @property
@@ -209,8 +191,23 @@ def zero_results(
     follows = _follows(curve, rates.size, fitted, gapless=sampling.gapless)
     fit = _fit(follows, rates.size, fitted, gapless=sampling.gapless)
     fit = fit if fit is None else with_what_is_let_through(fit, fitted, u_bandwidth_hz)
-    curve = curve if fit is None else _with_honest_bounds(curve, rates.size, fitted, fit)
-    walk = _walk_as_it_stands(follows, rates.size, sampling.interval_s)
+    if any(point.deviation <= 0.0 for point in follows):  # no fit: N is read off at the shortest time
+        walk = follows[0].deviation * math.sqrt(follows[0].tau_s)
+    else:
+        gapless = Sampling.without_gaps(sampling.interval_s)
+        walk = fit_noise(follows, rates.size, gapless, _ALWAYS).coefficients.angle_random_walk
+    if fit is not None:
+        # The degrees of freedom that its own noise leaves the curve, not those of white noise
+        law, points = fit.coefficients.phase_noise(fitted), []
+        for tau_s, deviation in [(point.tau_s, point.deviation) for point in curve]:
+            edf = allan.equivalent_dof(rates.size, round(tau_s / fitted.interval_s), law)
+            low, high = allan.confidence_interval(edf, _CONFIDENCE)
+            points.append(allan.AllanPoint(tau_s, deviation, edf, low * deviation, high * deviation))
+        curve = points
+    dead_share = 1.0 - sampling.aperture_s / sampling.interval_s
+    if sampling.gapless:  # between bursts without gaps the times tell it
+        seen_s = rates.size * sampling.interval_s
+        dead_share = max(0.0, 1.0 - seen_s / (float(times_s[-1] - times_s[0]) + seen_s / times_s.size))
     output, bias, trend = (None, None, None) if fit is None else _stated(volts, fitted, scale, settings, fit)
     # Whether it is known how much white noise a reading lets through, or nobody wants to correct for it
     passed = mode == "dead-time" or sampling.gapless or sampling.noise_bandwidth_hz is not None
@@ -219,13 +216,13 @@ def zero_results(
         samples=rates.size,
         interval_s=sampling.interval_s,
         aperture_s=sampling.aperture_s,
-        dead_share=_dead_share(times_s, rates.size, sampling),
+        dead_share=dead_share,
         white_noise_seen=deviation_factor(sampling, allan.Noise.WHITE),
         scale_factor_v_per_deg_s=scale,
         allan_deg_h=tuple(_row(point, fitted, fit, corrected=mode != "dead-time") for point in curve),
         noise=() if fit is None else _coefficients(fit, passed=passed),
         angle_random_walk_as_read=_DEG_RTH * walk,
-        stability_deg_h=_stability(bias_stability(rates, sampling, curve)),
+        stability_deg_h=bias_stability(rates, sampling, curve, _DEG_H),
         output_v=output,
         bias=bias,
         trend=trend,
@@ -301,35 +298,6 @@ def _follows(
     return curve
 
 
-def _with_honest_bounds(
-    curve: Sequence[allan.AllanPoint], samples: int, sampling: Sampling, fit: NoiseFit
-) -> list[allan.AllanPoint]:
-    """Return the curve with the degrees of freedom that its own noise leaves it, not those of white noise."""
-    law = fit.coefficients.phase_noise(sampling)
-    points = []
-    for point in curve:
-        edf = allan.equivalent_dof(samples, round(point.tau_s / sampling.interval_s), law)
-        low, high = allan.confidence_interval(edf, _CONFIDENCE)
-        points.append(type(point)(point.tau_s, point.deviation, edf, low * point.deviation, high * point.deviation))
-    return points
-
-
-def _walk_as_it_stands(curve: Sequence[allan.AllanPoint], samples: int, interval_s: float) -> float:
-    """Return N of the record taken for gapless, deg/sqrt(s): fitted where it can be, else read off at the shortest."""
-    if any(point.deviation <= 0.0 for point in curve):
-        return curve[0].deviation * math.sqrt(curve[0].tau_s)
-    return fit_noise(curve, samples, Sampling.without_gaps(interval_s), _ALWAYS).coefficients.angle_random_walk
-
-
-def _dead_share(times_s: Floats, means: int, sampling: Sampling) -> float:
-    """Return the part of the record that no reading saw; between bursts without gaps the times tell it."""
-    if not sampling.gapless:
-        return 1.0 - sampling.aperture_s / sampling.interval_s
-    seen_s = means * sampling.interval_s
-    reading_s = seen_s / times_s.size
-    return max(0.0, 1.0 - seen_s / (float(times_s[-1] - times_s[0]) + reading_s))
-
-
 def _row(point: allan.AllanPoint, sampling: Sampling, fit: NoiseFit | None, *, corrected: bool) -> AllanRow:
     observed, low, high = _DEG_H * point.deviation, _DEG_H * point.low, _DEG_H * point.high
     if fit is None:
@@ -349,14 +317,6 @@ def _coefficients(fit: NoiseFit, *, passed: bool) -> tuple[NoiseCoefficient, ...
         value, u = (factor * each.value if known else None), (factor * each.u if known and each.u is not None else None)
         found.append(NoiseCoefficient(term.value, value, u, factor * each.upper_95, unit))
     return tuple(found)
-
-
-def _stability(found: BiasStability) -> Stability:
-    means = found.sd_1_s, found.sd_10_s, found.sd_100_s, found.sd_10_s_detrended, found.peak_to_peak_10_s
-    sd_1, sd_10, sd_100, detrended, peak = (None if value is None else _DEG_H * value for value in means)
-    floor, low, high = (_DEG_H * value for value in (found.floor, found.floor_low, found.floor_high))
-    read_off = _DEG_H * found.bias_instability
-    return Stability(sd_1, sd_10, sd_100, detrended, peak, floor, low, high, found.floor_tau_s, read_off)
 
 
 def _stated(
@@ -429,14 +389,23 @@ def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
     """Report a static record: its sampling, its results, the Allan table and its figure."""
     found = results.flicker  # as the key of the bench file
     for_budgets = [f"for [uncertainty] of the bench file: bias_instability_deg_h = {found[0]:.3g}"] if found else []
+    of_noise: Table | Text = Text("no noise: the readings scatter by less than the meter resolves")
+    if results.noise:
+        columns = [Column("noise", align="left"), Column("value", format=".4g"), Column("u", format=".2g")]
+        columns += [Column("below, 95 %", format=".3g"), Column("unit", align="left")]
+        of_noise = Table(columns, [(each.name, each.value, each.u, each.upper_95, each.unit) for each in results.noise])
+    columns = [Column("tau", "s", "g"), Column("Allan deviation", "deg/h", ".3f"), Column("low 95 %", "deg/h", ".3f")]
+    columns += [Column("high 95 %", "deg/h", ".3f"), Column("edf", format=".3g")]
+    columns += [Column("without dead time", "deg/h", ".3f"), Column("fit", "deg/h", ".3f")]
+    allan_rows = [(r.tau_s, r.observed, r.low, r.high, r.edf, r.corrected, r.fit) for r in results.allan_deg_h]
     return Report(
         [
             Text(_taken(results, bandwidth_stated=bandwidth_stated)),
-            _noise_table(results),
+            of_noise,
             _bias_table(results),
             *([] if results.output_v is None else [budget_table("the output's mean", results.output_v)]),
             _stability_table(results.stability_deg_h),
-            _allan_table(results),
+            Table(columns, [tuple(Cell(None) if value is None else value for value in row) for row in allan_rows]),
             Text("\n".join([*for_budgets, _WHAT_U_HOLDS])),
             _figure(results),
         ]
@@ -481,14 +450,6 @@ def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
     return "\n".join(lines)
 
 
-def _noise_table(results: ZeroResult) -> Table | Text:
-    if not results.noise:
-        return Text("no noise: the readings scatter by less than the meter resolves")
-    columns = [Column("noise", align="left"), Column("value", format=".4g"), Column("u", format=".2g")]
-    columns += [Column("below, 95 %", format=".3g"), Column("unit", align="left")]
-    return Table(columns, [(each.name, each.value, each.u, each.upper_95, each.unit) for each in results.noise])
-
-
 def _bias_table(results: ZeroResult) -> Table:
     columns = [Column("", align="left"), Column("value", format=".6g"), Column("u", format=".2g")]
     columns += [Column("dof", format=".3g"), Column("U95", format=".2g"), Column("unit", align="left")]
@@ -505,7 +466,7 @@ def _bias_table(results: ZeroResult) -> Table:
     return Table(columns, rows, incomplete(() if results.bias is None else results.bias.missing).removeprefix("; "))
 
 
-def _stability_table(found: Stability) -> Table:
+def _stability_table(found: BiasStability) -> Table:
     rows: list[Any] = [
         ("standard deviation of 1-s means", found.sd_1_s),
         ("standard deviation of 10-s means", found.sd_10_s),
@@ -516,14 +477,6 @@ def _stability_table(found: Stability) -> Table:
         ("Allan minimum / 0.664", found.bias_instability_read_off),
     ]
     return Table([Column("bias stability", align="left"), Column("value", "deg/h", ".3g")], rows)
-
-
-def _allan_table(results: ZeroResult) -> Table:
-    columns = [Column("tau", "s", "g"), Column("Allan deviation", "deg/h", ".3f"), Column("low 95 %", "deg/h", ".3f")]
-    columns += [Column("high 95 %", "deg/h", ".3f"), Column("edf", format=".3g")]
-    columns += [Column("without dead time", "deg/h", ".3f"), Column("fit", "deg/h", ".3f")]
-    rows = [(r.tau_s, r.observed, r.low, r.high, r.edf, r.corrected, r.fit) for r in results.allan_deg_h]
-    return Table(columns, [tuple(Cell(None) if value is None else value for value in row) for row in rows])
 
 
 def _figure(results: ZeroResult) -> Figure | Text:
