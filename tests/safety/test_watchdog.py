@@ -165,6 +165,18 @@ def test_who_died_with_a_table_that_turns_is_named(tmp_path: Path) -> None:
         assert what_is_on(lab) == []
 
 
+def test_a_watchdog_that_acts_does_not_wait_for_numpy() -> None:
+    act = """
+import sys
+from vcfbench.cli.watchdog import load_wires
+load_wires()
+print({"pyvisa", "numpy"} & {*sys.modules})
+import numpy  # the driver of another package may want it
+"""
+    done = subprocess.run([sys.executable, "-c", act], capture_output=True, text=True, check=True)  # noqa: S603
+    assert done.stdout == "{'pyvisa'}\n"
+
+
 def test_a_torn_line_makes_room_for_the_watchdog_s(tmp_path: Path) -> None:
     journal = tmp_path / "journal.jsonl"
     journal.write_bytes(b'{"type":"header"}\n{"type":"st')

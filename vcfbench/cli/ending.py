@@ -16,8 +16,6 @@ import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final, Protocol, cast
 
-import typer
-
 from vcfbench.errors import Aborted, BenchError, NotSafe
 
 if TYPE_CHECKING:
@@ -159,7 +157,7 @@ def _to_stderr(words: str) -> bool:
     try:
         number = stream.fileno()
     except (OSError, ValueError, AttributeError):  # no file: somebody listens in this process
-        typer.echo(words, err=True)
+        print(words, file=stream, flush=True)
         return True
     with suppress(OSError, ValueError):
         stream.flush()

@@ -26,7 +26,9 @@ def main() -> None:
     why = watch.until_it_ends()
     code = 0
     if why is not None and b"bench" in watch.said:
-        code = _load().make_safe(watch.said, why)
+        acting = _load()
+        load_wires()
+        code = acting.make_safe(watch.said, why)
     if sys.stderr is not None:
         sys.stderr.flush()
     os._exit(code)  # the thread that listens has standard input, which an orderly end would want
@@ -40,6 +42,17 @@ def _load() -> ModuleType:
     import vcfbench.cli.left_live as acting  # noqa: PLC0415
 
     return acting
+
+
+def load_wires() -> None:
+    """Load what speaks to instruments, but not numpy, which PyVISA wants for arrays: it takes as long as PyVISA."""
+    sys.modules["numpy"] = None  # type: ignore[assignment]  # an import raises ImportError
+    try:
+        import vcfbench.bench.make_safe  # noqa: PLC0415
+        import vcfbench.drivers.visa_wire  # noqa: F401, PLC0415
+    except ImportError:  # whoever needs it will say so
+        pass
+    del sys.modules["numpy"]
 
 
 class Watch:
@@ -60,7 +73,7 @@ class Watch:
             silent = self._turn - self._heard_turn
             if silent == SILENT_TURNS // 2:
                 _load()  # it may be needed in a second
-                import vcfbench.bench.make_safe  # noqa: F401, PLC0415
+                load_wires()
             if silent >= SILENT_TURNS:
                 return self._ended(f"the program gave no sign of life for {SILENT_TURNS * TURN_S:g} s")
             if self._turn > self._last_turn:
