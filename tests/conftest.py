@@ -92,8 +92,7 @@ def _sockets_close_at_once() -> Iterator[None]:
 @pytest.fixture
 def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Grant blind words more than tenths of a second, where what they do is asked and not how fast this machine is."""
-    for module in ("session", "rate_table.line"):
-        monkeypatch.setattr(f"vcfbench.drivers.{module}._BLIND_S", PLENTY_S)
+    monkeypatch.setattr("vcfbench.drivers.conversation._BLIND_S", PLENTY_S)
 
 
 def pytest_configure(config: pytest.Config) -> None:

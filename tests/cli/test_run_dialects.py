@@ -11,7 +11,7 @@ from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
-from vcfbench.drivers.rate_table import profile
+from vcfbench.drivers.rate_table import language
 from vcfbench.drivers.rate_table.dialect import AxisSettings
 from vcfbench.drivers.rate_table.dialects import DIALECTS, spoken
 from vcfbench.station.file import embedded_text
@@ -89,12 +89,20 @@ def test_the_documentation_shows_the_example() -> None:
 
 def test_the_documentation_names_every_dialect_and_key() -> None:
     text = (Path(__file__).parents[2] / "docs" / "rate-tables.md").read_text(encoding="utf-8")
-    parts = [profile.Profile, profile.Link, profile.Frame, profile.Units, profile.Step, profile.Reply, profile.Refusals]
-    parts += [profile.Stream, profile.Field, profile.Flag, profile.Requirement, profile.AtRate, profile.Safety]
+    parts = [
+        language.Profile,
+        language.Link,
+        language.Frame,
+        language.Units,
+        language.Step,
+        language.Reply,
+        language.Refusals,
+    ]
+    parts += [language.Stream, language.Field, language.Flag, language.Requirement, language.AtRate, language.Safety]
     keys = {key for part in parts for key in part.__struct_encode_fields__}
     missing = {key for key in keys if not any(form in text for form in (f"`{key}`", f"[{key}]", f"{key} = "))}
     assert missing == set()
-    assert all(f"`{name}`" in text for name in (*DIALECTS, *profile.COMMANDS))
+    assert all(f"`{name}`" in text for name in (*DIALECTS, *language.COMMANDS))
 
 
 def test_the_record_keeps_the_text_of_a_profile_of_one_s_own(tmp_path: Path) -> None:

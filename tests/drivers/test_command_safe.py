@@ -146,7 +146,7 @@ def test_where_the_proof_fails_the_words_go_out_once_more_and_last() -> None:
     )
     supply = E3631A(session)
     supply.outputs_enabled()
-    session._dirty = True
+    session.dirty = True
     report = supply.make_safe(Deadline.after(clock, 20.0))
     assert dumb.sent[0] == dumb.sent[-1] == OFF_BLIND[0]
     assert b"*IDN?\n" in dumb.sent[1:]

@@ -167,7 +167,7 @@ def test_no_time_left_sends_nothing_and_gives_nothing_up() -> None:
     with expected_exchange(OPEN, []) as session:
         with pytest.raises(DeadlineExceeded, match="before anything was sent"):
             session.query("A?", Deadline.after(session.clock, 0.0))
-        session._dirty = True
+        session.dirty = True
         with pytest.raises(DeadlineExceeded, match="before anything was sent"):
             session.query("A?", Deadline.after(session.clock, 0.0))
         assert not session.closed

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 from msgspec import Struct
 
 from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
-from vcfbench.drivers.rate_table.dialects import open_serial, spoken
+from vcfbench.drivers.rate_table.dialects import spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
+from vcfbench.drivers.rate_table.line import open_serial
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings
 from vcfbench.drivers.session import open_session
 from vcfbench.errors import BenchError, ConfigError

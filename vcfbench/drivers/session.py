@@ -9,16 +9,16 @@ The safe words alone need none of that: they are sent on whatever is left of the
 
 from __future__ import annotations
 
-import threading
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from msgspec import Struct
 
-from vcfbench.clock import Deadline, WallClock, sleep, within
+from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.trace import attending, tapping
+from vcfbench.drivers.conversation import Conversation, shown
+from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
 from vcfbench.errors import (
     DeadlineExceeded,
     FramingError,
@@ -30,32 +30,24 @@ from vcfbench.errors import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
+    from collections.abc import Callable
     from types import TracebackType
     from typing import Self
 
     from vcfbench.clock import Clock
-    from vcfbench.drivers.replies import NumberForm
     from vcfbench.drivers.visa_wire import SerialParameters
     from vcfbench.drivers.wire import Interface, Wire
 
 _T = TypeVar("_T")
 
 _LONGEST_LINE = 4_194_304
-_LONGEST_SHOWN = 200
 _DEEPEST_QUEUE = 64
 """More entries than any of the instruments' error queues hold (20 or 30)."""
-
-_BLIND_S = 0.3
-"""Wall time that sending the safe words may take."""
-
 _ECHO_S = 0.1
 """Longest wait for the last of doubled answers, s."""
-
 _QUERY_ERRORS = range(-499, -399)
-_STATUS_ERRORS = MappingProxyType({4: "query error", 8: "device error", 16: "execution error", 32: "command error"})
 """-410, -420, -430, -440: queue entries of an interrupted exchange; the session has dealt with it."""
+_STATUS_ERRORS = MappingProxyType({4: "query error", 8: "device error", 16: "execution error", 32: "command error"})
 
 
 class SerialLine(Struct, frozen=True):
@@ -94,87 +86,43 @@ def open_session(
     Raises:
         ConnectFailed: nobody answers there, or the library cannot open it.
     """
-    tap = tapping(name, resource, clock)
 
     def connect(deadline: Deadline) -> Wire:
         from vcfbench.drivers.visa_wire import open_wire  # noqa: PLC0415 - PyVISA is loaded when first needed
 
-        return tap(open_wire(resource, library, deadline, serial))
+        return open_wire(resource, library, deadline, serial)
 
-    reach = attending(name, connect)
-    allowed_s = timeout_s if open_timeout_s is None else open_timeout_s
-    try:
-        wire = reach(Deadline.after(clock, allowed_s))
-    except TransportError as error:
-        error.instrument, error.resource = name, resource
-        raise
-    return Session(
-        wire,
+    return Session.opened(
+        connect,
         name=name,
         resource=resource,
         clock=clock,
         timeout_s=timeout_s,
+        open_timeout_s=open_timeout_s,
         write_pause_s=write_pause_s,
-        reconnect=reach,
     )
 
 
-class Session:
+class Session(Conversation):
     """A conversation with one SCPI instrument.
 
     Every method raises a :class:`~vcfbench.errors.TransportError` that names instrument, resource and command when
     the wire fails, and none returns an answer to anything but its own question.
     """
 
-    def __init__(
-        self,
-        wire: Wire,
-        *,
-        name: str,
-        resource: str,
-        clock: Clock,
-        timeout_s: float,
-        write_pause_s: float = 0.0,
-        reconnect: Callable[[Deadline], Wire] | None = None,
-    ) -> None:
-        self.name = name
-        self.resource = resource
-        self.clock = clock
-        self.timeout_s = timeout_s
+    def __init__(self, wire: Wire, *, write_pause_s: float = 0.0, **of_conversation: Any) -> None:
+        super().__init__(wire, **of_conversation)
         self._write_pause_s = write_pause_s
-        self._wire = wire
-        self._reconnect = reconnect
-        self._lock = threading.RLock()
-        self._received = b""
         self._identity: str | None = None
-        self._dirty = False
-        self._closed_because: str | None = None
         self._put_off: list[tuple[int, str]] = []
-        self._safe_words = b""
-        self._tells_by_status = False
+        self._safe_words: tuple[bytes, ...] = ()
+        self._error_question: tuple[str, Callable[[bytes], tuple[int, str]]] = "SYST:ERR?", _error_entry
+        """Question for the next error, and the reader of number and words in its answer; number 0 is none."""
 
     @property
     def interface(self) -> Interface:
         """Kind of the connection."""
         return self._wire.interface
-
-    @property
-    def dirty(self) -> bool:
-        """Tell whether the last exchange failed and the next one must resynchronise first."""
-        return self._dirty
-
-    @property
-    def closed(self) -> bool:
-        """Tell whether the connection has been given back or given up."""
-        return self._closed_because is not None
-
-    def exclusive(self) -> AbstractContextManager[bool]:
-        """Keep other threads out for several exchanges."""
-        return self._lock
-
-    def deadline(self, seconds: float | None = None) -> Deadline:
-        """Return a deadline `seconds` from now, by default the session's time-out."""
-        return Deadline.after(self.clock, self.timeout_s if seconds is None else seconds)
 
     # Questions
 
@@ -182,17 +130,13 @@ class Session:
         """Ask `command` and return the answer, without its terminator."""
         return self._ask(command, replies.text, deadline)
 
-    def query_reading(
-        self, command: str, deadline: Deadline | None = None, form: NumberForm = replies.ANY_NUMBER
-    ) -> float:
+    def query_reading(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a measured value in the `form` that the model promises; raises MeasurementError for 9.9E37."""
         return self._ask(command, lambda line: replies.reading(replies.text(line), form), deadline)
 
     query_float = query_reading
 
-    def query_number(
-        self, command: str, deadline: Deadline | None = None, form: NumberForm = replies.ANY_NUMBER
-    ) -> float:
+    def query_number(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a number in the `form` that the model promises; it may be 9.9E37, which then means infinity."""
         return self._ask(command, lambda line: replies.number(replies.text(line), form), deadline)
 
@@ -201,7 +145,7 @@ class Session:
         return self._ask(command, lambda line: replies.numbers(replies.text(line)), deadline)
 
     def query_readings(
-        self, command: str, deadline: Deadline | None = None, form: NumberForm = replies.ANY_NUMBER
+        self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER
     ) -> tuple[float, ...]:
         """Ask for comma-separated measured values, each in the `form`; raises MeasurementError for a 9.9E37."""
 
@@ -241,10 +185,10 @@ class Session:
         with self._lock:
             self._in_step(limit)
             for command in commands:
-                self._dirty = True
-                with self._knowing_where(command, limit):
+                self.dirty = True
+                with self.exchange(command, limit):
                     self._say(command, limit)
-                self._dirty = False
+                self.dirty = False
                 if self._write_pause_s:
                     sleep(self.clock, min(self._write_pause_s, limit.remaining()))
 
@@ -269,64 +213,27 @@ class Session:
             f'refused with {number} "{words}"{also}',
             number=number,
             words=words,
-            instrument=self.name,
-            resource=self.resource,
-            command=None if command is None else _shown(command),
+            command=None if command is None else shown(command),
+            **self.where,
         )
 
     def use_event_status(self) -> None:
         """Read refusals from ``*ESR?``: the instrument has no error queue."""
-        self._tells_by_status = True
-
-    @property
-    def _error_question(self) -> tuple[str, Callable[[bytes], tuple[int, str]]]:
-        """Question for the next error, and the reader of number and words in its answer; number 0 is none."""
-        return ("*ESR?", _event_status) if self._tells_by_status else ("SYST:ERR?", _error_entry)
+        self._error_question = "*ESR?", _event_status
 
     # The safe words
 
     def declare_safe(self, *words: str) -> None:
         """Learn the commands that make the instrument safe; every new connection begins with these words."""
         # The newline that goes first ends what is left of a torn command: else it would swallow the first word.
-        self._safe_words = b"".join(b"\n" + word.encode("ascii") for word in words) + b"\n" if words else b""
+        self._safe_words = (b"".join(b"\n" + word.encode("ascii") for word in words) + b"\n",) if words else ()
 
     def command_safe(self) -> bool:
         """Send the safe words at once and tell whether the wire took them; nothing is waited for, nothing raised.
 
         The lock is not: another thread may hang in an exchange. Commands have no answers, so the session stays in step.
         """
-        if not self._safe_words:
-            return True
-        taken: list[bool] = []  # the latest that is known when the time is up
-        within(_BLIND_S, lambda: self._speak_blind(taken))
-        return bool(taken and taken[-1])
-
-    def _speak_blind(self, taken: list[bool]) -> None:
-        with suppress(Exception):  # whatever a VISA library raises: the other instruments must hear their words
-            try:
-                self._require_open()
-                self._wire.send(self._safe_words, _blind_deadline())
-                taken.append(True)
-                if self._wire.pending():  # also finds out that the peer has gone, which sending did not
-                    self._dirty = True
-            except LinkLost:
-                taken.append(False)
-                # Whoever holds the lock meanwhile is connecting anew already
-                if self._reconnect is None or not self._lock.acquire(blocking=False):
-                    return
-                try:
-                    self._renew(self._reconnect, _blind_deadline())
-                    taken.append(True)
-                finally:
-                    self._lock.release()
-
-    def _renew(self, reconnect: Callable[[Deadline], Wire], deadline: Deadline) -> None:
-        """Make a new connection; the safe words are the first that is said there."""
-        self._give_up("it was given up for a new one")
-        self._wire = reconnect(deadline)
-        self._closed_because, self._received, self._dirty = None, b"", True
-        if self._safe_words:
-            self._wire.send(self._safe_words, _blind_deadline())
+        return self.say_blind(self._safe_words) if self._safe_words else True
 
     # Identity, synchronisation, life and death
 
@@ -343,7 +250,7 @@ class Session:
         with self._lock:
             self._require_open()
             self._received = b""
-            with self._knowing_where("device clear", limit):
+            with self.exchange("device clear", limit):
                 self._wire.clear(limit)
 
     def resync(self, deadline: Deadline | None = None) -> None:
@@ -362,15 +269,14 @@ class Session:
             try:
                 self._find_the_place(limit)
             except LinkLost as error:
-                raise self._failed(error, "*IDN?", limit)  # noqa: B904 - the same error, now knowing where
+                raise self.locate(error, "*IDN?", limit)  # noqa: B904 - the same error, now knowing where
             except TransportError as error:
                 self._give_up("answers no longer belonged to their questions")
                 raise OutOfSync(
                     "the answers no longer belong to the questions, the connection was closed",
-                    instrument=self.name,
-                    resource=self.resource,
                     elapsed_s=limit.elapsed(),
                     hint="check the cable and the interface, then start again",
+                    **self.where,
                 ) from error
 
     def _find_the_place(self, deadline: Deadline) -> None:
@@ -391,7 +297,7 @@ class Session:
         if doubled:  # the last answer has a second one too
             with suppress(DeadlineExceeded):
                 self._read_line(Deadline.after(self.clock, min(_ECHO_S, deadline.remaining())))
-        self._dirty = False
+        self.dirty = False
 
     def _next_line(self, deadline: Deadline) -> bytes:
         return self._read_line(deadline).rstrip(b"\r\n")
@@ -402,8 +308,11 @@ class Session:
         while len(entries) < _DEEPEST_QUEUE:
             question, parse = self._error_question
             self._wire.send(question.encode() + b"\n", deadline)
-            while (entry := _entry_or_none(self._next_line(deadline), parse)) is None:
-                pass
+            entry: tuple[int, str] | None = None
+            while entry is None:
+                line = self._next_line(deadline)
+                with suppress(FramingError):
+                    entry = parse(line)
             if entry[0] == 0:
                 break
             entries.append(entry)
@@ -420,18 +329,15 @@ class Session:
                 sleep(self.clock, min(self._write_pause_s, limit.remaining()))
             if self.closed:
                 self._connect_anew(limit)
-            elif self._dirty:
+            elif self.dirty:
                 try:
                     self.resync(Deadline.after(limit.clock, limit.remaining() / 2.0))
                 except TransportError:
                     self._connect_anew(limit)
 
     def _connect_anew(self, deadline: Deadline) -> None:
-        if self._reconnect is None:
-            self._require_open()
-        else:
-            with self._knowing_where(None, deadline):
-                self._renew(self._reconnect, deadline)
+        with self.exchange(None, deadline):
+            self._renew(deadline, self._safe_words)
         self.resync(deadline)
 
     def close(self) -> None:
@@ -464,35 +370,35 @@ class Session:
         limit = deadline or Deadline.after(self.clock, self.timeout_s)
         with self._lock:
             self._in_step(limit)
-            self._dirty = True  # until the exchange is whole, whatever ends it: an error, a signal, an interrupt
+            self.dirty = True  # until the exchange is whole, whatever ends it: an error, a signal, an interrupt
             try:
                 self._say(command, limit)
                 value = read(take(limit))
             except TransportError as error:
-                raise self._failed(error, command, limit)  # noqa: B904 - the same error, now knowing where
+                raise self.locate(error, command, limit)  # noqa: B904 - the same error, now knowing where
             except MeasurementError as error:  # a whole answer, though no value
-                self._dirty = False
+                self.dirty = False
                 error.instrument, error.resource, error.command = self.name, self.resource, command
                 raise
-            self._dirty = False
+            self.dirty = False
             return value
 
     def _in_step(self, deadline: Deadline) -> None:
         """Resynchronise if the last exchange failed, or if something has been said that nobody asked for."""
         if self._closed_because is not None:
             self._require_open()
-        if not self._dirty:
+        if not self.dirty:
             try:
-                self._dirty = bool(self._received or self._wire.pending())
+                self.dirty = bool(self._received or self._wire.pending())
             except TransportError as error:
-                raise self._failed(error, None, deadline)  # noqa: B904 - the same error, now knowing where
-        if self._dirty:
+                raise self.locate(error, None, deadline)  # noqa: B904 - the same error, now knowing where
+        if self.dirty:
             if deadline.expired():  # no time to find the place in is no reason to give the connection up
-                raise self._located(DeadlineExceeded("the time was up before anything was sent"), None, deadline)
+                raise self.locate(DeadlineExceeded("the time was up before anything was sent"), None, deadline)
             self.resync(deadline)
             # Bytes that are there although every question has been answered are second answers, or noise
             self._received = b""
-            with self._knowing_where(None, deadline):
+            with self.exchange(None, deadline):
                 self._wire.pending()
 
     def _say(self, command: str, deadline: Deadline) -> None:
@@ -540,41 +446,10 @@ class Session:
             answer += more
         return bytes(answer).removesuffix(b"\n").removesuffix(b"\r")
 
-    # Failure
-
-    def _require_open(self) -> None:
-        if self._closed_because is not None:
-            raise LinkLost(
-                f"the connection is closed ({self._closed_because})", instrument=self.name, resource=self.resource
-            )
-
-    @contextmanager
-    def _knowing_where(self, command: str | None, deadline: Deadline) -> Iterator[None]:
-        """Let an error of the wire tell where it happened; the session is dirty then."""
-        try:
-            yield
-        except TransportError as error:
-            raise self._failed(error, command, deadline)  # noqa: B904 - the same error
-
-    def _failed(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
-        self._dirty = True
-        self._received = b""
-        if isinstance(error, LinkLost):
-            self._give_up(error.what)
-        return self._located(error, command, deadline)
-
-    def _located(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
-        error.instrument = error.instrument or self.name
-        error.resource = error.resource or self.resource
-        error.command = error.command or (None if command is None else _shown(command))
-        error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
-        return error
-
-    def _give_up(self, because: str) -> None:
-        if self._closed_because is None:
-            self._closed_because = because
-            self._dirty = True
-            self._wire.close()
+    def locate(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
+        """Tell `error` where it happened; the session is dirty then, and a lost connection is closed."""
+        self.dirty, self._received = True, b""
+        return super().locate(error, command, deadline)
 
 
 def _as_it_came(answer: bytes) -> bytes:
@@ -589,23 +464,6 @@ def _event_status(line: bytes) -> tuple[int, str]:
     """Return the errors in a standard event status register; reading it has cleared it (IEEE 488.2, 11.5.1)."""
     bits = replies.integer(replies.text(line)) & sum(_STATUS_ERRORS)
     return bits, ", ".join(words for bit, words in _STATUS_ERRORS.items() if bits & bit)
-
-
-def _entry_or_none(line: bytes, parse: Callable[[bytes], tuple[int, str]]) -> tuple[int, str] | None:
-    try:
-        return parse(line)
-    except FramingError:
-        return None
-
-
-def _blind_deadline() -> Deadline:
-    """Return the deadline of blind sending: wall time, for the bench's clock may hang."""
-    return Deadline.after(WallClock(), _BLIND_S)
-
-
-def _shown(command: str) -> str:
-    """Return `command` as it goes into messages: arbitrary waveforms are commands too."""
-    return command if len(command) <= _LONGEST_SHOWN else f"{command[:_LONGEST_SHOWN]}..."
 
 
 def _require_time(deadline: Deadline, so_far: int) -> None:

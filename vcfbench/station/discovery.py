@@ -207,10 +207,10 @@ def _ask_port(url: str, timeout_s: float) -> DiscoveredInstrument:
 
 def _asked(url: str, baud_rate: int, question: bytes, timeout_s: float) -> str:
     from vcfbench.drivers.rate_table.acl import take_counted  # noqa: PLC0415  # loaded when first needed
-    from vcfbench.drivers.rate_table.line import open_line  # noqa: PLC0415
+    from vcfbench.drivers.rate_table.line import Link, open_serial  # noqa: PLC0415
 
     clock = WallClock()
-    line = open_line(url, clock=clock, name=url, timeout_s=timeout_s, baud_rate=baud_rate)
+    line = open_serial(url, Link(baud=baud_rate), clock=clock, name=url, timeout_s=timeout_s)
     try:
         deadline = Deadline.after(clock, timeout_s)
         line.take_unasked()

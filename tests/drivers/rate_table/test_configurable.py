@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from vcfbench.clock import Deadline, VirtualClock
 from vcfbench.drivers.rate_table.configurable import ConfigurableDialect
-from vcfbench.drivers.rate_table.frames import Frame, frame_bytes, frame_text, take_frame, take_text
 from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.drivers.rate_table.messages import Frame, frame_bytes, frame_text, take_frame, take_text
 from vcfbench.drivers.rate_table.profile import parse_profile
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, InterlockError, LimitError, OutOfSync
 from vcfbench.testing import ScriptedWire

@@ -9,16 +9,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.drivers.rate_table.checksums import CHECKSUMS, checksum, checksum_length
-from vcfbench.drivers.rate_table.fields import decode, encode, text_value, unwrapped
+from vcfbench.drivers.rate_table.messages import (
+    CHECKSUMS,
+    checksum,
+    checksum_length,
+    decode,
+    encode,
+    fill_bytes,
+    fill_text,
+    text_value,
+    unwrapped,
+)
 from vcfbench.drivers.rate_table.profile import load_profile, parse_profile
-from vcfbench.drivers.rate_table.templates import fill_bytes, fill_text
 from vcfbench.errors import ConfigError, FramingError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.drivers.rate_table.fields import Order, Wrap
+    from vcfbench.drivers.rate_table.messages import Order, Wrap
 
 LEAST = """
 title = "a table"

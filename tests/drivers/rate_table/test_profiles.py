@@ -11,17 +11,15 @@ from vcfbench.clock import Deadline, VirtualClock
 from vcfbench.drivers.rate_table.configurable import ConfigurableDialect
 from vcfbench.drivers.rate_table.dialects import SHIPPED
 from vcfbench.drivers.rate_table.line import TableLine
-from vcfbench.drivers.rate_table.motion_values import MotionValues
 from vcfbench.drivers.rate_table.profile import load_profile
 from vcfbench.drivers.rate_table.profile_replies import ProfileReplies
-from vcfbench.drivers.rate_table.profile_values import ProfileValues
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.testing import ScriptedWire
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from vcfbench.drivers.rate_table.templates import Value
+    from vcfbench.drivers.rate_table.messages import Value
     from vcfbench.testing import Exchange
 
 
@@ -45,7 +43,7 @@ def messages(of: ConfigurableDialect, command: str, values: Mapping[str, Value] 
 
 
 def motion(of: ConfigurableDialect, rate_deg_s: float, acceleration_deg_s2: float) -> dict[str, Value]:
-    return MotionValues(of.profile, of.axis).of(line(), rate_deg_s, acceleration_deg_s2)
+    return of.motion(line(), rate_deg_s, acceleration_deg_s2)
 
 
 def dd(text: str) -> bytes:
@@ -151,9 +149,9 @@ def test_ruya_messages(command: str, message: str) -> None:
 def test_ruya_status_is_read() -> None:
     table, on = dialect("ruya"), line((b"x", b"$10542630.0000\r\n"))
     on.send(b"x", soon(on))
-    received = ProfileReplies(table.profile).await_reply(on, "status", soon(on))
+    received = ProfileReplies(table.profile, table.axis).await_reply(on, "status", soon(on))
     assert dict(received.groups) == {"alarm": "0", "state": "5", "seq": "42", "angle": "630.0000"}
-    assert ProfileValues(table.profile, table.axis).number(table.profile.fields["position"], received) == -90.0
+    assert ProfileReplies(table.profile, table.axis).number(table.profile.fields["position"], received) == -90.0
 
 
 def test_aaaa_frames_are_21_bytes_with_a_byte_sum() -> None:
@@ -172,11 +170,10 @@ def test_aaaa_status_is_read() -> None:
     frame = body + bytes([sum(body) % 256])
     table, on = dialect("aaaa"), line((b"x", b"\xaa" + frame))
     on.send(b"x", soon(on))
-    received = ProfileReplies(table.profile).await_reply(on, "status", soon(on))
-    assert ProfileValues(table.profile, table.axis).number(table.profile.fields["position"], received) == pytest.approx(
-        -12.3456
-    )
-    assert ProfileValues(table.profile, table.axis).holds(table.profile.status["enabled"], received)
+    replies = ProfileReplies(table.profile, table.axis)
+    received = replies.await_reply(on, "status", soon(on))
+    assert replies.number(table.profile.fields["position"], received) == pytest.approx(-12.3456)
+    assert replies.holds(table.profile.status["enabled"], received)
 
 
 @pytest.mark.parametrize("name", SHIPPED)

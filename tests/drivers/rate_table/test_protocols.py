@@ -181,14 +181,6 @@ def test_esp_finds_its_place_by_the_version() -> None:
         assert table.rate_deg_s() == 4.5
 
 
-def test_esp_status_character() -> None:
-    with expected_exchange(driver(EspDialect()), esp(VERSION, ("TS", "Q"), ("TS", "P"))) as table:
-        dialect, line = table._dialect, table._line
-        assert isinstance(dialect, EspDialect)
-        assert dialect.moving(line, line.deadline())
-        assert not dialect.moving(line, line.deadline())
-
-
 # ATL
 
 PROMPT = b"\r\n>\r\n"

@@ -11,12 +11,10 @@ import math
 import re
 import struct
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
-
-from msgspec import Struct
+from typing import TYPE_CHECKING
 
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.steady import on_grid
+from vcfbench.drivers.rate_table.dialect import TableDialect, decimal
 from vcfbench.errors import FramingError, InstrumentError, OutOfSync, TransportError
 from vcfbench.interfaces import Identity
 
@@ -100,15 +98,15 @@ def take_counted(line: TableLine, deadline: Deadline) -> bytes | None:
 _SPEED = "is baud_rate in the bench file what the table's port is set to?"
 
 
-class AclDialect(Struct):
+class AclDialect(TableDialect):
     """One axis of an ACL controller; the header is learnt at the first reply when it is ``auto``."""
 
-    axis: int = 1
-    header: Header = "auto"
-    rate_quantum_deg_s: ClassVar[float] = 1e-5
-    gap_s: ClassVar[float] = 0.0
-    own_time_s: ClassVar[float] = 0.0
-    _identity: bytes = b""
+    rate_quantum_deg_s = 1e-5
+
+    def __init__(self, axis: int = 1, header: Header = "auto") -> None:
+        self.axis = axis
+        self.header = header
+        self._identity = b""
 
     @classmethod
     def for_axis(cls, settings: AxisSettings) -> AclDialect:
@@ -125,10 +123,6 @@ class AclDialect(Struct):
         identity = Identity(*replies.identity_fields(answer))
         self._identity = answer.encode("ascii")
         return identity
-
-    def realised_deg_s(self, rate_deg_s: float) -> float:
-        """Return the rate that the table is really told for `rate_deg_s`."""
-        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drop late replies up to the known answer of ``*IDN?``, then up to a number.
@@ -156,7 +150,7 @@ class AclDialect(Struct):
         """
         stop = f":Demand:Rate {self.axis},0\n"
         if acceleration_deg_s2 is not None and math.isfinite(acceleration_deg_s2):
-            faster = f":Limit:Acceleration R,{self.axis},{_decimal(acceleration_deg_s2)};{stop}"
+            faster = f":Limit:Acceleration R,{self.axis},{decimal(acceleration_deg_s2)};{stop}"
             return (f"\n{stop}".encode("ascii"), faster.encode("ascii"))
         return (f"\n{stop}".encode("ascii"),)
 
@@ -179,10 +173,10 @@ class AclDialect(Struct):
         settings: list[str] = []
         if math.isfinite(limits.max_rate_deg_s):
             trip_deg_s = limits.max_rate_deg_s * _TRIP_MARGIN
-            settings.append(f"Rate R,{self.axis},{_decimal(limits.max_rate_deg_s)}")
-            settings.append(f"Vtrip R,{self.axis},{_decimal(trip_deg_s)}")
+            settings.append(f"Rate R,{self.axis},{decimal(limits.max_rate_deg_s)}")
+            settings.append(f"Vtrip R,{self.axis},{decimal(trip_deg_s)}")
         if math.isfinite(limits.max_acceleration_deg_s2):
-            settings.append(f"Acceleration R,{self.axis},{_decimal(limits.max_acceleration_deg_s2)}")
+            settings.append(f"Acceleration R,{self.axis},{decimal(limits.max_acceleration_deg_s2)}")
         if settings:
             self.command(line, f":Limit:{';'.join(settings)}", deadline)
 
@@ -201,9 +195,9 @@ class AclDialect(Struct):
 
     def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         """Set the acceleration limit of rate mode and the demand, in one message: on the same control frame."""
-        demand = f":Demand:Rate {self.axis},{_decimal(rate_deg_s)}"
+        demand = f":Demand:Rate {self.axis},{decimal(rate_deg_s)}"
         if math.isfinite(acceleration_deg_s2):
-            demand = f":Limit:Acceleration R,{self.axis},{_decimal(acceleration_deg_s2)};{demand}"
+            demand = f":Limit:Acceleration R,{self.axis},{decimal(acceleration_deg_s2)};{demand}"
         self.command(line, demand, deadline)
 
     def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
@@ -265,8 +259,7 @@ class AclDialect(Struct):
             raise InstrumentError(
                 f"refused with {'; then '.join(refused)}",
                 words=refused[0],
-                instrument=line.name,
-                resource=line.resource,
+                **line.where,
             )
 
     def _word(self, line: TableLine, word: str, deadline: Deadline) -> int:
@@ -291,8 +284,10 @@ class AclDialect(Struct):
             try:
                 with line.exchange(command, deadline):
                     self._say(line, command, deadline)
-                    if self.header != "none":
-                        self._require_acknowledged(line, deadline)
+                    if self.header == "auto":
+                        raise FramingError("identify the table before commanding it")
+                    if self.header != "none" and (body := self._counted(line, deadline)) not in _ACKNOWLEDGEMENTS:
+                        raise FramingError(f"expected an acknowledgement, came {body[:60]!r}")
             except (TransportError, InstrumentError) as error:
                 error.command = command
                 raise
@@ -323,13 +318,6 @@ class AclDialect(Struct):
             raise FramingError("the table answers in binary, set its reply format to floating point")
         return replies.text(body)
 
-    def _require_acknowledged(self, line: TableLine, deadline: Deadline) -> None:
-        if self.header == "auto":
-            raise FramingError("identify the table before commanding it")
-        body = self._counted(line, deadline)
-        if body not in _ACKNOWLEDGEMENTS:
-            raise FramingError(f"expected an acknowledgement, came {body[:60]!r}")
-
     def _counted(self, line: TableLine, deadline: Deadline) -> bytes:
         """Return a reply that its header counts, without line end; the rest of an uncounted one is skipped."""
         layout = _FORMATS[self.header]
@@ -345,14 +333,9 @@ class AclDialect(Struct):
             raise InstrumentError(
                 f"refused with {error}" + (f" {body.decode('ascii', 'replace')!r}" if body else ""),
                 number=error,
-                instrument=line.name,
-                resource=line.resource,
+                **line.where,
             )
         return body
-
-
-def _decimal(value: float) -> str:
-    return f"{value + 0.0:.6f}".rstrip("0").rstrip(".")
 
 
 def _names(word: int, meanings: Mapping[int, str]) -> list[str]:

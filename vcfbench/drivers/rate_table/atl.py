@@ -10,18 +10,16 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from typing import TYPE_CHECKING, ClassVar
-
-from msgspec import Struct, field
+from typing import TYPE_CHECKING
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.steady import SteadyRate, drain, located, on_grid, require_rest
+from vcfbench.drivers.rate_table import dialect
+from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, drain, require_rest, turned_deg_s
 from vcfbench.errors import DeadlineExceeded, InstrumentError
 from vcfbench.interfaces import Identity
 
 if TYPE_CHECKING:
-    from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
     from vcfbench.drivers.rate_table.line import TableLine
 
 _PROMPT = ">"
@@ -32,34 +30,28 @@ _SPAN_S = 0.3
 """Over how long the angle is watched where the table does not tell its rate."""
 
 
-class AtlDialect(Struct):
-    """The one axis of such a table. Servo state and identity cannot be asked for: the servo is as set last."""
+class AtlDialect(TableDialect):
+    """The one axis of such a table. Servo state and identity cannot be asked for: the servo is as set last.
 
-    rate_quantum_deg_s: ClassVar[float] = 1e-4
-    gap_s: ClassVar[float] = 0.0
-    own_time_s: ClassVar[float] = 4.0  # a dozen rates from angles, where the table does not tell its rate
-    _servo: bool = False
-    _owed: bool = False
-    """True while a prompt may still come that belongs to an earlier command."""
-    _tells_rate: bool = True
-    typed_line_end: ClassVar[bytes] = b"\r"
-    """Line end that a person types."""
-    _steady: SteadyRate = field(default_factory=SteadyRate)
+    How remote control is taken, faults are read and cleared, and limits are set is unknown, and so is the effect of
+    ``SRV0`` on a table that turns. A refusal comes at once.
+    """
 
-    @classmethod
-    def for_axis(cls, settings: AxisSettings) -> AtlDialect:
-        """Return the dialect; such a table has one axis."""
-        del settings
-        return cls()
+    rate_quantum_deg_s = 1e-4
+    own_time_s = 4.0  # a dozen rates from angles, where the table does not tell its rate
+    typed_line_end = b"\r"
+
+    def __init__(self) -> None:
+        self._servo = False
+        self._owed = False
+        """True while a prompt may still come that belongs to an earlier command."""
+        self._tells_rate = True
+        self._steady = SteadyRate()
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Read the angle: there is no question for the identity, but somebody must answer."""
         self.angle_deg(line, deadline)
         return Identity("Ideal Aerosmith (presumed)", "table language, experimental", "", "")
-
-    def realised_deg_s(self, rate_deg_s: float) -> float:
-        """Return the rate that the table is really told for `rate_deg_s`."""
-        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drain, send the status question, and drop everything up to the prompt after its data."""
@@ -75,19 +67,6 @@ class AtlDialect(Struct):
         if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
             return (b"\rSTO\r",)
         return b"\rSTO\r", f"ACL{_decimal(acceleration_deg_s2)}\r".encode("ascii"), b"STO\r"
-
-    def shutdown_words(self) -> tuple[bytes, ...]:
-        """Return none: the effect of ``SRV0`` on a table that turns is unknown."""
-        return ()
-
-    def claim(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing: how remote control is taken is unknown."""
-
-    def release(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing."""
-
-    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
-        """Do nothing: the table's own limits cannot be set in the agreed subset."""
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Stop, then ``SRV1`` (one source)."""
@@ -143,28 +122,14 @@ class AtlDialect(Struct):
                 return self._number(line, "PVE", deadline)
             except InstrumentError:
                 self._tells_rate = False
-        # The rate from two angles; below 600 deg/s the shorter way round is the right one
-        first, started_s = self.angle_deg(line, deadline), line.clock.now()
+        first_deg, started_s = self.angle_deg(line, deadline), line.clock.now()
         sleep(line.clock, _SPAN_S)
-        turned = self.angle_deg(line, deadline) - first
-        return ((turned + 180.0) % 360.0 - 180.0) / (line.clock.now() - started_s)
+        then_deg = self.angle_deg(line, deadline)
+        return turned_deg_s(first_deg, then_deg, line.clock.now() - started_s)
 
     def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
         """Ask ``PPO``."""
         return self._number(line, "PPO", deadline)
-
-    def fault(self, line: TableLine, deadline: Deadline) -> str | None:
-        """Return None: how faults are read is unknown."""
-        del line, deadline
-        return None
-
-    def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
-        """Raise: how faults are cleared is unknown."""
-        del deadline
-        raise InstrumentError("the known part of this language cannot clear a fault", **located(line))
-
-    def check_errors(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing: a refusal comes at once."""
 
     # Exchanges
 
@@ -219,8 +184,8 @@ class AtlDialect(Struct):
 
     def _require_accepted(self, line: TableLine, command: str, answer: str) -> None:
         if _REFUSAL in answer:
-            raise InstrumentError(f"refused ({answer})", words=answer, command=command, **located(line))
+            raise InstrumentError(f"refused ({answer})", words=answer, command=command, **line.where)
 
 
 def _decimal(value: float) -> str:
-    return f"{value + 0.0:.4f}".rstrip("0").rstrip(".")
+    return dialect.decimal(value, 4)

@@ -9,36 +9,31 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from vcfbench import errors
 from vcfbench.clock import Deadline, sleep
-from vcfbench.drivers.rate_table import templates
-from vcfbench.drivers.rate_table.frames import frame_bytes, frame_text, take_text
-from vcfbench.drivers.rate_table.motion_values import MotionValues, limit_error
-from vcfbench.drivers.rate_table.profile import STREAM
-from vcfbench.drivers.rate_table.profile_replies import ProfileReplies, Received
-from vcfbench.drivers.rate_table.profile_values import ProfileValues
-from vcfbench.drivers.rate_table.steady import REST_DEG_S, SteadyRate, drain, located, on_grid, require_rest
-from vcfbench.errors import (
-    ConfigError,
-    DeadlineExceeded,
-    FramingError,
-    InstrumentError,
-    InterlockError,
-    LinkLost,
-    OutOfSync,
-    TransportError,
+from vcfbench.drivers.rate_table import messages
+from vcfbench.drivers.rate_table.dialect import (
+    REST_DEG_S,
+    SteadyRate,
+    TableDialect,
+    drain,
+    require_rest,
+    turned_deg_s,
 )
+from vcfbench.drivers.rate_table.language import QUESTIONS, STREAM
+from vcfbench.drivers.rate_table.profile_replies import ProfileReplies, Received
 from vcfbench.interfaces import Identity
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.drivers.rate_table.dialect import TableLimits
+    from vcfbench.drivers.rate_table.language import Profile, Step
     from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.drivers.rate_table.profile import Profile, Requirement, Step
-    from vcfbench.drivers.rate_table.templates import Value
+
+Values = Mapping[str, messages.Value]
+"""Values of the names in templates."""
 
 _SPAN_S = 0.25
 """Over how long the angle is watched where a profile says nothing of the rate."""
@@ -47,8 +42,11 @@ _READINGS = 8
 """Rates that are read in one making safe, beside those that it waits for rest with."""
 
 
-class ConfigurableDialect:
+class ConfigurableDialect(TableDialect):
     """One axis of a table whose language `profile` tells.
+
+    Limits are checked before anything is sent. No profile tells the effect of opening the servo on a table that turns:
+    it has no shutdown words.
 
     Raises:
         ConfigError: the profile knows no such axis.
@@ -57,12 +55,10 @@ class ConfigurableDialect:
     def __init__(self, profile: Profile, axis: int = 1) -> None:
         if axis not in profile.units.axes:
             known = ", ".join(map(str, profile.units.axes))
-            raise ConfigError(f"rate_table.axis: expected one of {known} ({profile.title}), came {axis}")
+            raise errors.ConfigError(f"rate_table.axis: expected one of {known} ({profile.title}), came {axis}")
         self.profile = profile
         self.axis = axis
-        self._motion = MotionValues(profile, axis)
-        self._values = ProfileValues(profile, axis)
-        self._replies = ProfileReplies(profile)
+        self._replies = ProfileReplies(profile, axis)
         self._steady = SteadyRate(profile.at_rate.tolerance_deg_s, profile.at_rate.relative, profile.at_rate.polls)
         self._servo = False
         self._sequence = 0
@@ -71,11 +67,7 @@ class ConfigurableDialect:
     @property
     def rate_quantum_deg_s(self) -> float:
         """Step of the commanded rate."""
-        return self._motion.rate_quantum_deg_s
-
-    def realised_deg_s(self, rate_deg_s: float) -> float:
-        """Return the rate that the table will really be told for `rate_deg_s`."""
-        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
+        return self.profile.units.rate_quantum / self.profile.units.rate_per_deg
 
     # What the driver asks for
 
@@ -94,22 +86,19 @@ class ConfigurableDialect:
         try:
             line.take_unasked()
             if self.profile.stream is None:
-                self._probe(line, deadline)
-        except LinkLost as error:
+                # Ask the first question that there is; anything that its answer does not push out is drained
+                asked = next(filter(self.profile.commands.get, ("identify", "read_all", "read_pos")))
+                for step in self.profile.commands[asked]:
+                    self._send(line, step, {}, deadline)
+                    if step.expect is not None:
+                        self._replies.await_reply(line, step.expect, deadline, out_of_order=True)
+                drain(line, deadline)
+        except errors.LinkLost as error:
             raise line.locate(error, "resynchronise", deadline)  # noqa: B904 - the same error, now knowing where
-        except (TransportError, InstrumentError) as error:
-            lost = OutOfSync(f"the answers no longer belong to the questions ({error.what}), the connection was closed")
-            raise line.locate(lost, "resynchronise", deadline) from error
+        except (errors.TransportError, errors.InstrumentError) as error:
+            what = f"the answers no longer belong to the questions ({error.what}), the connection was closed"
+            raise line.locate(errors.OutOfSync(what), "resynchronise", deadline) from error
         line.dirty = False
-
-    def _probe(self, line: TableLine, deadline: Deadline) -> None:
-        """Ask the first question that there is; anything that its answer does not push out is drained."""
-        name = next(name for name in ("identify", "read_all", "read_pos") if self.profile.commands.get(name))
-        for step in self.profile.commands[name]:
-            self._send(line, step, {}, deadline)
-            if step.expect is not None:
-                self._replies.await_reply(line, step.expect, deadline, out_of_order=True)
-        drain(line, deadline)
 
     @property
     def gap_s(self) -> float:
@@ -137,21 +126,17 @@ class ConfigurableDialect:
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Return the profile's stop commands, after the end of a torn message; where it can, with an acceleration."""
         stop = self._words(self.profile.safety.stop, {})
-        before = (_torn_end(self.profile) + stop[0], *stop[1:])
+        before = (self._torn_end() + stop[0], *stop[1:])
         if acceleration_deg_s2 is None or not self.profile.commands.get("set_accel"):
             return before
-        commanded = self._motion.table_acceleration(acceleration_deg_s2)
+        commanded = self._table_acceleration(acceleration_deg_s2)
         if commanded is None:  # not one that this table can be told: it stops as it is
             return before
         return (*before, *self._words(("set_accel",), {"acc": commanded}), *stop)
 
-    def _words(self, names: tuple[str, ...], values: Mapping[str, Value]) -> tuple[bytes, ...]:
+    def _words(self, names: tuple[str, ...], values: Values) -> tuple[bytes, ...]:
         steps = [step for name in names for step in self.profile.commands.get(name, ()) for _ in range(step.repeat)]
         return tuple(self.message(step.send, values) for step in steps if step.send is not None)
-
-    def shutdown_words(self) -> tuple[bytes, ...]:
-        """Return none: no profile tells the effect of opening the servo on a table that turns."""
-        return ()
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Take remote control."""
@@ -160,9 +145,6 @@ class ConfigurableDialect:
     def release(self, line: TableLine, deadline: Deadline) -> None:
         """Give remote control back."""
         self.perform(line, "local", deadline)
-
-    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
-        """Do nothing: limits are checked before anything is sent."""
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Power on, stop whatever was demanded and see that it stands, close the servo.
@@ -178,9 +160,8 @@ class ConfigurableDialect:
         rate_deg_s = self.rate_deg_s(line, generous)
         if not abs(rate_deg_s) < REST_DEG_S:
             what = f"told to stop, it reads {rate_deg_s:g} deg/s; the servo was not closed"
-            raise InterlockError(
-                what, hint="does it turn, or is fields.rate of its profile another number?", **located(line)
-            )
+            hint = "does it turn, or is fields.rate of its profile another number?"
+            raise errors.InterlockError(what, hint=hint, **line.where)
         self.perform(line, "enable", generous)
         self._servo = True
 
@@ -201,7 +182,7 @@ class ConfigurableDialect:
 
         Where a table must be stopped before it takes another rate this returns when it was, beyond `deadline`.
         """
-        values = self._motion.of(line, rate_deg_s, acceleration_deg_s2)
+        values = self.motion(line, rate_deg_s, acceleration_deg_s2)
         if rate_deg_s == 0.0:
             try:
                 self._set_acceleration(line, values, self._generous(line, deadline, "set_accel"))
@@ -216,7 +197,7 @@ class ConfigurableDialect:
         self.perform(line, "load_rate", generous, values)
         self.perform(line, "start", generous, values)
 
-    def _set_acceleration(self, line: TableLine, values: Mapping[str, Value], deadline: Deadline) -> None:
+    def _set_acceleration(self, line: TableLine, values: Values, deadline: Deadline) -> None:
         if "acc" in values:
             self.perform(line, "set_accel", deadline, values)
 
@@ -242,45 +223,43 @@ class ConfigurableDialect:
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
         """Read the rate; where the table does not tell it, watch the angle."""
         if "rate" in self.profile.fields:
-            return self._motion.sign * self.number(line, "rate", deadline)
-        return self._motion.sign * self._slope(line, "position", _SPAN_S, deadline)
+            return self.profile.units.sign * self.number(line, "rate", deadline)
+        return self.profile.units.sign * self._slope(line, "position", _SPAN_S, deadline)
 
     def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
         """Read the angle."""
-        return self._motion.sign * self.number(line, "position", deadline)
+        return self.profile.units.sign * self.number(line, "position", deadline)
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
         """Name the faults that the table reports; none of a table without such flags."""
         words = {"fault": "the table reports a fault", "estop": "the emergency stop is pressed"}
-        raised = [
-            text for name, text in words.items() if name in self.profile.status and self.flag(line, name, deadline)
-        ]
-        return ", ".join(raised) or None
+        known = {name: text for name, text in words.items() if name in self.profile.status}
+        return ", ".join(text for name, text in known.items() if self.flag(line, name, deadline)) or None
 
     def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
         """Clear a latched fault; raises InstrumentError when the language has no word for it."""
         if not self.profile.commands.get("clear_fault"):
-            raise InstrumentError("the known part of this language cannot clear a fault", **located(line))
+            super().clear_fault(line, deadline)
         self.perform(line, "clear_fault", deadline)
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
         """Ask for refusals, where the language has a question for them."""
-        refusals, refused = self.profile.refusals, []
+        profile, refusals, refused = self.profile, self.profile.refusals, []
         if refusals.query is None:
             return
         for _ in range(refusals.deepest):
             with line.exclusive():
                 try:
-                    line.send(frame_text(self.profile.frame, refusals.query, self.profile.link.tx_end), deadline)
-                    answer = take_text(self.profile.received_frame, self.profile.link.rx_end, line, deadline)
-                except TransportError as error:
+                    line.send(messages.frame_text(profile.frame, refusals.query, profile.link.tx_end), deadline)
+                    answer = messages.take_text(profile.received_frame, profile.link.rx_end, line, deadline)
+                except errors.TransportError as error:
                     line.dirty = True
                     raise line.locate(error, refusals.query, deadline)  # noqa: B904 - the same error, now knowing where
             if re.fullmatch(refusals.good, answer):
                 break
             refused.append(answer)
         if refused:
-            raise InstrumentError(f"refused with {'; then '.join(refused)}", words=refused[0], **located(line))
+            raise errors.InstrumentError(f"refused with {'; then '.join(refused)}", words=refused[0], **line.where)
 
     # Readings
 
@@ -290,31 +269,31 @@ class ConfigurableDialect:
         if spec.differentiate is not None:
             return self._slope(line, spec.differentiate, spec.span_s, deadline)
         assert spec.source is not None  # noqa: S101 - the profile was checked
-        return self._values.number(spec, self._fetch(line, spec.source, deadline))
+        return self._replies.number(spec, self._fetch(line, spec.source, deadline))
 
     def _slope(self, line: TableLine, name: str, span_s: float, deadline: Deadline) -> float:
         first, started_s = self.number(line, name, deadline), line.clock.now()
         sleep(line.clock, span_s)
-        turned = self.number(line, name, deadline) - first
-        if self.profile.fields[name].wrap != "continuous":
-            turned = (turned + 180.0) % 360.0 - 180.0  # the shorter way round: span times rate stays below half a turn
-        return turned / (line.clock.now() - started_s)
+        then = self.number(line, name, deadline)
+        duration_s = line.clock.now() - started_s
+        endless = self.profile.fields[name].wrap == "continuous"
+        return (then - first) / duration_s if endless else turned_deg_s(first, then, duration_s)
 
     def flag(self, line: TableLine, name: str, deadline: Deadline) -> bool:
         """Read a flag of the profile."""
         spec = self.profile.status[name]
-        return self._values.holds(spec, self._fetch(line, spec.source, deadline)) is not spec.negate
+        return self._replies.holds(spec, self._fetch(line, spec.source, deadline)) is not spec.negate
 
     def _fetch(self, line: TableLine, source: str, deadline: Deadline) -> Received:
         try:
             received = self._fresh(line, deadline) if source == STREAM else self.perform(line, source, deadline)
-        except DeadlineExceeded:
+        except errors.DeadlineExceeded:
             if self.profile.safety.on_silence == "stop" and self._steady.demanded_deg_s:
-                with suppress(TransportError, InstrumentError):  # nobody may be listening any more
+                with suppress(errors.TransportError, errors.InstrumentError):  # nobody may be listening any more
                     self._stop(line, line.deadline())
             raise
         if received is None:
-            raise FramingError(f"{source} has no reply to read")
+            raise errors.FramingError(f"{source} has no reply to read")
         return received
 
     def _fresh(self, line: TableLine, deadline: Deadline) -> Received:
@@ -323,58 +302,52 @@ class ConfigurableDialect:
         assert stream is not None  # noqa: S101 - the profile was checked
         within = Deadline.after(line.clock, min(stream.max_age_s, deadline.remaining()))
         if within.expired():
-            raise line.locate(DeadlineExceeded("there was no time left to wait for a status"), STREAM, deadline)
+            late = errors.DeadlineExceeded("there was no time left to wait for a status")
+            raise line.locate(late, STREAM, deadline)
         with line.exchange(STREAM, within):
             try:
                 line.take_unasked()
                 return self._replies.await_reply(line, stream.reply, within, among_others=True)
-            except DeadlineExceeded as error:
+            except errors.DeadlineExceeded as error:
                 error.what = f"no status for {within.elapsed():.3g} s"
                 raise
 
     # Commands
 
-    def perform(
-        self, line: TableLine, name: str, deadline: Deadline, values: Mapping[str, Value] | None = None
-    ) -> Received | None:
+    def perform(self, line: TableLine, name: str, deadline: Deadline, values: Values | None = None) -> Received | None:
         """Do a command of the profile; one that it does not have is nothing to do. Returns the last reply expected."""
         self._require(line, name, deadline)
         received = None
         for step in self.profile.commands.get(name, ()):
-            received = self._do(line, name, step, deadline, values or {}) or received
+            with line.exclusive():
+                for _ in range(step.repeat):
+                    answer = self._exchange(line, name, step, deadline, values or {})
+                if step.delay_s:
+                    sleep(line.clock, step.delay_s)
+            if step.until is not None:
+                self._wait(line, step, deadline, values or {})
+            received = answer or received
         return received
 
-    def _do(
-        self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Mapping[str, Value]
-    ) -> Received | None:
-        received = None
-        with line.exclusive():
-            for _ in range(step.repeat):
-                received = self._exchange(line, name, step, deadline, values)
-            if step.delay_s:
-                sleep(line.clock, step.delay_s)
-        if step.until is not None:
-            self._wait(line, step, deadline, values)
-        return received
-
-    def _exchange(
-        self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Mapping[str, Value]
-    ) -> Received | None:
+    def _exchange(self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Values) -> Received | None:
         for left in range(step.retry, -1, -1):
             share = Deadline.after(line.clock, deadline.remaining() / (left + 1))
             try:
                 return self._once(line, name, step, share, values)
-            except (DeadlineExceeded, FramingError):
+            except (errors.DeadlineExceeded, errors.FramingError):
                 if not left:
                     raise
         return None
 
-    def _once(
-        self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Mapping[str, Value]
-    ) -> Received | None:
+    def _once(self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Values) -> Received | None:
         stopping = name in self.profile.safety.stop
-        within = self._within(line, step, deadline)
-        shown = self._shown(step, values) or name
+        within, shown = self._within(line, step, deadline), name
+        if step.send is not None:
+            try:  # as it goes over the wire; the template itself if it has no values
+                message = self.message(step.send, values)
+                shown = message.hex(" ") if self.profile.binary else message.decode("latin-1").strip()
+            except ValueError:
+                shown = step.send
         try:
             if line.dirty and not stopping:  # stopping does not wait for anything
                 self.resync(line, deadline)
@@ -382,41 +355,32 @@ class ConfigurableDialect:
             line.dirty = step.expect is not None and self.profile.stream is None
             self._send(line, step, values, within)
             received = self._reply(line, step, within, among_others=stopping, out_of_order=out_of_order)
-        except (TransportError, InstrumentError) as error:
-            error.command = error.command or shown
-            raise line.locate(error, shown, within) if isinstance(error, TransportError) else error  # noqa: B904
+        except (errors.TransportError, errors.InstrumentError) as error:
+            error.command = error.command or shown or name
+            if isinstance(error, errors.TransportError):
+                line.locate(error, None, within)
+            raise
         line.dirty = False
-        if name not in ("identify", "status", "read_all", "read_pos", "read_rate", "fault"):
+        if name not in QUESTIONS or name == "home_status":
             try:
                 self.check_errors(line, deadline)
-            except InstrumentError as error:
-                error.command = shown  # the table says what is wrong, not with which line
+            except errors.InstrumentError as error:
+                error.command = shown or name  # the table says what is wrong, not with which line
                 raise
         return received
 
-    def _shown(self, step: Step, values: Mapping[str, Value]) -> str | None:
-        """Return a step's message as it goes over the wire, for messages; the template itself if it has no values."""
-        if step.send is None:
-            return None
-        try:
-            message = self.message(step.send, values)
-        except ValueError:
-            return step.send
-        return message.hex(" ") if self.profile.binary else message.decode("latin-1").strip()
-
     def _within(self, line: TableLine, step: Step, deadline: Deadline) -> Deadline:
-        if step.timeout_s is None:
-            return deadline
-        return Deadline.after(line.clock, min(step.timeout_s, deadline.remaining()))
+        left_s = deadline.remaining()
+        return deadline if step.timeout_s is None else Deadline.after(line.clock, min(step.timeout_s, left_s))
 
-    def _send(self, line: TableLine, step: Step, values: Mapping[str, Value], deadline: Deadline) -> None:
+    def _send(self, line: TableLine, step: Step, values: Values, deadline: Deadline) -> None:
         if step.send is None:
             return
         line.clock.sleep_until(self._last_sent_s + self.profile.link.gap_s)
         try:
             message = self.message(step.send, values)
         except ValueError as error:
-            raise limit_error(line, f"{step.send!r} cannot be said ({error})") from error
+            raise _unsent(line, f"{step.send!r} cannot be said ({error})") from error
         if self.profile.stream is None:
             line.take_unasked()
         line.send(message, deadline)
@@ -425,19 +389,19 @@ class ConfigurableDialect:
         # Take the echo that always comes; one that may come is known when it comes
         if self.profile.link.echo == "always":
             end = self.profile.link.rx_end
-            echoed = take_text(self.profile.frame.__class__(), end, line, deadline)
+            echoed = messages.take_text(messages.Frame(), end, line, deadline)
             if echoed != message.decode("latin-1").strip():
-                raise FramingError(f"expected the echo of the command, came {echoed[:60]!r}")
+                raise errors.FramingError(f"expected the echo of the command, came {echoed[:60]!r}")
 
-    def message(self, template: str, values: Mapping[str, Value] | None = None) -> bytes:
+    def message(self, template: str, values: Values | None = None) -> bytes:
         """Return the bytes that a template comes to, framed."""
         profile = self.profile
         called = self.axis - 1 + profile.units.first_axis
-        known: dict[str, Value] = {"axis": called, "seq": self._sequence % 100}
+        known: dict[str, messages.Value] = {"axis": called, "seq": self._sequence % 100}
         known |= {f"on_{slot}": int(slot == self.axis) for slot in range(1, 7)} | dict(values or {})
         if profile.binary:
-            return frame_bytes(profile.frame, templates.fill_bytes(template, known, profile.frame.order))
-        return frame_text(profile.frame, templates.fill_text(template, known), profile.link.tx_end)
+            return messages.frame_bytes(profile.frame, messages.fill_bytes(template, known, profile.frame.order))
+        return messages.frame_text(profile.frame, messages.fill_text(template, known), profile.link.tx_end)
 
     def _reply(self, line: TableLine, step: Step, within: Deadline, **known: bool) -> Received | None:
         if step.expect is None:
@@ -446,7 +410,7 @@ class ConfigurableDialect:
             return None
         try:
             return self._replies.await_reply(line, step.expect, within, sent=step.send or "", **known)
-        except DeadlineExceeded:
+        except errors.DeadlineExceeded:
             if step.optional_reply:
                 return None
             raise
@@ -454,34 +418,31 @@ class ConfigurableDialect:
     # Waiting for states
 
     def _require(self, line: TableLine, name: str, deadline: Deadline) -> None:
-        """Make sure that the requirement of a command is met."""
+        """Make sure that the requirement of a command is met: by the command that brings it about, if there is one."""
         need = self.profile.requires.get(name)
         if need is None or self.flag(line, need.flag, deadline):
             return
         if need.by is None:
-            raise InterlockError(f"{name} needs the state {need.flag!r}, nothing was sent", **located(line))
-        self._bring_about(line, need, need.by)
-
-    def _bring_about(self, line: TableLine, need: Requirement, by: str) -> None:
-        within = line.deadline(need.within_s)
-        sent_s = -math.inf
+            what = f"{name} needs the state {need.flag!r}, nothing was sent"
+            raise errors.InterlockError(what, **line.where)
+        within, sent_s = line.deadline(need.within_s), -math.inf
         while not within.expired():
             if line.clock.now() - sent_s >= need.resend_s:
-                self.perform(line, by, within)
+                self.perform(line, need.by, within)
                 sent_s = line.clock.now()
             sleep(line.clock, min(self.profile.safety.poll_s, within.remaining()))
             if self.flag(line, need.flag, line.deadline()):
                 return
-        late = DeadlineExceeded(f"the table did not come to the state {need.flag!r}")
-        raise line.locate(late, by, within)
+        late = errors.DeadlineExceeded(f"the table did not come to the state {need.flag!r}")
+        raise line.locate(late, need.by, within)
 
-    def _wait(self, line: TableLine, step: Step, deadline: Deadline, values: Mapping[str, Value]) -> None:
+    def _wait(self, line: TableLine, step: Step, deadline: Deadline, values: Values) -> None:
         """Wait for the flag that a step is to bring about."""
         assert step.until is not None  # noqa: S101 - the caller looked
         within, sent_s = self._within(line, step, deadline), line.clock.now()
         while not self.flag(line, step.until, within):
             if within.expired():
-                late = DeadlineExceeded(f"the table did not come to the state {step.until!r}")
+                late = errors.DeadlineExceeded(f"the table did not come to the state {step.until!r}")
                 raise line.locate(late, step.send or step.until, within)
             if step.resend_s is not None and line.clock.now() - sent_s >= step.resend_s:
                 self._send(line, step, values, within)
@@ -496,17 +457,54 @@ class ConfigurableDialect:
         extra = paused + sum(needs)
         return line.deadline(deadline.remaining() + extra)
 
+    # The table's own units
 
-def _torn_end(profile: Profile) -> bytes:
-    """Return the end of a message that broke off, so that it does not swallow the next.
+    def motion(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float) -> dict[str, messages.Value]:
+        """Return the values that templates of a motion command can name; raises LimitError before anything is sent."""
+        units = self.profile.units
+        bound = min(self.profile.safety.max_rate_deg_s, units.rate_max / units.rate_per_deg)
+        if not abs(rate_deg_s) <= bound:
+            raise _unsent(line, f"a rate of {rate_deg_s:g} deg/s is beyond the {bound:g} deg/s of its profile")
+        rate = units.sign * round(rate_deg_s * units.rate_per_deg / units.rate_quantum) * units.rate_quantum
+        if rate_deg_s and abs(rate) < max(units.rate_min, units.rate_quantum * 0.5):
+            least = max(units.rate_min, units.rate_quantum) / units.rate_per_deg
+            raise _unsent(line, f"a rate of {rate_deg_s:g} deg/s is below the least of its profile, {least:g} deg/s")
+        values: dict[str, messages.Value] = {"rate": rate, "abs_rate": abs(rate)}
+        values["dir"] = units.positive if rate >= 0.0 else units.negative
+        values |= {f"rate_{slot}": rate if slot == self.axis else 0.0 for slot in range(1, 7)}
+        if acceleration_deg_s2 != math.inf:
+            commanded = self._table_acceleration(acceleration_deg_s2)
+            if commanded is None:
+                what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
+                raise _unsent(line, what)
+            values["acc"] = commanded
+        if units.travel is not None:
+            values["travel_end"] = units.travel[1 if rate >= 0.0 else 0]
+        return values
 
-    A line ends with its end. A frame of bytes that lacks some is filled up with what begins none; it then fails its
-    check, or is done: the stop comes after it.
-    """
-    frame = profile.frame
-    if frame.kind == "line":
-        return profile.link.tx_end.encode("ascii")
-    if frame.kind == "delimited":
-        return bytes.fromhex(frame.trailer)
-    filling = b"\xff" if bytes.fromhex(frame.header).startswith(b"\0") else b"\0"
-    return filling * ((frame.length or frame.longest) - 1)
+    def _table_acceleration(self, acceleration_deg_s2: float) -> float | None:
+        """Return the acceleration in the table's units, not above that demanded; None if it cannot be told that."""
+        units, highest = self.profile.units, self.profile.safety.max_acceleration_deg_s2
+        commanded = acceleration_deg_s2 * units.plain_per_deg * units.acceleration_factor
+        if units.acceleration_quantum is not None and math.isfinite(commanded):
+            commanded = math.floor(commanded / units.acceleration_quantum * (1.0 + 1e-12)) * units.acceleration_quantum
+        bad = not 0.0 < acceleration_deg_s2 <= highest or not commanded > 0.0
+        return None if bad or not units.acceleration_min <= commanded <= units.acceleration_max else commanded
+
+    def _torn_end(self) -> bytes:
+        """Return the end of a message that broke off, so that it does not swallow the next.
+
+        A line ends with its end. A frame of bytes that lacks some is filled up with what begins none; it then fails its
+        check, or is done: the stop comes after it.
+        """
+        frame = self.profile.frame
+        if frame.kind == "line":
+            return self.profile.link.tx_end.encode("ascii")
+        if frame.kind == "delimited":
+            return bytes.fromhex(frame.trailer)
+        filling = b"\xff" if bytes.fromhex(frame.header).startswith(b"\0") else b"\0"
+        return filling * ((frame.length or frame.longest) - 1)
+
+
+def _unsent(line: TableLine, what: str) -> errors.LimitError:
+    return errors.LimitError(f"{what}, nothing was sent", **line.where)

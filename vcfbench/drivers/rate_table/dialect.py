@@ -1,10 +1,13 @@
-"""The seam between the rate-table driver and the languages that tables speak."""
+"""The seam between the rate-table driver and the languages that tables speak, and what several languages need."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol, Self
 
 from msgspec import Struct
+
+from vcfbench.clock import sleep
+from vcfbench.errors import InstrumentError, InterlockError
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
@@ -13,6 +16,12 @@ if TYPE_CHECKING:
 
 Header = Literal["none", "u32le2", "u32be2", "auto"]
 """Header of a reply of ACL on a byte stream: nothing, or error code and length as two 32-bit words."""
+
+REST_DEG_S = 0.1
+"""Above this rate a servo is not opened: the table would coast."""
+
+_QUIET_S = 0.2
+"""Silence after which a line counts as drained, s."""
 
 
 class AxisSettings(Struct, frozen=True):
@@ -37,8 +46,18 @@ class TableDialect(Protocol):
     """One axis of one kind of table, in that table's own sign convention, deg, deg/s, deg/s2.
 
     Commands (nothing returned) are sent once. Questions may be asked again by the driver. Every method raises a
-    TransportError when the line fails and an InstrumentError when the table refuses.
+    TransportError when the line fails and an InstrumentError when the table refuses. What has a body here holds for
+    languages that know no more; they inherit it.
     """
+
+    typed_line_end: bytes | None = None
+    """Line end that a person types; None where messages cannot be typed."""
+
+    @classmethod
+    def for_axis(cls, settings: AxisSettings) -> Self:
+        """Return the dialect of one axis; ConfigError where something that it needs is not told."""
+        del settings
+        return cls()
 
     @property
     def rate_quantum_deg_s(self) -> float:
@@ -47,10 +66,12 @@ class TableDialect(Protocol):
     @property
     def gap_s(self) -> float:
         """Gap that the table needs between two messages, s."""
+        return 0.0
 
     @property
     def own_time_s(self) -> float:
         """Time of one making safe for the language itself, s: its pauses, and the spans over which rates are read."""
+        return 0.0
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Return the messages, as sent, that bring the table to rest with its servo closed, whatever it is doing.
@@ -61,9 +82,11 @@ class TableDialect(Protocol):
 
     def shutdown_words(self) -> tuple[bytes, ...]:
         """Return the messages that are sent besides when rest cannot be proved; none where they let a table coast."""
+        return ()
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
-        """Return the rate that the table is really told for `rate_deg_s`: a multiple of its step."""
+        """Return the rate that the table is really told for `rate_deg_s`: the nearest multiple of its step."""
+        return round(rate_deg_s / self.rate_quantum_deg_s) * self.rate_quantum_deg_s
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask for the identity; also learns the framing where it is not configured."""
@@ -73,12 +96,15 @@ class TableDialect(Protocol):
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Take remote control for this program alone."""
+        del line, deadline
 
     def release(self, line: TableLine, deadline: Deadline) -> None:
         """Give remote control back."""
+        del line, deadline
 
     def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
-        """Tell the table its limits and its over-rate trip."""
+        """Tell the table its limits and its over-rate trip; the driver checks them before anything is sent, too."""
+        del line, limits, deadline
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Zero the demand, select rate mode, close the servo."""
@@ -87,7 +113,7 @@ class TableDialect(Protocol):
         """Leave rate mode: zero rate whatever is demanded."""
 
     def open_servo(self, line: TableLine, deadline: Deadline) -> None:
-        """Open the servo in the table's own orderly way."""
+        """Open the servo in the table's own orderly way; refused (InterlockError) where it would coast."""
 
     def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         """Ramp to a rate; an infinite acceleration leaves the table's as it is. Asking for rate 0 may be repeated."""
@@ -106,9 +132,59 @@ class TableDialect(Protocol):
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
         """Return the latched fault in words."""
+        del line, deadline
+        return None
 
     def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
         """Clear a latched fault."""
+        del deadline
+        raise InstrumentError("the known part of this language cannot clear a fault", **line.where)
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
         """Raise InstrumentError with the table's refusals since last asked."""
+        del line, deadline
+
+
+class SteadyRate(Struct):
+    """Stands in for an at-rate flag: so many readings in a row within a tolerance of the demand."""
+
+    tolerance_deg_s: float = 0.02
+    relative: float = 1e-4
+    polls: int = 3
+    demanded_deg_s: float = 0.0
+    _good: int = 0
+
+    def demand(self, rate_deg_s: float) -> None:
+        """Begin anew with another demand."""
+        self.demanded_deg_s, self._good = rate_deg_s, 0
+
+    def reached(self, rate_deg_s: float) -> bool:
+        """Take a reading; tell whether enough of the latest are good."""
+        allowed = self.tolerance_deg_s + self.relative * abs(self.demanded_deg_s)
+        self._good = self._good + 1 if abs(rate_deg_s - self.demanded_deg_s) <= allowed else 0
+        return self._good >= self.polls
+
+
+def require_rest(line: TableLine, rate_deg_s: float) -> None:
+    """Raise InterlockError when the servo must not be opened because the table turns."""
+    if not abs(rate_deg_s) < REST_DEG_S:
+        raise InterlockError(f"it still turns at {rate_deg_s:g} deg/s, the servo was not opened", **line.where)
+
+
+def drain(line: TableLine, deadline: Deadline) -> None:
+    """Drop all until nothing comes; answers that look alike cannot be told from late ones otherwise."""
+    line.take_unasked()
+    while not deadline.expired():
+        sleep(line.clock, min(_QUIET_S, deadline.remaining()))
+        if not line.take_unasked():
+            return
+
+
+def turned_deg_s(first_deg: float, then_deg: float, duration_s: float) -> float:
+    """Return the rate from two angles, the shorter way round: right while it turned less than half a turn."""
+    return ((then_deg - first_deg + 180.0) % 360.0 - 180.0) / duration_s
+
+
+def decimal(value: float, digits: int = 6) -> str:
+    """Return `value` with at most so many decimals and no exponent; never a negative zero."""
+    return f"{value + 0.0:.{digits}f}".rstrip("0").rstrip(".")

@@ -11,13 +11,11 @@ from __future__ import annotations
 import math
 import re
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
-
-from msgspec import Struct, field
+from typing import TYPE_CHECKING
 
 from vcfbench.clock import sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.steady import SteadyRate, located, on_grid, require_rest
+from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, decimal, require_rest
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
 from vcfbench.interfaces import Identity
 
@@ -25,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
+    from vcfbench.drivers.rate_table.dialect import AxisSettings
     from vcfbench.drivers.rate_table.line import TableLine
 
 _ERROR = re.compile(r"(\d+), *(\d+), *(.+)")
@@ -39,19 +37,18 @@ _FAULTS: Mapping[int, str] = MappingProxyType(
 """Last two digits of an axis' errors that shut it down; the hundreds are the axis."""
 
 
-class EspDialect(Struct):
-    """One axis of an ESP controller."""
+class EspDialect(TableDialect):
+    """One axis of an ESP controller. It listens to front panel and computer alike; its own limits stay as they are."""
 
-    axis: int = 1
-    rate_quantum_deg_s: ClassVar[float] = 1e-4
-    gap_s: ClassVar[float] = 0.0
-    own_time_s: ClassVar[float] = 0.0
-    typed_line_end: ClassVar[bytes] = b"\r"
-    """Line end that a person types."""
-    _steady: SteadyRate = field(default_factory=SteadyRate)
-    _faults: list[str] = field(default_factory=list)
-    _refused: list[tuple[int, str]] = field(default_factory=list)
-    _version: str = ""
+    rate_quantum_deg_s = 1e-4
+    typed_line_end = b"\r"
+
+    def __init__(self, axis: int = 1) -> None:
+        self.axis = axis
+        self._steady = SteadyRate()
+        self._faults: list[str] = []
+        self._refused: list[tuple[int, str]] = []
+        self._version = ""
 
     @classmethod
     def for_axis(cls, settings: AxisSettings) -> EspDialect:
@@ -67,10 +64,6 @@ class EspDialect(Struct):
         if not model.upper().startswith("ESP"):
             raise FramingError(f"expected the version of an ESP controller, came {self._version[:60]!r}")
         return Identity("Newport", model, "", firmware.removeprefix("Version").strip())
-
-    def realised_deg_s(self, rate_deg_s: float) -> float:
-        """Return the rate that the table is really told for `rate_deg_s`."""
-        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drop late answers up to the known one of ``VE?``, then up to a number."""
@@ -90,20 +83,7 @@ class EspDialect(Struct):
         stop = f"{self.axis}ST\r".encode("ascii")
         if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
             return (b"\r" + stop,)
-        return b"\r" + stop, f"{self.axis}AG{_decimal(acceleration_deg_s2)}\r".encode("ascii"), stop
-
-    def shutdown_words(self) -> tuple[bytes, ...]:
-        """Return none: with its motor off a stage coasts."""
-        return ()
-
-    def claim(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing: the controller listens to front panel and computer alike."""
-
-    def release(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing."""
-
-    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
-        """Do nothing: limits are checked before anything is sent, the controller's own (``VU``) stay as they are."""
+        return b"\r" + stop, f"{self.axis}AG{decimal(acceleration_deg_s2)}\r".encode("ascii"), stop
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Stop, then switch the motor on."""
@@ -122,29 +102,25 @@ class EspDialect(Struct):
 
     def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         """Set acceleration, deceleration and velocity, then jog; rate 0 is ``ST``."""
-        before = self._steady.demanded_deg_s
-        ramp = f"{self.axis}AC{_decimal(acceleration_deg_s2)};{self.axis}AG{_decimal(acceleration_deg_s2)};"
+        ramp = f"{self.axis}AC{decimal(acceleration_deg_s2)};{self.axis}AG{decimal(acceleration_deg_s2)};"
         ramps = ramp if math.isfinite(acceleration_deg_s2) else ""
-        if rate_deg_s * before < 0.0:
-            self._reverse(line, ramps, deadline)
+        if rate_deg_s * self._steady.demanded_deg_s < 0.0:
+            # Come to rest before the direction is changed. It takes the time of the ramp, beyond `deadline`.
+            self._command(line, f"{ramps}{self.axis}ST", deadline)
+            self._steady.demand(0.0)
+            acceleration = self._number(line, f"{self.axis}AG?", deadline)
+            turning_deg_s = abs(self.rate_deg_s(line, deadline))
+            within = line.deadline(2.0 * turning_deg_s / max(acceleration, 1e-3) + line.timeout_s)
+            while not replies.boolean(self._ask(line, f"{self.axis}MD?", within)):
+                if within.expired():
+                    raise line.locate(DeadlineExceeded("the stage did not stop"), f"{self.axis}ST", within)
+                sleep(line.clock, _POLL_S)
         self._steady.demand(rate_deg_s)
         if rate_deg_s == 0.0:
             self._command(line, f"{ramps}{self.axis}ST", deadline)
             return
         direction = "+" if rate_deg_s > 0.0 else "-"
-        self._command(line, f"{ramps}{self.axis}VA{_decimal(abs(rate_deg_s))};{self.axis}MV{direction}", deadline)
-
-    def _reverse(self, line: TableLine, ramps: str, deadline: Deadline) -> None:
-        """Come to rest before the direction is changed. It takes the time of the ramp, beyond `deadline`."""
-        self._command(line, f"{ramps}{self.axis}ST", deadline)
-        self._steady.demand(0.0)
-        acceleration = self._number(line, f"{self.axis}AG?", deadline)
-        rate_deg_s = abs(self.rate_deg_s(line, deadline))
-        within = line.deadline(2.0 * rate_deg_s / max(acceleration, 1e-3) + line.timeout_s)
-        while not replies.boolean(self._ask(line, f"{self.axis}MD?", within)):
-            if within.expired():
-                raise line.locate(DeadlineExceeded("the stage did not stop"), f"{self.axis}ST", within)
-            sleep(line.clock, _POLL_S)
+        self._command(line, f"{ramps}{self.axis}VA{decimal(abs(rate_deg_s))};{self.axis}MV{direction}", deadline)
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Ask whether the motor is on."""
@@ -153,10 +129,6 @@ class EspDialect(Struct):
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
         """Tell from readings of the velocity: ``MD?`` and ``TS`` only say whether it moves."""
         return self._steady.reached(self.rate_deg_s(line, deadline))
-
-    def moving(self, line: TableLine, deadline: Deadline) -> bool:
-        """Read the axis' bit of ``TS``, a single character (axes 1 to 3)."""
-        return bool(ord(self._ask(line, "TS", deadline)[:1]) >> (self.axis - 1) & 1)
 
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
         """Read the velocity, ``TV`` (unverified)."""
@@ -186,7 +158,7 @@ class EspDialect(Struct):
                 f"refused with {words}",
                 number=refused[0][0],
                 words=refused[0][1],
-                **located(line),
+                **line.where,
             )
 
     def _collect(self, line: TableLine, deadline: Deadline) -> None:
@@ -241,7 +213,3 @@ def _text(line: TableLine, deadline: Deadline) -> str:
     while not text:
         text = replies.text(line.take_line(deadline)).strip()
     return text
-
-
-def _decimal(value: float) -> str:
-    return f"{value + 0.0:.6f}".rstrip("0").rstrip(".")

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import re
-import threading
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from vcfbench.clock import Deadline, WallClock, sleep, within
-from vcfbench.drivers.trace import tapping
+from vcfbench.clock import Deadline, sleep
+from vcfbench.drivers.conversation import Conversation
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, FramingError, LinkLost, OutOfSync, TransportError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from contextlib import AbstractContextManager
+    from collections.abc import Iterator, Sequence
 
     import serial
 
@@ -23,12 +21,9 @@ if TYPE_CHECKING:
     from vcfbench.drivers.wire import Interface, Wire
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
-_BLIND_S = 0.3
-"""Wall time that sending words blind may take."""
-
 _LONGEST_LINE = 32_768
-_LOST = "the answers no longer belong to the questions"
 """The longest message of any table's language known so far (ACL manual, section 2)."""
+_LOST = "the answers no longer belong to the questions"
 
 
 Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
@@ -53,33 +48,47 @@ class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     prompt: str | None = None
 
 
-def open_line(url: str, *, clock: Clock, name: str, timeout_s: float, baud_rate: int = 9600) -> TableLine:
-    """Open a serial port by its name or URL (``/dev/ttyUSB0``, ``COM3``, ``socket://host:port``), 8N1.
+def open_serial(
+    url: str,
+    link: Link,
+    *,
+    clock: Clock,
+    name: str,
+    timeout_s: float,
+    baud_rate: int | None = None,
+    resource: str | None = None,
+) -> TableLine:
+    """Open a port by its name or URL (``/dev/ttyUSB0``, ``COM3``, ``socket://host:port``), set as `link` says.
+
+    `baud_rate` overrides its speed. Messages name `resource`, by default the `url`.
 
     Raises:
         ConnectFailed: there is no such port, it is in use, or nobody answers there.
     """
-    tap = tapping(name, url, clock)
 
     def connect(_: Deadline) -> Wire:
         import serial  # noqa: PLC0415 - loaded when first needed
 
         try:
             port = serial.serial_for_url(url, do_not_open=True, timeout=timeout_s, write_timeout=timeout_s)
-            port.baudrate = baud_rate
+            port.baudrate, port.bytesize = baud_rate or link.baud, link.data_bits
+            port.parity, port.stopbits = link.parity[0].upper(), link.stop_bits
+            port.rtscts, port.dsrdtr = link.flow == "rts_cts", link.flow == "dsr_dtr"
+            port.xonxoff = link.flow == "xon_xoff"
+            # Set DTR and RTS before the port is opened: their edge resets some controllers
+            if link.dtr is not None:
+                port.dtr = link.dtr
+            if link.rts is not None:
+                port.rts = link.rts
             if isinstance(port, serial.Serial):
                 port.exclusive = True  # one owner a connection; only real ports know how
             port.open()
         except Exception as error:  # termios.error is no OSError, and the handler of a URL is anyone's code
             raise ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
-        return tap(SerialWire(port))
+        sleep(clock, link.open_delay_s)  # some tables begin anew when a port is opened
+        return SerialWire(port)
 
-    try:
-        wire = connect(Deadline.after(clock, timeout_s))
-    except TransportError as error:
-        error.instrument, error.resource = name, url
-        raise
-    return TableLine(wire, name=name, resource=url, clock=clock, timeout_s=timeout_s, reconnect=connect)
+    return TableLine.opened(connect, name=name, resource=resource or url, clock=clock, timeout_s=timeout_s)
 
 
 class SerialWire:
@@ -145,52 +154,15 @@ def _lost(error: OSError) -> LinkLost:
     return LinkLost(f"the connection broke ({' '.join(str(error).split()) or type(error).__name__})")
 
 
-class TableLine:
+class TableLine(Conversation):
     """Exchanges that dialects are built on: bytes, lines and counted replies, each before a deadline."""
 
-    def __init__(
-        self,
-        wire: Wire,
-        *,
-        name: str,
-        resource: str,
-        clock: Clock,
-        timeout_s: float,
-        reconnect: Callable[[Deadline], Wire] | None = None,
-    ) -> None:
-        self.name = name
-        self.resource = resource
-        self.clock = clock
-        self.timeout_s = timeout_s
-        self._wire = wire
-        self._reconnect = reconnect
-        self._received = b""
-        self._lock = threading.RLock()
-        self._closed = False
-        self.dirty = False
-        """Whether an exchange broke off: the dialect must find its place again before it asks anything."""
-
-    @property
-    def closed(self) -> bool:
-        """Tell whether the connection has been given back or given up."""
-        return self._closed
-
-    def exclusive(self) -> AbstractContextManager[bool]:
-        """Keep other threads out for the length of an exchange."""
-        return self._lock
-
-    def deadline(self, seconds: float | None = None) -> Deadline:
-        """Return a deadline `seconds` from now, by default the line's time-out."""
-        return Deadline.after(self.clock, self.timeout_s if seconds is None else seconds)
+    commands_are_answered = True
 
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Send all of `data`."""
         self._require_open()
         self._wire.send(data, deadline)
-
-    def _require_open(self) -> None:
-        if self._closed:
-            raise LinkLost("the connection is closed", instrument=self.name, resource=self.resource)
 
     def take_line(self, deadline: Deadline) -> bytes:
         """Return the bytes up to the next line end (CR, LF or both), without it; empty lines are lines."""
@@ -221,15 +193,6 @@ class TableLine:
         self._received = self._received[found + len(known) :]
 
     @contextmanager
-    def exchange(self, command: str, deadline: Deadline) -> Iterator[None]:
-        """Keep other threads out for one exchange; an error of the line in it tells where it happened."""
-        with self._lock:
-            try:
-                yield
-            except TransportError as error:
-                raise self.locate(error, command, deadline)  # noqa: B904 - the same error, now knowing where
-
-    @contextmanager
     def resynchronising(self, question: str, deadline: Deadline, lost: str = _LOST) -> Iterator[None]:
         """Find the place again by `question`; where that fails the error is OutOfSync, or LinkLost."""
         try:
@@ -239,16 +202,6 @@ class TableLine:
         except TransportError as error:
             raise self.locate(OutOfSync(f"{lost}, the connection was closed"), question, deadline) from error
         self.dirty = False
-
-    def locate(self, error: TransportError, command: str, deadline: Deadline) -> TransportError:
-        """Tell `error` where it happened; a lost connection is closed."""
-        error.instrument = error.instrument or self.name
-        error.resource = error.resource or self.resource
-        error.command = error.command or command
-        error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
-        if isinstance(error, (LinkLost, OutOfSync)):
-            self.give_up()
-        return error
 
     def take_unasked(self) -> bytes:
         """Return the unasked bytes, and forget them."""
@@ -261,56 +214,12 @@ class TableLine:
             raise FramingError(f"{len(self._received)} bytes came without an end")
         self._received += self._wire.receive(deadline)[0]
 
-    def say_blind(self, words: Sequence[bytes], gap_s: float = 0.0) -> bool:
-        """Send `words` at once and tell whether the wire took them; nothing is waited for, nothing raised.
-
-        Nor is the lock waited for: another thread may hang in an exchange. A connection that is closed is made anew.
-        The line is dirty afterwards, for the words may be answered. `gap_s` is left between them if that is short.
-        """
-        taken: list[bool] = []  # the latest that is known when the time is up
-        within(_BLIND_S, lambda: self._speak_blind(words, gap_s, taken))
-        return bool(taken and taken[-1])
-
-    def _speak_blind(self, words: Sequence[bytes], gap_s: float, taken: list[bool]) -> None:
-        with suppress(Exception):  # a port is anyone's code, and the other instruments must hear their words
-            try:
-                self._require_open()
-                self.dirty = True
-                self._send_all(words, gap_s)
-                taken.append(True)
-                self._wire.pending()  # finds out that the other end has gone, which sending did not
-            except LinkLost:
-                taken.append(False)
-                # Whoever holds the lock meanwhile is connecting anew already
-                if self._reconnect is None or not self._lock.acquire(blocking=False):
-                    return
-                try:
-                    self.give_up()
-                    self.revive(Deadline.after(WallClock(), _BLIND_S), words, gap_s)
-                    taken.append(True)
-                finally:
-                    self._lock.release()
-
-    def _send_all(self, words: Sequence[bytes], gap_s: float) -> None:
-        wall = WallClock()
-        deadline = Deadline.after(wall, _BLIND_S)  # the bench's clock may be what hangs
-        for number, message in enumerate(words):
-            if number:
-                sleep(wall, min(gap_s, _BLIND_S / 2.0 / len(words)))
-            self._wire.send(message, deadline)
-
     def revive(self, deadline: Deadline, words: Sequence[bytes] = (), gap_s: float = 0.0) -> None:
         """Connect anew if the connection is closed; `words` are the first that is said there."""
         with self._lock:
-            if self._closed and self._reconnect is not None:
-                self._wire = self._reconnect(deadline)
-                self._received, self._closed, self.dirty = b"", False, True
-                self._send_all(words, gap_s)
+            if self.closed and self._reconnect is not None:
+                self._renew(deadline, words, gap_s)
 
-    def give_up(self) -> None:
+    def close(self) -> None:
         """Close the connection; `revive` may make another."""
-        if not self._closed:
-            self._closed = True
-            self._wire.close()
-
-    close = give_up
+        self._give_up("it was given back")

@@ -1,4 +1,4 @@
-"""Replies of a table whose language a profile tells: which comes, which may come late, which refuses."""
+"""Replies of a table whose language a profile tells: which comes, which may come late, which refuses, what it says."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct, field
 
-from vcfbench.drivers.rate_table.frames import take_frame, take_text
-from vcfbench.drivers.rate_table.steady import located
+from vcfbench.drivers.rate_table.language import Flag
+from vcfbench.drivers.rate_table.messages import decode, take_frame, take_text, text_value, unwrapped
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from vcfbench.clock import Deadline
+    from vcfbench.drivers.rate_table.language import Byte, Field, Profile, Reply, Step
     from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.drivers.rate_table.profile import Byte, Profile, Reply, Step
 
 
 class Received(Struct, frozen=True):
@@ -28,10 +28,11 @@ class Received(Struct, frozen=True):
 
 
 class ProfileReplies:
-    """Takes the replies of the language of `profile` from a line."""
+    """Takes the replies of the language of `profile` from a line, and reads in them what is said of one axis."""
 
-    def __init__(self, profile: Profile) -> None:
+    def __init__(self, profile: Profile, axis: int) -> None:
         self._profile = profile
+        self._axis = axis
 
     def await_prompt(self, line: TableLine, step: Step, within: Deadline) -> None:
         """Take lines until the prompt comes that ends the reply to `step`; InstrumentError for a refusal before it."""
@@ -39,7 +40,7 @@ class ProfileReplies:
         try:
             while (text := self._text(line, within)) != self._profile.link.prompt:
                 if refusal is not None and re.fullmatch(refusal, text):
-                    raise InstrumentError(f"refused ({text})", words=text, **located(line))
+                    raise InstrumentError(f"refused ({text})", words=text, **line.where)
         except DeadlineExceeded:
             if not step.optional_reply:
                 raise
@@ -95,12 +96,12 @@ class ProfileReplies:
     def _require_droppable(self, line: TableLine, message: bytes | str, *, among_others: bool, sent: str) -> None:
         if isinstance(message, bytes):
             if self._profile.refusals.bytes and _has(self._profile.refusals.bytes, message):
-                raise InstrumentError(f"refused ({message.hex(' ')})", words=message.hex(" "), **located(line))
+                raise InstrumentError(f"refused ({message.hex(' ')})", words=message.hex(" "), **line.where)
             late = any(reply.late and _has(reply.bytes, message) for reply in self._unasked())
         else:
             pattern = self._profile.refusals.pattern
             if pattern is not None and re.fullmatch(pattern, message):
-                raise InstrumentError(f"refused ({message})", words=message, **located(line))
+                raise InstrumentError(f"refused ({message})", words=message, **line.where)
             echo = self._profile.link.echo == "optional" and message == sent
             late = (
                 echo
@@ -116,6 +117,42 @@ class ProfileReplies:
         stream = self._profile.stream
         own = [] if stream is None else [self._profile.replies[stream.reply]]
         return [*own, *(reply for reply in self._profile.replies.values() if reply.late)]
+
+    # What a reply says
+
+    def number(self, spec: Field | Flag, received: Received) -> float:
+        """Return the value of a field, in deg or deg/s of the table's own sign; of a flag the number that decides."""
+        if self._profile.binary:
+            raw = decode(spec.type, received.data, spec.at or 0, self._profile.received_frame.order)
+        else:
+            raw = text_value("hex" if spec.type == "hex" else "decimal", self._piece(spec, received))
+        return raw if isinstance(spec, Flag) else unwrapped(raw * spec.scale + spec.offset, spec.wrap)
+
+    def _piece(self, spec: Field | Flag, received: Received) -> str:
+        """Return the piece of a line that a field or flag is about."""
+        if spec.group is not None:
+            name = spec.group.format(axis=self._axis)
+            if name not in received.groups:
+                raise FramingError(f"the reply {received.text[:60]!r} has no {name}")
+            return received.groups[name]
+        pieces = list(received.groups.values()) if received.groups else received.text.split(",")
+        if spec.item is None or spec.item >= len(pieces):
+            raise FramingError(f"the reply {received.text[:60]!r} has no item {spec.item}")
+        return pieces[spec.item]
+
+    def holds(self, spec: Flag, received: Received) -> bool:
+        """Tell whether a flag is raised, before its `negate`."""
+        if spec.contains is not None:
+            text = received.data.decode("latin-1") if self._profile.binary else self._piece(spec, received)
+            return spec.contains in text
+        value = self.number(spec, received)
+        if spec.bit is not None:
+            return bool(int(value) >> spec.bit & 1)
+        if spec.mask is not None:
+            return int(value) & spec.mask == (spec.mask if spec.value is None else spec.value)
+        if spec.among is not None:
+            return value in spec.among
+        return (spec.above is None or value > spec.above) and (spec.below is None or value < spec.below)
 
 
 def _has(wanted: tuple[Byte, ...], data: bytes) -> bool:

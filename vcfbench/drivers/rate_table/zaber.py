@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 import re
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
-from msgspec import Struct, field
+from msgspec import Struct
 
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.steady import SteadyRate, located, on_grid, require_rest
+from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, require_rest
 from vcfbench.errors import ConfigError, DeadlineExceeded, FramingError, InstrumentError, LimitError
 from vcfbench.interfaces import Identity
 
@@ -103,21 +103,21 @@ def parse_reply(text: str) -> ZaberReply:
     return ZaberReply(number, found["verdict"] == "OK", found["state"] == "BUSY", found["warning"], found["data"])
 
 
-class ZaberDialect(Struct):
+class ZaberDialect(TableDialect):
     """One axis of a Zaber device; every request is numbered, so that a late reply is known as one.
 
-    Settings that it writes (``accel``, ``maxspeed``) stay in the device.
+    Settings that it writes (``accel``, ``maxspeed``) stay in the device. A disabled driver lets the stage coast; a
+    serial port has one owner, and the knob shows in the warning flag NC. A refusal comes in the reply.
     """
 
-    steps_per_deg: float
-    axis: int = 1
-    device: int = 1
-    gap_s: ClassVar[float] = 0.0
-    own_time_s: ClassVar[float] = 0.0
-    _number: int = -1
-    typed_line_end: ClassVar[bytes] = b"\n"
-    """Line end that a person types."""
-    _steady: SteadyRate = field(default_factory=SteadyRate)
+    typed_line_end = b"\n"
+
+    def __init__(self, steps_per_deg: float, axis: int = 1, device: int = 1) -> None:
+        self.steps_per_deg = steps_per_deg
+        self.axis = axis
+        self.device = device
+        self._number = -1
+        self._steady = SteadyRate()
 
     @classmethod
     def for_axis(cls, settings: AxisSettings) -> ZaberDialect:
@@ -133,16 +133,12 @@ class ZaberDialect(Struct):
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask for device number, serial number and firmware version."""
-        number = self._device_setting(line, "deviceid", deadline)
+        number = self._setting(line, "deviceid", deadline, axis=0)
         try:
-            serial = self._device_setting(line, "system.serial", deadline)
+            serial = self._setting(line, "system.serial", deadline, axis=0)
         except InstrumentError:
             serial = ""
-        return Identity("Zaber", f"device {number}", serial, self._device_setting(line, "version", deadline))
-
-    def realised_deg_s(self, rate_deg_s: float) -> float:
-        """Return the rate that the table is really told for `rate_deg_s`."""
-        return on_grid(rate_deg_s, self.rate_quantum_deg_s)
+        return Identity("Zaber", f"device {number}", serial, self._setting(line, "version", deadline, axis=0))
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drop received bytes: a late reply carries another number."""
@@ -162,35 +158,25 @@ class ZaberDialect(Struct):
         body = f"{self.device} {self.axis} {command}"
         return f"/{body}:{lrc(body)}\n".encode("ascii")
 
-    def shutdown_words(self) -> tuple[bytes, ...]:
-        """Return none: a disabled driver lets the stage coast."""
-        return ()
-
-    def claim(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing: a serial port has one owner, and the knob shows in the warning flag NC."""
-
-    def release(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing."""
-
     def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
         """Set the highest speed of the axis."""
         if math.isfinite(limits.max_rate_deg_s):
-            self._command(line, f"set maxspeed {math.ceil(self._speed(limits.max_rate_deg_s))}", deadline)
+            self._ask(line, f"set maxspeed {math.ceil(self._speed(limits.max_rate_deg_s))}", deadline)
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Stop, then enable the driver."""
         self._steady.demand(0.0)
-        self._command(line, "stop", deadline)
-        self._command(line, "driver enable", deadline)
+        self._ask(line, "stop", deadline)
+        self._ask(line, "driver enable", deadline)
 
     def hold(self, line: TableLine, deadline: Deadline) -> None:
         """Stop; there is no other mode."""
-        self._command(line, "stop", deadline)
+        self._ask(line, "stop", deadline)
 
     def open_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Disable the driver; refused (InterlockError) while the stage turns."""
         require_rest(line, self.rate_deg_s(line, deadline))
-        self._command(line, "driver disable", deadline)
+        self._ask(line, "driver disable", deadline)
 
     def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         """Set the acceleration, then run at a velocity; rate 0 is ``stop``."""
@@ -203,11 +189,11 @@ class ZaberDialect(Struct):
                 raise LimitError(
                     f"an acceleration of {acceleration_deg_s2:g} deg/s2 is below the {least:.3g} deg/s2 that the stage "
                     "can be told, nothing was sent",
-                    **located(line),
+                    **line.where,
                 )
-            self._command(line, f"set accel {units}", deadline)
+            self._ask(line, f"set accel {units}", deadline)
         self._steady.demand(speed * self.rate_quantum_deg_s)
-        self._command(line, f"move vel {speed}" if speed else "stop", deadline)
+        self._ask(line, f"move vel {speed}" if speed else "stop", deadline)
 
     def _speed(self, rate_deg_s: float) -> float:
         return rate_deg_s * self.steps_per_deg * _VELOCITY
@@ -235,41 +221,25 @@ class ZaberDialect(Struct):
 
     def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
         """Clear the warnings that can be cleared."""
-        self._command(line, "warnings clear", deadline)
-
-    def check_errors(self, line: TableLine, deadline: Deadline) -> None:
-        """Do nothing: a refusal comes in the reply."""
+        self._ask(line, "warnings clear", deadline)
 
     # Exchanges
 
-    def _setting(self, line: TableLine, name: str, deadline: Deadline) -> str:
-        return self._ask(line, f"get {name}", deadline).data
-
-    def _device_setting(self, line: TableLine, name: str, deadline: Deadline) -> str:
-        return self._ask(line, f"get {name}", deadline, axis=0).data
-
-    def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
-        self._ask(line, command, deadline)
+    def _setting(self, line: TableLine, name: str, deadline: Deadline, *, axis: int | None = None) -> str:
+        return self._ask(line, f"get {name}", deadline, axis=axis).data
 
     def _ask(self, line: TableLine, command: str, deadline: Deadline, *, axis: int | None = None) -> ZaberReply:
         with line.exchange(command, deadline):
             self._number = (self._number + 1) % 100
             line.take_unasked()
             line.send(frame_request(self.device, self.axis if axis is None else axis, self._number, command), deadline)
-            reply = self._reply(line, deadline)
+            reply: ZaberReply | None = None
+            while reply is None or reply.number != self._number:  # others come late, from requests given up
+                if reply is not None and deadline.expired():
+                    raise DeadlineExceeded("no answer that belongs to the request")
+                text = replies.text(line.take_line(deadline))
+                reply = reply if not text or text[0] in _UNASKED else parse_reply(text)
         if not reply.accepted:
             words = f"{reply.data}: {_REASONS[reply.data]}" if reply.data in _REASONS else reply.data
-            raise InstrumentError(f"rejected ({words})", words=reply.data, command=command, **located(line))
+            raise InstrumentError(f"rejected ({words})", words=reply.data, command=command, **line.where)
         return reply
-
-    def _reply(self, line: TableLine, deadline: Deadline) -> ZaberReply:
-        """Return the reply that carries this request's number; others come late, from requests given up."""
-        while True:
-            text = replies.text(line.take_line(deadline))
-            if not text or text[0] in _UNASKED:
-                continue
-            reply = parse_reply(text)
-            if reply.number == self._number:
-                return reply
-            if deadline.expired():
-                raise DeadlineExceeded("no answer that belongs to the request")

@@ -1,0 +1,173 @@
+"""What a SCPI session and the line to a rate table share: an open wire, its failures, and words that are sent blind."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from vcfbench.clock import Deadline, WallClock, sleep, within
+from vcfbench.drivers.trace import attending, tapping
+from vcfbench.errors import LinkLost, OutOfSync, TransportError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from contextlib import AbstractContextManager
+    from typing import Self
+
+    from vcfbench.clock import Clock
+    from vcfbench.drivers.wire import Wire
+
+_BLIND_S = 0.3
+"""Wall time that sending words blind may take."""
+_LONGEST_SHOWN = 200
+
+
+class Conversation:
+    """A wire to one instrument: one exchange at a time, each before a deadline."""
+
+    commands_are_answered: ClassVar[bool] = False
+    """Whether words that are sent blind leave answers behind."""
+
+    def __init__(
+        self,
+        wire: Wire,
+        *,
+        name: str,
+        resource: str,
+        clock: Clock,
+        timeout_s: float,
+        reconnect: Callable[[Deadline], Wire] | None = None,
+    ) -> None:
+        self.name = name
+        self.resource = resource
+        self.clock = clock
+        self.timeout_s = timeout_s
+        self.dirty = False
+        """Whether an exchange broke off: the place must be found again before anything is asked."""
+        self._wire = wire
+        self._reconnect = reconnect
+        self._lock = threading.RLock()
+        self._received = b""
+        self._closed_because: str | None = None
+
+    @classmethod
+    def opened(
+        cls,
+        connect: Callable[[Deadline], Wire],
+        *,
+        name: str,
+        resource: str,
+        clock: Clock,
+        timeout_s: float,
+        open_timeout_s: float | None = None,
+        **more: Any,
+    ) -> Self:
+        """Return one on the wire that `connect` opens, now and whenever it has to be opened anew."""
+        tap = tapping(name, resource, clock)
+        reach = attending(name, lambda deadline: tap(connect(deadline)))
+        try:
+            wire = reach(Deadline.after(clock, timeout_s if open_timeout_s is None else open_timeout_s))
+        except TransportError as error:
+            error.instrument, error.resource = name, resource
+            raise
+        return cls(wire, name=name, resource=resource, clock=clock, timeout_s=timeout_s, reconnect=reach, **more)
+
+    @property
+    def closed(self) -> bool:
+        """Tell whether the connection has been given back or given up."""
+        return self._closed_because is not None
+
+    @property
+    def where(self) -> dict[str, Any]:
+        """Names of instrument and resource, for errors."""
+        return {"instrument": self.name, "resource": self.resource}
+
+    def exclusive(self) -> AbstractContextManager[bool]:
+        """Keep other threads out for several exchanges."""
+        return self._lock
+
+    def deadline(self, seconds: float | None = None) -> Deadline:
+        """Return a deadline `seconds` from now, by default the connection's time-out."""
+        return Deadline.after(self.clock, self.timeout_s if seconds is None else seconds)
+
+    @contextmanager
+    def exchange(self, command: str | None, deadline: Deadline) -> Iterator[None]:
+        """Keep other threads out for one exchange; an error of the wire in it tells where it happened."""
+        with self._lock:
+            try:
+                yield
+            except TransportError as error:
+                raise self.locate(error, command, deadline)  # noqa: B904 - the same error, now knowing where
+
+    def locate(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
+        """Tell `error` where it happened; a lost connection is closed."""
+        error.instrument = error.instrument or self.name
+        error.resource = error.resource or self.resource
+        error.command = error.command or (None if command is None else shown(command))
+        error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
+        if isinstance(error, (LinkLost, OutOfSync)):
+            self._give_up(error.what)
+        return error
+
+    def _require_open(self) -> None:
+        if self._closed_because is not None:
+            raise LinkLost(f"the connection is closed ({self._closed_because})", **self.where)
+
+    def _give_up(self, because: str) -> None:
+        if self._closed_because is None:
+            self._closed_because, self.dirty = because, True
+            self._wire.close()
+
+    def _renew(self, deadline: Deadline, words: Sequence[bytes], gap_s: float = 0.0) -> None:
+        """Make a new connection, if that can be; `words` are the first that are said there."""
+        if self._reconnect is None:
+            self._require_open()
+            return
+        self._give_up("it was given up for a new one")
+        self._wire = self._reconnect(deadline)
+        self._closed_because, self._received, self.dirty = None, b"", True
+        self._send_blind(words, gap_s)
+
+    def say_blind(self, words: Sequence[bytes], gap_s: float = 0.0) -> bool:
+        """Send `words` at once and tell whether the wire took them; nothing is waited for, nothing raised.
+
+        Nor is the lock waited for: another thread may hang in an exchange. A connection that is gone is made anew.
+        `gap_s` is left between the words if that is short.
+        """
+        taken: list[bool] = []  # the latest that is known when the time is up
+        within(_BLIND_S, lambda: self._speak_blind(words, gap_s, taken))
+        return bool(taken and taken[-1])
+
+    def _speak_blind(self, words: Sequence[bytes], gap_s: float, taken: list[bool]) -> None:
+        with suppress(Exception):  # a library is anyone's code, and the other instruments must hear their words
+            try:
+                self._require_open()
+                self.dirty = self.dirty or self.commands_are_answered
+                self._send_blind(words, gap_s)
+                taken.append(True)
+                if self._wire.pending():  # also finds out that the other end has gone, which sending did not
+                    self.dirty = True
+            except LinkLost:
+                taken.append(False)
+                # Whoever holds the lock meanwhile is connecting anew already
+                if self._reconnect is None or not self._lock.acquire(blocking=False):
+                    return
+                try:
+                    self._renew(Deadline.after(WallClock(), _BLIND_S), words, gap_s)
+                    taken.append(True)
+                finally:
+                    self._lock.release()
+
+    def _send_blind(self, words: Sequence[bytes], gap_s: float) -> None:
+        wall = WallClock()
+        deadline = Deadline.after(wall, _BLIND_S)  # the bench's clock may be what hangs
+        for number, message in enumerate(words):
+            if number:
+                sleep(wall, min(gap_s, _BLIND_S / 2.0 / len(words)))
+            self._wire.send(message, deadline)
+
+
+def shown(command: str) -> str:
+    """Return `command` as it goes into messages: arbitrary waveforms are commands too."""
+    return command if len(command) <= _LONGEST_SHOWN else f"{command[:_LONGEST_SHOWN]}..."
