@@ -3,19 +3,15 @@
 The user's guide (33220-90002) was at hand only as quoted by others; what it leaves open is marked.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
+from vcfbench.drivers.session import Session
 from vcfbench.errors import FramingError, PlanError
-
-if TYPE_CHECKING:
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.session import Session
-    from vcfbench.interfaces import SafeReport
+from vcfbench.interfaces import SafeReport
 
 MAX_V = 10.0
 """Into an open circuit |offset| + amplitude / 2 may be 10 V (guide p. 60)."""

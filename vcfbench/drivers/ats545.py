@@ -6,17 +6,13 @@ p. C-1), and those that PyMeasure's driver of the ATS-545 takes from the manual.
 the maker, that refusals are told by *ESR? alone, and that there is no error queue.
 """
 
-from __future__ import annotations
-
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from vcfbench.clock import Deadline
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, require_within, safely
 from vcfbench.errors import InstrumentError, InterlockError
-
-if TYPE_CHECKING:
-    from vcfbench.clock import Deadline
-    from vcfbench.interfaces import SafeReport
+from vcfbench.interfaces import SafeReport
 
 _FLOW = 1 << 5
 """AUXC?: air flows."""

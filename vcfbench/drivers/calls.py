@@ -4,20 +4,13 @@ Every call has a deadline, and libraries keep it as a rule. One that does not wo
 bench live. Whoever opens instruments asks for this (:func:`attended`); else nothing stands in between.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
-from vcfbench.clock import WallClock
-from vcfbench.drivers.trace import ATTENDANT
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.trace import Connect
-    from vcfbench.drivers.wire import Interface, Wire
+from vcfbench.clock import Deadline, WallClock
+from vcfbench.drivers.trace import ATTENDANT, Connect
+from vcfbench.drivers.wire import Interface, Wire
 
 _T = TypeVar("_T")
 

@@ -1,22 +1,14 @@
 """What a SCPI session and the line to a rate table share: an open wire, its failures, and words that are sent blind."""
 
-from __future__ import annotations
-
 import threading
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
+from typing import Any, ClassVar, Self
 
-from vcfbench.clock import Deadline, WallClock, sleep, within
+from vcfbench.clock import Clock, Deadline, WallClock, sleep, within
 from vcfbench.drivers.trace import attending, tapping
+from vcfbench.drivers.wire import Wire
 from vcfbench.errors import LinkLost, OutOfSync, TransportError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-    from contextlib import AbstractContextManager
-    from typing import Self
-
-    from vcfbench.clock import Clock
-    from vcfbench.drivers.wire import Wire
 
 _BLIND_S = 0.3
 """Wall time that sending words blind may take."""

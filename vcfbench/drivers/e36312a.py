@@ -5,20 +5,15 @@ which follow it. Its three outputs are all positive and float: output 3, which i
 rail because its plus terminal is wired to ground. Voltages of N25V are said and told here with the sign of the rail.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.e3631a import E3631A, Output
 from vcfbench.drivers.scpi_instrument import decimal
 from vcfbench.errors import FramingError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.clock import Deadline
 
 
 class E36312A(E3631A):

@@ -1,24 +1,17 @@
 """Keysight (Agilent, HP) E3631A triple DC supply, after its user's guide E3631-90002."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 from msgspec import Struct
 
-from vcfbench.clock import sleep
+from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
+from vcfbench.drivers.session import Session
 from vcfbench.errors import InstrumentError, LimitError, MeasurementError, PlanError
-from vcfbench.interfaces import Regulation
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.session import Session
-    from vcfbench.interfaces import SafeReport
+from vcfbench.interfaces import Regulation, SafeReport
 
 
 class Output(Struct, frozen=True):

@@ -1,22 +1,15 @@
 """HP (Agilent, Keysight) 34401A multimeter, after its user's guide 34401-90004."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar, Self
 
+from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
-from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
+from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings, decimal, require_within, safely
+from vcfbench.drivers.session import Session
 from vcfbench.errors import FramingError, InstrumentError, LimitError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from typing import Self
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.scpi_instrument import VisaSettings
-    from vcfbench.drivers.session import Session
-    from vcfbench.interfaces import SafeReport
+from vcfbench.interfaces import SafeReport
 
 _LONGEST_DELAY_S = 3600.0
 """Trigger delay between readings (guide p. 80)."""

@@ -4,8 +4,6 @@ They are spoken to in the DSO7104B's words, which its driver took in good part f
 the length of the measurement record, which is not made use of. ``*IDN?`` writes DSO-X 3024A what is sold as DSOX3024A.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from vcfbench.drivers.dso7104b import Dso7104B

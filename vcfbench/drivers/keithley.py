@@ -7,20 +7,15 @@ quote, so that what a setting does beside itself is unverified. What matters is 
 Their names in ``*IDN?`` are ``MODEL 2000`` and ``MODEL DMM6500``.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.drivers.scpi_instrument import decimal, require_within
 from vcfbench.errors import WrongInstrument
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.clock import Deadline
 
 _LONGEST_DELAY_S = 999_999.999
 _OVERHEAD_S = 0.05

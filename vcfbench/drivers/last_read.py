@@ -1,13 +1,7 @@
 """The last read-back of an instrument and its time, for messages when it no longer answers."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
+from vcfbench.clock import Clock
 from vcfbench.interfaces import UnprovedCommand
-
-if TYPE_CHECKING:
-    from vcfbench.clock import Clock
 
 
 class LastRead:

@@ -4,20 +4,16 @@ It goes through the driver's own session or line, so that deadlines, resynchroni
 here too.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from vcfbench.drivers.rate_table.acl import AclDialect
 from vcfbench.drivers.rate_table.driver import RateTableDriver
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.scpi_instrument import ScpiInstrument
+from vcfbench.drivers.session import Session
 from vcfbench.errors import ConfigError, DeadlineExceeded, TransportError
-
-if TYPE_CHECKING:
-    from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.drivers.session import Session
-    from vcfbench.interfaces import Instrument
+from vcfbench.interfaces import Instrument
 
 _COMMAND_S = 0.5
 """Longest time after which a table that answers commands at all begins to answer one, s."""

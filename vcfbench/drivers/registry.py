@@ -1,29 +1,22 @@
 """Opening of instruments: the one way from a name and a resource to a driver."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from msgspec import Struct
 
-from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
+from vcfbench.clock import Clock
+from vcfbench.drivers.rate_table.dialect import AxisSettings, Header, TableDialect, TableLimits
 from vcfbench.drivers.rate_table.dialects import spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.rate_table.line import open_serial
+from vcfbench.drivers.rate_table.line import TableLine, open_serial
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings
 from vcfbench.drivers.session import open_session
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.interfaces import Instrument
 from vcfbench.models import driver_of, find_language, find_model, model_names
-
-if TYPE_CHECKING:
-    from vcfbench.clock import Clock
-    from vcfbench.drivers.rate_table.dialect import Header, TableDialect
-    from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.interfaces import Instrument
-
 
 _S = TypeVar("_S")
 

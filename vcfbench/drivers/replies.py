@@ -3,17 +3,12 @@
 Each raises :class:`~vcfbench.errors.FramingError` for anything that is not of its form.
 """
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from msgspec import Struct
 
 from vcfbench.errors import FramingError, MeasurementError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 OVERLOAD = 9.9e37
 """From this magnitude on a number means "no value" (SCPI-99 vol. 1, 7.2.1.4: 9.9E37 infinity, 9.91E37 not a number)."""

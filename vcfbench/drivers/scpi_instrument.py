@@ -1,24 +1,17 @@
 """Base of the SCPI drivers: identity, errors, and the frame of making safe."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 from msgspec import Struct
 
-from vcfbench.clock import Deadline, WallClock, sleep
+from vcfbench.clock import Clock, Deadline, WallClock, sleep
 from vcfbench.drivers.last_read import LastRead
+from vcfbench.drivers.session import Session
+from vcfbench.drivers.visa_wire import SerialParameters
 from vcfbench.errors import BenchError, ConnectFailed, InstrumentError, LimitError, WrongInstrument
 from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 from vcfbench.models import HP_MAKERS, bare_model
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from typing import Self
-
-    from vcfbench.clock import Clock
-    from vcfbench.drivers.session import Session
-    from vcfbench.drivers.visa_wire import SerialParameters
 
 _E = TypeVar("_E", bound=BenchError)
 

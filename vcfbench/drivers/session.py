@@ -7,18 +7,19 @@ closed. A late answer is thus never taken for the answer to the next question.
 The safe words alone need none of that: they are sent on whatever is left of the wire, and nothing is waited for.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from contextlib import suppress
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeVar
+from types import MappingProxyType, TracebackType
+from typing import Any, Self, TypeVar
 
 from msgspec import Struct
 
-from vcfbench.clock import Deadline, sleep
+from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.conversation import Conversation, shown
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
+from vcfbench.drivers.visa_wire import SerialParameters
+from vcfbench.drivers.wire import Interface, Wire
 from vcfbench.errors import (
     DeadlineExceeded,
     FramingError,
@@ -28,15 +29,6 @@ from vcfbench.errors import (
     OutOfSync,
     TransportError,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from types import TracebackType
-    from typing import Self
-
-    from vcfbench.clock import Clock
-    from vcfbench.drivers.visa_wire import SerialParameters
-    from vcfbench.drivers.wire import Interface, Wire
 
 _T = TypeVar("_T")
 
@@ -70,7 +62,7 @@ def open_session(
     open_timeout_s: float | None = None,
     serial: SerialParameters | None = None,
     write_pause_s: float = 0.0,
-) -> Session:
+) -> "Session":
     """Open `resource` through the VISA `library`.
 
     Args:

@@ -7,29 +7,22 @@ A line has five fields with tabs between them: bench time in s, role, resource, 
 escaped as ``\n``, ``\r``, ``\t``, ``\\`` and ``\xNN``; docs/console.md has the marks.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TextIO
 
 from msgspec import Struct
 
-from vcfbench.clock import WallClock, utc_now
+from vcfbench.clock import Clock, Deadline, WallClock, utc_now
+from vcfbench.drivers.wire import Interface, Wire
 from vcfbench.errors import BenchError, ConfigError, TransportError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-    from typing import TextIO
-
-    from vcfbench.clock import Clock, Deadline
-    from vcfbench.drivers.wire import Interface, Wire
-
-    Connect = Callable[[Deadline], Wire]
+Connect = Callable[[Deadline], Wire]
 
 HEADER = "# vcfbench trace 1"
 _PLAIN = re.compile(rb"[ -\[\]-~]+")

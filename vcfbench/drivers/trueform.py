@@ -5,15 +5,11 @@ Guide (p. 62), a driver made from the maker's SCPI description of the 33500B, us
 frequencies are those that the models are sold by.
 """
 
-from __future__ import annotations
+from typing import ClassVar
 
-from typing import TYPE_CHECKING, ClassVar
-
+from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.agilent33220a import OPEN_OHM, Agilent33220A
-
-if TYPE_CHECKING:
-    from vcfbench.clock import Deadline
 
 
 class Trueform(Agilent33220A):

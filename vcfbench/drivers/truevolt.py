@@ -4,16 +4,11 @@ They speak the 34401A's words but for those that stand here as data. INITiate is
 reading and may be asked again, for it stays in memory (users' drivers, after the guide).
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from vcfbench.drivers.hp34401a import Hp34401A
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from typing import Self
 
 _MODELS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {

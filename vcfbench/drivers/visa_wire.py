@@ -5,12 +5,10 @@ to a peer that does not read never ends, and opening a closed port succeeds (see
 and interface goes through viWrite and viRead.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import pyvisa
 from pyvisa.constants import (
@@ -23,14 +21,11 @@ from pyvisa.constants import (
     StopBits,
 )
 from pyvisa.errors import VisaIOError
+from pyvisa.resources import MessageBasedResource
 
+from vcfbench.clock import Deadline
+from vcfbench.drivers.wire import Interface, Wire
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, LinkLost
-
-if TYPE_CHECKING:
-    from pyvisa.resources import MessageBasedResource
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.wire import Interface, Wire
 
 _CHUNK = 65_536
 _BIG_CHUNK = 1 << 20

@@ -1,11 +1,8 @@
 """Wires that move bytes: the seam below sessions and rate-table lines."""
 
-from __future__ import annotations
+from typing import Literal, Protocol
 
-from typing import TYPE_CHECKING, Literal, Protocol
-
-if TYPE_CHECKING:
-    from vcfbench.clock import Deadline
+from vcfbench.clock import Deadline
 
 Interface = Literal["gpib", "usb", "instr", "socket", "asrl", "serial"]
 

@@ -1,21 +1,15 @@
 """Checks of ``[simulation]``: physical parameters, instrument errors, and the simulated table of a profile."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from msgspec import structs
 
 from vcfbench.sim.builder import named_parameters, physical_parameters, profile_twin, twins
 from vcfbench.sim.parameters import Contradiction
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.overrides import invalid_overrides
 from vcfbench.station.strict import refusal, words
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.station.description import BenchDescription
 
 _MOST_DRAWN = 10.0
 """Times the published accuracy: more is no such instrument any more."""

@@ -1,18 +1,11 @@
 """Fault scripts in files that a user names."""
 
-from __future__ import annotations
+from pathlib import Path
 
-from typing import TYPE_CHECKING
-
-from simrack.faults import script_of
+from simrack.faults import FaultScript, script_of
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from simrack.faults import FaultScript
 
 
 def parse_script(text: str, source: str) -> FaultScript:

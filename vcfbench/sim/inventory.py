@@ -1,22 +1,17 @@
 """Every number that a simulated bench is made of, with unit, meaning and source."""
 
-from __future__ import annotations
-
 import ast
 import inspect
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from textwrap import dedent
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vcfbench.records.plain import field_names
 from vcfbench.sim.builder import chosen_seed, instrument_errors, named_parameters, physical_parameters
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.station.description import BenchDescription
+from vcfbench.station.description import BenchDescription
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,21 +1,15 @@
 """Pick-up of the mains by leads: one sine each, in series with their ends."""
 
-from __future__ import annotations
-
 import cmath
 import math
-from typing import TYPE_CHECKING
 
+import numpy as np
 from msgspec import Struct
-from simrack.sources import Drive, Piece, Sine
+from numpy.typing import NDArray
+from simrack.components import Component
+from simrack.sources import Bend, Drive, Piece, Played, Sine
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-    from simrack.components import Component
-    from simrack.sources import Bend, Played
-
-    from vcfbench.sim.parameters import PickUp
+from vcfbench.sim.parameters import PickUp
 
 _STREAM = 3
 """Number of this random stream among those of the World's seed; see :mod:`.gyro.gyro`."""
@@ -29,7 +23,7 @@ class Mains(Struct, frozen=True):
     in_v_vc_meter_leads: Sine | None = None
 
     @classmethod
-    def drawn(cls, pick_up: PickUp, seed: int) -> Mains:
+    def drawn(cls, pick_up: PickUp, seed: int) -> "Mains":
         """Return the pick-up of a bench: frequency and phases by the seed."""
         import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
 
@@ -74,7 +68,7 @@ class _Overlaid(Struct, frozen=True):
         terms = (*played.terms, (size, 1j * speed))
         return Piece(played.start_s, played.stop_s, played.constant, played.slope_per_s, terms)
 
-    def divided(self, share: float) -> _Overlaid:
+    def divided(self, share: float) -> "_Overlaid":
         """Return the source behind a resistance that leaves `share` of its open voltage (Thevenin)."""
         sine = Sine(share * self.sine.amplitude_v, self.sine.frequency_hz, self.sine.phase_rad)
         return _Overlaid(self.source.divided(share), sine)

@@ -1,23 +1,18 @@
 """The bench file of a simulated bench with a gyroscope of one's own, from the figures of its data sheet."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from msgspec import structs, to_builtins
 
 from vcfbench.errors import ConfigError
 from vcfbench.sim.builder import named_parameters
 from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro, peak_response, settling_s
+from vcfbench.sim.parameters import BenchParameters
 from vcfbench.station.description import Simulation
 from vcfbench.station.file import EMBEDDED, parse_bench
 from vcfbench.station.settings import PAPER_RATES_DEG_S
 from vcfbench.station.writing import table_text, value_text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from vcfbench.sim.parameters import BenchParameters
 
 _HEAD = "# A simulated bench with a gyroscope of one's own, written by `vcfbench sim new` from these figures:"
 _LATITUDE_DEG = 37.9

@@ -6,25 +6,17 @@ Everything that waits is given that clock, so that a run takes no longer than it
 the same run on a bench simulated in this process, to the last digit.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct, structs
+from simrack.serve import Control, RemoteClock, ServedBench, ServedClock
 
 from vcfbench.errors import ConfigError, ConnectFailed, LinkLost
-from vcfbench.models import find_model
-from vcfbench.station.description import Served
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
-
-    from simrack.serve import Control, RemoteClock, ServedBench, ServedClock
-
-    from vcfbench.models import Wire
-    from vcfbench.station.description import BenchDescription
+from vcfbench.models import Wire, find_model
+from vcfbench.station.description import BenchDescription, Served
 
 _CONTROL = "control port"
 

@@ -5,11 +5,10 @@ Propagation stops at events and at the edges of registered windows and captures 
 a second does.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Hashable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
 from msgspec.structs import replace
 from simrack.adding import added
@@ -18,21 +17,14 @@ from simrack.flutter import Flutter
 from simrack.loads import NodeLoads
 from simrack.motion import TableMotion
 from simrack.observations import Observed
-from simrack.sources import Approach
+from simrack.sources import Approach, Drive, Played, Ripple
+from simrack.world import LeadsOfRole  # noqa: TC002 - of an attribute
 
+from vcfbench.clock import Clock
 from vcfbench.sim.gyro.gyro import Gyro
+from vcfbench.sim.gyro.stretch import Stretch
 from vcfbench.sim.mains import Mains
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterator
-    from typing import Any
-
-    from simrack.sources import Drive, Played, Ripple
-    from simrack.world import LeadsOfRole
-
-    from vcfbench.clock import Clock
-    from vcfbench.sim.gyro.stretch import Stretch
-    from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.parameters import BenchParameters
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")

@@ -5,25 +5,19 @@ the TCP interface. What the manual leaves open about that stream's framing is in
 says so here. Full words are sent throughout, for ACL's short forms are not unique by prefix.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import struct
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Self
 
+from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.dialect import TableDialect, decimal
+from vcfbench.drivers.rate_table.dialect import AxisSettings, Header, TableDialect, TableLimits, decimal
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import FramingError, InstrumentError, OutOfSync, TransportError
 from vcfbench.interfaces import Identity
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.dialect import AxisSettings, Header, TableLimits
-    from vcfbench.drivers.rate_table.line import TableLine
 
 # On every interface except GPIB each command is answered, error code and length before the data (manual section 2).
 # That they are two 32-bit words is inferred from the reflective-memory layout and from a client that drops eight
@@ -109,7 +103,7 @@ class AclDialect(TableDialect):
         self._identity = b""
 
     @classmethod
-    def for_axis(cls, settings: AxisSettings) -> AclDialect:
+    def for_axis(cls, settings: AxisSettings) -> Self:
         """Return the dialect of one axis."""
         return cls(settings.axis, settings.header)
 

@@ -6,21 +6,16 @@ with the prompt ``>``; a refusal holds ``?``. Whether a command is echoed, and w
 command at once, late or never, is disputed: both are put up with.
 """
 
-from __future__ import annotations
-
 import math
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table import dialect
 from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, drain, require_rest, turned_deg_s
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, InstrumentError
 from vcfbench.interfaces import Identity
-
-if TYPE_CHECKING:
-    from vcfbench.drivers.rate_table.line import TableLine
 
 _PROMPT = ">"
 _REFUSAL = "?"

@@ -5,13 +5,10 @@ stopping is repeated and questions are, commands are not; what does not parse is
 of a turning table is not opened.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from vcfbench import errors
 from vcfbench.clock import Deadline, sleep
@@ -24,13 +21,10 @@ from vcfbench.drivers.rate_table.dialect import (
     require_rest,
     turned_deg_s,
 )
-from vcfbench.drivers.rate_table.language import QUESTIONS, STREAM
+from vcfbench.drivers.rate_table.language import QUESTIONS, STREAM, Profile, Step
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.rate_table.profile_replies import ProfileReplies, Received
 from vcfbench.interfaces import Identity
-
-if TYPE_CHECKING:
-    from vcfbench.drivers.rate_table.language import Profile, Step
-    from vcfbench.drivers.rate_table.line import TableLine
 
 Values = Mapping[str, messages.Value]
 """Values of the names in templates."""

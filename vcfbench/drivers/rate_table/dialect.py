@@ -1,18 +1,13 @@
 """The seam between the rate-table driver and the languages that tables speak, and what several languages need."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Literal, Protocol, Self
+from typing import Literal, Protocol, Self
 
 from msgspec import Struct
 
-from vcfbench.clock import sleep
+from vcfbench.clock import Deadline, sleep
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import InstrumentError, InterlockError
-
-if TYPE_CHECKING:
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.interfaces import Identity
+from vcfbench.interfaces import Identity
 
 Header = Literal["none", "u32le2", "u32be2", "auto"]
 """Header of a reply of ACL on a byte stream: nothing, or error code and length as two 32-bit words."""

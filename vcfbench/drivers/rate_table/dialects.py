@@ -1,17 +1,12 @@
 """The languages of rate tables by name: built in, shipped as a profile, or told by a TOML file of one's own."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from msgspec import Struct
 
-from vcfbench.drivers.rate_table.dialect import AxisSettings
+from vcfbench.drivers.rate_table.dialect import AxisSettings, TableDialect
 from vcfbench.drivers.rate_table.line import Link
 from vcfbench.models import LANGUAGES, find_language, resolve
-
-if TYPE_CHECKING:
-    from vcfbench.drivers.rate_table.dialect import TableDialect
 
 DIALECTS: Final = tuple(row.name for row in LANGUAGES)
 """The languages that come with the project."""

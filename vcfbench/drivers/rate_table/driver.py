@@ -1,13 +1,14 @@
 """The rate-table driver: limits, sign, proof of rest, and the order of things; the words are the dialect's."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import Literal, TypeVar
 
-from vcfbench.clock import Deadline, sleep
+from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers.last_read import LastRead
+from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.scpi_instrument import safely
 from vcfbench.errors import (
     DeadlineExceeded,
@@ -18,14 +19,7 @@ from vcfbench.errors import (
     MeasurementError,
     TransportError,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from vcfbench.clock import Clock
-    from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
-    from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
+from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 
 _T = TypeVar("_T")
 

@@ -6,25 +6,18 @@ after each by ``TB?``. Unverified: 19 200 Bd, ``TV``, the resolution of velociti
 stage (hence it is stopped first).
 """
 
-from __future__ import annotations
-
 import math
 import re
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Self
 
-from vcfbench.clock import sleep
+from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, decimal, require_rest
+from vcfbench.drivers.rate_table.dialect import AxisSettings, SteadyRate, TableDialect, decimal, require_rest
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
 from vcfbench.interfaces import Identity
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.dialect import AxisSettings
-    from vcfbench.drivers.rate_table.line import TableLine
 
 _ERROR = re.compile(r"(\d+), *(\d+), *(.+)")
 _DEEPEST_QUEUE = 16
@@ -51,7 +44,7 @@ class EspDialect(TableDialect):
         self._version = ""
 
     @classmethod
-    def for_axis(cls, settings: AxisSettings) -> EspDialect:
+    def for_axis(cls, settings: AxisSettings) -> Self:
         """Return the dialect of one axis."""
         return cls(settings.axis)
 

@@ -4,8 +4,6 @@
 :class:`~vcfbench.drivers.rate_table.configurable.ConfigurableDialect` does what it says.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal
 

@@ -1,24 +1,17 @@
 """The line to a rate table: whatever pyserial opens by URL, with deadlines."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
+import serial
 from msgspec import Meta, Struct
 
-from vcfbench.clock import Deadline, sleep
+from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers.conversation import Conversation
+from vcfbench.drivers.wire import Interface, Wire
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, FramingError, LinkLost, OutOfSync, TransportError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    import serial
-
-    from vcfbench.clock import Clock
-    from vcfbench.drivers.wire import Interface, Wire
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _LONGEST_LINE = 32_768
@@ -57,7 +50,7 @@ def open_serial(
     timeout_s: float,
     baud_rate: int | None = None,
     resource: str | None = None,
-) -> TableLine:
+) -> "TableLine":
     """Open a port by its name or URL (``/dev/ttyUSB0``, ``COM3``, ``socket://host:port``), set as `link` says.
 
     `baud_rate` overrides its speed. Messages name `resource`, by default the `url`.

@@ -4,8 +4,6 @@ A template of text is in Python's format language: ``3{dir}{acc:04d}{abs_rate:09
 each place with its type and the factor to its whole numbers: ``01 0C {rate:i32*1e5} {acc:i32*1e5}``.
 """
 
-from __future__ import annotations
-
 import binascii
 import math
 import operator
@@ -13,20 +11,17 @@ import re
 import string
 import struct
 import zlib
+from collections.abc import Callable, Mapping
 from functools import reduce
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Final, Literal, get_args
+from typing import Annotated, Final, Literal, get_args
 
 from msgspec import Meta, Struct
 
+from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import FramingError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.line import TableLine
 
 Value = float | int | str
 Order = Literal["little", "big"]

@@ -1,25 +1,20 @@
 """Reading of table languages told in TOML: every mistake is one line with file, key and what was expected."""
 
-from __future__ import annotations
-
 import re
 import warnings
+from collections.abc import Iterator, Mapping
 from importlib import resources
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
 from vcfbench.drivers.rate_table import language, messages
 from vcfbench.drivers.rate_table.language import COMMANDS, QUESTIONS, STREAM, Field, Flag, Profile, Step
+from vcfbench.drivers.rate_table.messages import Frame, Value
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
 from vcfbench.models import find_language
 from vcfbench.typed import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from vcfbench.drivers.rate_table.messages import Frame, Value
 
 
 def load_profile(name: str) -> Profile:

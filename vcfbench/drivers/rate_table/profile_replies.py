@@ -1,22 +1,15 @@
 """Replies of a table whose language a profile tells: which comes, which may come late, which refuses, what it says."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from msgspec import Struct, field
 
-from vcfbench.drivers.rate_table.language import Flag
+from vcfbench.clock import Deadline
+from vcfbench.drivers.rate_table.language import Byte, Field, Flag, Profile, Reply, Step
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.rate_table.messages import decode, take_frame, take_text, text_value, unwrapped
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.language import Byte, Field, Profile, Reply, Step
-    from vcfbench.drivers.rate_table.line import TableLine
 
 
 class Received(Struct, frozen=True):

@@ -5,26 +5,20 @@ flag data[:LRC]``. Unverified, general knowledge only: the factor 1.6384 of velo
 the setting ``vel`` for the present velocity, ``system.serial``.
 """
 
-from __future__ import annotations
-
 import math
 import re
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Self
 
 from msgspec import Struct
 
+from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, require_rest
+from vcfbench.drivers.rate_table.dialect import AxisSettings, SteadyRate, TableDialect, TableLimits, require_rest
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import ConfigError, DeadlineExceeded, FramingError, InstrumentError, LimitError
 from vcfbench.interfaces import Identity
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
-    from vcfbench.drivers.rate_table.line import TableLine
 
 _VELOCITY = 1.6384
 """Data units of velocity per microstep/s (unverified)."""
@@ -120,7 +114,7 @@ class ZaberDialect(TableDialect):
         self._steady = SteadyRate()
 
     @classmethod
-    def for_axis(cls, settings: AxisSettings) -> ZaberDialect:
+    def for_axis(cls, settings: AxisSettings) -> Self:
         """Return the dialect of one axis; raises ConfigError without the stage's microsteps per degree."""
         if settings.steps_per_deg is None:
             raise ConfigError("rate_table.steps_per_deg: expected the stage's microsteps per degree, came nothing")

@@ -14,23 +14,17 @@ The force noise is a base-band disturbance that rides on the carrier, so it has 
 V_s shows the part that turns with it, which is the one that the demodulator brings down.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
-from vcfbench.sim.gyro.noise import BLOCK, by_rows
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from vcfbench.sim.gyro.noise import NoiseState, NoisyChain
-    from vcfbench.sim.gyro.shaken import Shaken
+from vcfbench.sim.gyro.noise import BLOCK, NoiseState, NoisyChain, by_rows
+from vcfbench.sim.gyro.shaken import Shaken
 
 GRID_S = 0.5e-3
 LONGEST_S = 2.0

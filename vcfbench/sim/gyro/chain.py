@@ -12,23 +12,17 @@ behind 100 Hz, order 4, at 6978 Hz. It also brings the conjugate of each mode's 
 the step.
 """
 
-from __future__ import annotations
-
 import cmath
+from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
-from vcfbench.sim.gyro.modes import butterworth_poles, butterworth_residues
+from vcfbench.sim.gyro.modes import Resonance, butterworth_poles, butterworth_residues
 from vcfbench.sim.gyro.signals import FEW_TERMS, ExponentialSum
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from vcfbench.sim.gyro.modes import Resonance
-    from vcfbench.sim.parameters import BenchParameters, SenseMode
+from vcfbench.sim.parameters import BenchParameters, SenseMode
 
 
 class ChainState(Struct, frozen=True):
@@ -42,7 +36,7 @@ class ChainState(Struct, frozen=True):
     filtered: NDArray[np.complex128]
 
     @classmethod
-    def at_rest(cls, order: int) -> ChainState:
+    def at_rest(cls, order: int) -> "ChainState":
         """Return the state of a chain that never moved."""
         return cls(np.zeros(2, complex), np.zeros(2, complex), np.zeros(order, complex))
 
@@ -66,7 +60,7 @@ class Response(Struct, frozen=True, dict=True):
     V_s has without motion: constant, slope, one size an exponent.
     """
 
-    chain: Chain
+    chain: "Chain"
     turn: complex
     free: NDArray[np.complex128]
     constant: NDArray[np.complex128]
@@ -191,7 +185,7 @@ class Chain(Struct, frozen=True, dict=True):
             modal[4:] + (self.coupling + turn * self.turned_coupling) @ parts,
         )
 
-    def handed_over(self, modal: NDArray[np.complex128], turn: complex, other: Chain) -> NDArray[np.complex128]:
+    def handed_over(self, modal: NDArray[np.complex128], turn: complex, other: "Chain") -> NDArray[np.complex128]:
         """Return the coordinates that the state with these has in another chain; `turn` is e^{2j th} then.
 
         Where only the drive has changed the modes' parts stay: see :mod:`.modes`.
@@ -350,7 +344,7 @@ class ChainDesign:
         )
 
 
-def _each(bench: BenchParameters, figure: _ModeFigure) -> NDArray[np.complex128]:
+def _each(bench: BenchParameters, figure: Callable[[SenseMode], float]) -> NDArray[np.complex128]:
     """Return a figure of each mode, once for each of its two parts."""
     return np.array(
         [figure(mode) for mode in (bench.sense_in_phase, bench.sense_anti_phase) for _ in range(2)], complex
@@ -364,9 +358,3 @@ def _share(mode: SenseMode) -> float:
 def _combs(bench: BenchParameters, mode: SenseMode) -> float:
     left, right = bench.virtual_path.left_comb_n_per_v2, bench.virtual_path.right_comb_n_per_v2
     return mode.left_participation * left + mode.right_participation * right
-
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    _ModeFigure = Callable[[SenseMode], float]

@@ -4,31 +4,23 @@ What acts is only noted. The chain's response is worked out when somebody looks,
 remembers: a start-up that nobody watches costs next to nothing, and so does a long way down to rest.
 """
 
-from __future__ import annotations
-
 import cmath
 import copy
 import math
 from collections import deque
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
+from simrack.motion import RateSegment
 
-from vcfbench.sim.gyro.chain import Forcing
+from vcfbench.sim.gyro.chain import Chain, ChainDesign, Forcing, Response
 from vcfbench.sim.gyro.design import earth_rate_deg_s
+from vcfbench.sim.gyro.drive import DriveSegment
+from vcfbench.sim.gyro.electronics import Passage
+from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.signals import real_terms
-from vcfbench.sim.gyro.thermal import resonance_at
-
-if TYPE_CHECKING:
-    from simrack.motion import RateSegment
-
-    from vcfbench.sim.gyro.chain import Chain, ChainDesign, Response
-    from vcfbench.sim.gyro.drive import DriveSegment
-    from vcfbench.sim.gyro.electronics import Passage
-    from vcfbench.sim.gyro.modes import Resonance
-    from vcfbench.sim.gyro.thermal import WarmUp
-    from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
+from vcfbench.sim.parameters import BenchParameters
 
 FORGOTTEN_DEG_S = 1e-18
 FORGOTTEN_NEPERS = 36.0
@@ -56,7 +48,7 @@ class Acting(Struct, frozen=True):
         """Return the chain that it acts on."""
         return chain_at(design, self.bench, self.temperature_c, self.drive)
 
-    def has_chain_of(self, other: Acting) -> bool:
+    def has_chain_of(self, other: "Acting") -> bool:
         """Tell whether it acts on the same chain as another."""
         same_modes = self.temperature_c == other.temperature_c and self.bench is other.bench
         return same_modes and self.drive == other.drive

@@ -4,18 +4,13 @@ What a data sheet does not say is chosen as for the shipped sets and scaled: for
 factor, the in-phase mode with the drive frequency, but never near the mode that measures.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.sim.gyro.design import IDEAL_TARGETS, PAPER_TARGETS, PERFECT, design, imperfect
-
-if TYPE_CHECKING:
-    from vcfbench.sim.parameters import BenchParameters, DriveLoop, SenseMode
+from vcfbench.sim.parameters import BenchParameters, DriveLoop, SenseMode
 
 FLICKER_MINIMUM = 0.6642824702679
 """sqrt(2 ln 2 / pi): the lowest point of an Allan curve of flicker noise over its coefficient B."""

@@ -5,8 +5,6 @@ meet a figure are computed here from that figure by the closed form of the stead
 unexplained.
 """
 
-from __future__ import annotations
-
 import math
 
 from msgspec import Struct

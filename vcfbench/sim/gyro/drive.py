@@ -8,22 +8,17 @@ The force is F_d sin(th); locked, w_d = w_x and x = -A_x cos(th): equation (4) o
 since the phase of equation (2) is -pi/2 there.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
 
+from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.signals import ExponentialSum
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from vcfbench.sim.gyro.modes import Resonance
-    from vcfbench.sim.parameters import BenchParameters, DriveLoop
+from vcfbench.sim.parameters import BenchParameters, DriveLoop
 
 
 class Supplied(NamedTuple):

@@ -4,15 +4,10 @@ It is the same for everybody at the same instant: values `1/64` of the corner's 
 place in bench time, block by block, with straight lines between them (which keep the density, and 97 % of the power).
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 TICKS_A_PERIOD = 64
 REMEMBERED = 256

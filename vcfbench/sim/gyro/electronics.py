@@ -1,24 +1,18 @@
 """Memoryless electronics: modulator, output amplifier, supply of the PCB."""
 
-from __future__ import annotations
-
 import cmath
 import itertools
 import math
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
-from simrack.sources import Drive
+from numpy.typing import NDArray
+from simrack.sources import Approach, Bend, Drive, Piece, Played, Ripple, Sine
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-    from simrack.sources import Approach, Bend, Piece, Played, Ripple, Sine
-
-    from vcfbench.sim.parameters import OutputStage, Supply, VirtualPath
+from vcfbench.sim.parameters import OutputStage, Supply, VirtualPath
 
 _Volts = TypeVar("_Volts", float, "NDArray[np.float64]")
 
@@ -33,7 +27,7 @@ class Oscillation(Struct, frozen=True):
     terms: list[tuple[complex, complex]]
     slope_v_s: float = 0.0
 
-    def later(self, elapsed_s: float) -> Oscillation:
+    def later(self, elapsed_s: float) -> "Oscillation":
         """Return the same from `elapsed_s` after its origin on."""
         if not self.terms and not self.slope_v_s:
             return self
@@ -98,7 +92,7 @@ class PlayedVoltage(Struct, frozen=True):
     share: float
     start_s: float
 
-    def later(self, elapsed_s: float) -> PlayedVoltage:
+    def later(self, elapsed_s: float) -> "PlayedVoltage":
         """Return the same from `elapsed_s` after its origin on."""
         return replace(self, start_s=self.start_s + elapsed_s)
 

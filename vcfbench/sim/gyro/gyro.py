@@ -8,36 +8,27 @@ steps of a start-up and in when it crosses the PCB's thresholds. The amplitude o
 chain depends on, follows it in steps.
 """
 
-from __future__ import annotations
-
 import copy
 import math
+from collections.abc import Hashable
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
-from simrack.sources import NOTHING_V, Approach
+from simrack.motion import RateSegment
+from simrack.sources import NOTHING_V, Approach, Drive, Played, Ripple
 
+from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainDesign
 from vcfbench.sim.gyro.course import Acting, Answer, Course
 from vcfbench.sim.gyro.design import seen_share
-from vcfbench.sim.gyro.drive import Supplied, locked, resting, ring_down, start_up
+from vcfbench.sim.gyro.drive import DriveSegment, Supplied, locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronic import ElectronicNoise
 from vcfbench.sim.gyro.electronics import Pin, output_limits, passage, rail_current_a
+from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.noise_course import NoiseCourse
 from vcfbench.sim.gyro.stretch import Situation, Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable
-
-    from simrack.motion import RateSegment
-    from simrack.sources import Drive, Played, Ripple
-
-    from vcfbench.sim.gyro.bridge import NoisePath
-    from vcfbench.sim.gyro.drive import DriveSegment
-    from vcfbench.sim.gyro.modes import Resonance
-    from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.parameters import BenchParameters
 
 COLDEST_C, HOTTEST_C = -55.0, 125.0
 AMPLITUDE_STEP = 1e-4
@@ -138,7 +129,7 @@ class Gyro:
         self._course = Course(self._design, bench)
         self._noise = NoiseCourse(self._design, bench, seed, now_s)
 
-    def imagined(self) -> Gyro:
+    def imagined(self) -> "Gyro":
         """Return a gyro that goes on from here by itself, with random numbers of its own: this one learns nothing."""
         other = copy.copy(self)
         other.part()

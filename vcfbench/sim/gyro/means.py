@@ -8,27 +8,19 @@ bench as noisy as the paper's. What rests within the noise of a limit is average
 the rails are clipped at as they move.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vcfbench.sim.gyro.electronics import amplify, curved
+from vcfbench.sim.gyro.electronics import MovingLimits, amplify, curved
+from vcfbench.sim.gyro.signals import ExponentialSum
+from vcfbench.sim.parameters import OutputStage
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from vcfbench.sim.gyro.electronics import MovingLimits
-    from vcfbench.sim.gyro.signals import ExponentialSum
-    from vcfbench.sim.parameters import OutputStage
-
-    _Volts = float | NDArray[np.float64]
+_Volts = float | NDArray[np.float64]
 
 STEADY_V = 1e-3
 PANEL_S = 0.02

@@ -7,8 +7,6 @@ p+- = -w/2Q +- j w', w' = w sqrt(1 - 1/4Q^2), it splits into two first-order par
 needs no conversion.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from functools import cached_property

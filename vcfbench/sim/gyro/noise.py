@@ -9,21 +9,19 @@ state of its own, added to the deterministic one, and passes the demodulator by 
 would change its size by less than 1e-5.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from vcfbench.sim.gyro.chain import Chain
+from vcfbench.sim.parameters import NoiseSources
 
-    from vcfbench.sim.gyro.chain import Chain
-    from vcfbench.sim.parameters import NoiseSources
-
+_AsArray = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 _Number = TypeVar("_Number", np.float64, np.complex128)
 
 
@@ -34,7 +32,7 @@ class FlickerNoise(Struct, frozen=True):
     deviation_rad_s: float
 
     @classmethod
-    def of(cls, noise: NoiseSources) -> FlickerNoise:
+    def of(cls, noise: NoiseSources) -> "FlickerNoise":
         """Return the processes of a parameter set; variance B^2 ln(4) / pi each makes the sum's density right."""
         times = np.array([noise.flicker_shortest_s * 4.0**n for n in range(noise.flicker_processes)])
         deviation = math.radians(noise.bias_instability_deg_s) * math.sqrt(math.log(4) / math.pi)
@@ -62,7 +60,7 @@ class NoiseState(Struct, frozen=True):
     modes: int
 
     @classmethod
-    def of(cls, modal: NDArray[np.complex128], rates_rad_s: NDArray[np.float64]) -> NoiseState:
+    def of(cls, modal: NDArray[np.complex128], rates_rad_s: NDArray[np.float64]) -> "NoiseState":
         """Return the state with these modes and rates."""
         return cls(np.concatenate((modal.real, modal.imag, rates_rad_s)), len(modal))
 
@@ -78,11 +76,11 @@ class NoiseState(Struct, frozen=True):
         """The flicker rates."""
         return self.made[2 * self.modes :]
 
-    def plus(self, gathered: NDArray[np.float64]) -> NoiseState:
+    def plus(self, gathered: NDArray[np.float64]) -> "NoiseState":
         """Return it with a vector (Re modal, Im modal, flicker...) added; later elements are not its own."""
         return NoiseState(self.made + gathered[: len(self.made)], self.modes)
 
-    def minus(self, other: NoiseState) -> NDArray[np.float64]:
+    def minus(self, other: "NoiseState") -> NDArray[np.float64]:
         """Return the vector that leads here from another one."""
         return self.made - other.made
 
@@ -282,7 +280,7 @@ class _Gathered(Struct, frozen=True):
     @classmethod
     def of(
         cls, inputs: NDArray[np.complex128], exponents: NDArray[np.complex128], other: np.ufunc | _AsArray = np.asarray
-    ) -> _Gathered:
+    ) -> "_Gathered":
         """Return that of modes with themselves, or with their conjugates."""
         total = np.add.outer(exponents, other(exponents))
         return cls(inputs @ other(inputs).T, total == 0, np.where(total == 0, -1.0, total))
@@ -329,9 +327,3 @@ def _factor(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     safe = np.where(scale == 0, 1.0, scale)
     values, vectors = np.linalg.eigh(covariance / np.multiply.outer(safe, safe))
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    _AsArray = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]

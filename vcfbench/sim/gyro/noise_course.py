@@ -4,30 +4,23 @@ What changes it (the chain that it passes, the table's motion) is only noted. Th
 somebody looks, the same numbers as if they had been drawn at once. A way down to rest that nobody watches costs none.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
+from simrack.motion import RateSegment
 
 from vcfbench.sim.gyro.bridge import NoisePath
+from vcfbench.sim.gyro.chain import ChainDesign
 from vcfbench.sim.gyro.course import chain_at
-from vcfbench.sim.gyro.drive import locked
+from vcfbench.sim.gyro.drive import DriveSegment, locked
 from vcfbench.sim.gyro.noise import FlickerNoise, NoiseState, NoisyChain
-from vcfbench.sim.gyro.shaken import Shaking
+from vcfbench.sim.gyro.shaken import Shaken, Shaking
 from vcfbench.sim.gyro.thermal import resonance_at
-
-if TYPE_CHECKING:
-    from simrack.motion import RateSegment
-
-    from vcfbench.sim.gyro.chain import ChainDesign
-    from vcfbench.sim.gyro.drive import DriveSegment
-    from vcfbench.sim.gyro.shaken import Shaken
-    from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.parameters import BenchParameters
 
 NOISE_STEP_K = 1.0
 """Steps in which the chain that the noise passes follows the temperature: 6e-4 of the noise's size at most."""

@@ -5,24 +5,18 @@ would change its size by less than 1e-5, and with the parameters that the noise 
 flutter makes of a chain at rest; what went before decays with the rest of the noise.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
+from simrack.flutter import Flutter
+from simrack.motion import RateSegment
 
+from vcfbench.sim.gyro.chain import Chain
 from vcfbench.sim.gyro.noise import NoiseState, make_room, turning_with
 from vcfbench.sim.gyro.signals import ExponentialSum
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-    from simrack.flutter import Flutter
-    from simrack.motion import RateSegment
-
-    from vcfbench.sim.gyro.chain import Chain
 
 
 class _Interval(Struct, frozen=True):
@@ -48,7 +42,7 @@ class Shaking:
         self._variances: dict[int, float] = {}
         self._intervals: dict[int, _Interval] = {}
 
-    def shaken(self, rate: RateSegment, start_s: float, duration_s: float) -> Shaken | None:
+    def shaken(self, rate: RateSegment, start_s: float, duration_s: float) -> "Shaken | None":
         """Return the response to the flutter of a segment of the motion over an interval, None if it has none."""
         if not rate.shaking_deg_s:
             return None

@@ -1,15 +1,10 @@
 """Signals in closed form: a constant, a ramp, a sum of complex exponentials and one ramped exponential."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 BLOCK = 1 << 20
 FEW_TERMS = 256
@@ -81,7 +76,7 @@ class ExponentialSum(Struct, frozen=True):
         ramped = self.turning * (end * np.exp(turn * end) - np.expm1(turn * end) / turn) / turn if self.turning else 0j
         return complex(self.amplitudes @ grown) + ramp + complex(ramped)
 
-    def later(self, elapsed_s: float) -> ExponentialSum:
+    def later(self, elapsed_s: float) -> "ExponentialSum":
         """Return the same signal with its origin `elapsed_s` later."""
         if not elapsed_s:
             return self
@@ -93,7 +88,7 @@ class ExponentialSum(Struct, frozen=True):
         amplitudes, exponents = np.append(moved, turning * elapsed_s), np.append(self.exponents, self.turn)
         return ExponentialSum(constant, self.slope, amplitudes, exponents, turning, self.turn)
 
-    def carried(self, turn: complex) -> ExponentialSum:
+    def carried(self, turn: complex) -> "ExponentialSum":
         """Return this signal, which has no ramped exponential, times exp(turn t)."""
         amplitudes = np.append(self.amplitudes, self.constant)
         return ExponentialSum(0j, 0j, amplitudes, np.append(self.exponents, 0j) + turn, self.slope, turn)

@@ -1,32 +1,24 @@
 """One stretch of the gyro's history between two events, in closed form at any time within it."""
 
-from __future__ import annotations
-
 import cmath
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 from msgspec import Struct, field
+from numpy.typing import NDArray
 from simrack.dense import COARSE_S, coarser
+from simrack.sources import Played
 
-from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, PlayedVoltage, amplify
+from vcfbench.sim.gyro.bridge import NoisePath
+from vcfbench.sim.gyro.chain import Response
+from vcfbench.sim.gyro.course import Answer
+from vcfbench.sim.gyro.drive import DriveSegment
+from vcfbench.sim.gyro.electronic import ElectronicNoise
+from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, Passage, Pin, PlayedVoltage, amplify
 from vcfbench.sim.gyro.means import output_integral
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-    from simrack.sources import Played
-
-    from vcfbench.sim.gyro.bridge import NoisePath
-    from vcfbench.sim.gyro.chain import Response
-    from vcfbench.sim.gyro.course import Answer
-    from vcfbench.sim.gyro.drive import DriveSegment
-    from vcfbench.sim.gyro.electronic import ElectronicNoise
-    from vcfbench.sim.gyro.electronics import Passage, Pin
-    from vcfbench.sim.gyro.modes import Resonance
-    from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.gyro.modes import Resonance
+from vcfbench.sim.parameters import BenchParameters
 
 FINEST_RAD = 0.05
 PINS = ("rail_positive", "rail_negative")

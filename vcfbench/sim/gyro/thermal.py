@@ -1,16 +1,11 @@
 """Temperature of the gyro: one exponential an event, and its effect on the modes."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
 from vcfbench.sim.gyro.modes import Resonance
-
-if TYPE_CHECKING:
-    from vcfbench.sim.parameters import DriveMode, SenseMode, Thermal
+from vcfbench.sim.parameters import DriveMode, SenseMode, Thermal
 
 
 class WarmUp(Struct, frozen=True):

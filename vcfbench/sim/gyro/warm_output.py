@@ -4,18 +4,13 @@ Drive at the temperature after the warm-up and on the rails, demodulated modes, 
 amplifier, after docs/theory.md. The simulation itself does not use it: it propagates the modes in time.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 from vcfbench.sim.gyro.design import earth_rate_deg_s
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.parameters import BenchParameters
 
 
 def warm_output(
