@@ -15,7 +15,8 @@ from tests.drivers.servers import IDENTITY, answering, nothing_special, serving
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers import visa_wire
 from vcfbench.drivers.hp34401a import Hp34401A
-from vcfbench.drivers.session import SerialLine, Session, open_session
+from vcfbench.drivers.session import Session, open_session
+from vcfbench.drivers.wire import SerialLine
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, FramingError, LinkLost
 
 if TYPE_CHECKING:

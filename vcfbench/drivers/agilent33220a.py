@@ -75,8 +75,9 @@ class Agilent33220A(ScpiInstrument):
             f"VOLT {decimal(amplitude_vpp)}",
             f"VOLT:OFFS {decimal(offset_v)}",
         )
-        self._read_back(f"{self.source}FREQ?", frequency_hz, 1e-6 + frequency_hz * 1e-9, "Hz")
-        self._read_back(f"{self.source}VOLT?", amplitude_vpp, _step(amplitude_vpp), "Vpp")
+        form = self.number_form
+        self._read_back(f"{self.source}FREQ?", frequency_hz, 1e-6 + frequency_hz * 1e-9, "Hz", form=form)
+        self._read_back(f"{self.source}VOLT?", amplitude_vpp, _step(amplitude_vpp), "Vpp", form=form)
         self._offset_v(offset_v)
         self._configured = True
 
@@ -108,13 +109,7 @@ class Agilent33220A(ScpiInstrument):
         return first_v
 
     def _offset_v(self, wanted_v: float) -> float:
-        return self._read_back(f"{self.source}VOLT:OFFS?", wanted_v, _step(wanted_v), "V")
-
-    def _read_back(self, query: str, wanted: float, tolerance: float, unit: str) -> float:
-        found = self._session.query_number(query, form=self.number_form)
-        if not abs(found - wanted) <= tolerance:
-            raise self._disagreement(query, f"{wanted:g} {unit}", f"{found:g} {unit}")
-        return found
+        return self._read_back(f"{self.source}VOLT:OFFS?", wanted_v, _step(wanted_v), "V", form=self.number_form)
 
     def enable_output(self) -> None:
         """Close the output relay."""

@@ -70,14 +70,6 @@ class TemptronicATS545(ScpiInstrument):
         self._read_back("WNDW?", window_k, 0.051, "K")
         self._read_back("SOAK?", soak_s, 0.51, "s")
 
-    def _read_back(self, query: str, wanted: float, tolerance: float, unit: str) -> float:
-        found = self._session.query_reading(query)
-        if abs(found - wanted) > tolerance:
-            raise self._error(
-                InstrumentError, f"was set to {wanted:g} {unit} but reads back {found:g} {unit}", command=query
-            )
-        return found
-
     def at_temperature(self) -> bool:
         """Tell whether the temperature is reached and has been held for the soak time."""
         return bool(self._session.query_int("TECR?") & _AT_TEMPERATURE)

@@ -8,11 +8,9 @@ from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings, decimal, require_within, safely
 from vcfbench.drivers.session import Session
-from vcfbench.errors import FramingError, InstrumentError, LimitError
+from vcfbench.errors import FramingError, LimitError
 from vcfbench.interfaces import SafeReport
 
-_LONGEST_DELAY_S = 3600.0
-"""Trigger delay between readings (guide p. 80)."""
 _TRANSFER_S = 0.02
 """One reading on a 9600-baud line, 16 characters."""
 _OVERHEAD_S = 0.05
@@ -34,14 +32,36 @@ class Hp34401A(ScpiInstrument):
 
     ranges_v: ClassVar[tuple[float, ...]] = (0.1, 1.0, 10.0, 100.0, 1000.0)
     integration_times_nplc: ClassVar[tuple[float, ...]] = (0.02, 0.2, 1.0, 10.0, 100.0)
-    autozero_on: ClassVar[str] = "ZERO:AUTO ON"
-    autozero_once: ClassVar[str] = "ZERO:AUTO ONCE"
     fast_apertures_s: ClassVar[Mapping[float, float]] = MappingProxyType({0.02: 400e-6, 0.2: 3e-3})
     """Integration times that do not depend on the line, by power-line cycles (guide p. 216)."""
     memory_readings: ClassVar[int] = 512
     """Readings that INITiate can store (guide p. 84)."""
+    longest_delay_s: ClassVar[float] = 3600.0
+    """Trigger delay between readings (guide p. 80)."""
+    least_samples: ClassVar[int] = 1
     abort_words: ClassVar[tuple[str, ...]] = ()
     """Commands that end a measurement, if a device clear does not; a 34401A takes none while it measures (p. 116)."""
+
+    # CONFigure presets one sample, one trigger, source immediate, 10 Mohm; autozero it takes from the NPLC.
+    dc_words: ClassVar[tuple[str, ...]] = (
+        "CONF:VOLT:DC {range}",
+        "VOLT:DC:NPLC {nplc}",
+        "ZERO:AUTO ON",
+        "TRIG:SOUR IMM",
+    )
+    """Commands that select direct voltage, one reading a trigger, autozero on; `header` asks for the settings."""
+    header: ClassVar[str] = "VOLT:DC"
+    begin_words: ClassVar[str] = "INIT"
+    """Command that takes one reading."""
+    sampling_words: ClassVar[tuple[str, ...]] = ("ZERO:AUTO ONCE", "SAMP:COUN {samples}", "TRIG:DEL {pause}")
+    sampling_question: ClassVar[str | None] = "SAMP:COUN?"
+    """Question for the number of readings that was set, where there is one."""
+    samples_question: ClassVar[str] = "FETC?"
+    """Question for the readings of a sampling."""
+    single_words: ClassVar[tuple[str, ...]] = ("SAMP:COUN 1", "TRIG:DEL:AUTO ON", "ZERO:AUTO ON")
+    """Commands that set it back to single readings."""
+    waits_for_readings: ClassVar[bool] = False
+    """Whether ``*OPC?`` must have been answered before a reading that is under way can be asked for."""
 
     def __init__(self, session: Session, *, mains_hz: float = 50.0, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)
@@ -73,16 +93,10 @@ class Hp34401A(ScpiInstrument):
         """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
         self._require_one_of("range", range_v, self.ranges_v)
         self._require_one_of("integration time in power-line cycles", nplc, self.integration_times_nplc)
-        # CONFigure presets one sample, one trigger, source immediate, 10 Mohm; autozero it takes from the NPLC.
-        self._session.write(
-            f"CONF:VOLT:DC {decimal(range_v)}",
-            f"VOLT:DC:NPLC {decimal(nplc)}",
-            self.autozero_on,
-            "TRIG:SOUR IMM",
-            deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s),
-        )
-        self._verify_setting("VOLT:DC:RANG?", range_v)
-        self._verify_setting("VOLT:DC:NPLC?", nplc)
+        words = (each.format(range=decimal(range_v), nplc=decimal(nplc)) for each in self.dc_words)
+        self._session.write(*words, deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s))
+        for question, wanted in ((f"{self.header}:RANG?", range_v), (f"{self.header}:NPLC?", nplc)):
+            self._read_back(question, wanted, 1e-6 * wanted)
         self._nplc, self._range_v = nplc, range_v
 
     def read_ac_voltages_v(self, count: int, range_v: float | None = None) -> tuple[tuple[float, ...], float]:
@@ -112,11 +126,6 @@ class Hp34401A(ScpiInstrument):
                 LimitError, f"{what} {value:g} is not one of {', '.join(f'{a:g}' for a in allowed)}, nothing was sent"
             )
 
-    def _verify_setting(self, query: str, wanted: float) -> None:
-        found = self._session.query_reading(query)
-        if abs(found - wanted) > 1e-6 * wanted:
-            raise self._error(InstrumentError, f"was set to {wanted:g} but reads back {found:g}", command=query)
-
     def read_voltage_v(self) -> float:
         """Take one reading and return it, V.
 
@@ -129,12 +138,12 @@ class Hp34401A(ScpiInstrument):
         """
         deadline = self._session.deadline(self._session.timeout_s + self.reading_time_s)
         with self._session.exclusive():
-            self._session.send("INIT", deadline=deadline)
+            self._session.send(self.begin_words, deadline=deadline)
             return self._begun_reading_v(deadline)
 
     def begin_reading(self) -> None:
         """Trigger one reading; return at once."""
-        self._session.send("INIT", deadline=self._session.deadline())
+        self._session.send(self.begin_words, deadline=self._session.deadline())
 
     def begun_reading_v(self) -> float:
         """Wait for the reading that was begun and return it, V; as of :meth:`read_voltage_v`, which see."""
@@ -142,6 +151,8 @@ class Hp34401A(ScpiInstrument):
 
     def _begun_reading_v(self, deadline: Deadline) -> float:
         with self._session.exclusive():
+            if self.waits_for_readings:
+                self._session.query_int("*OPC?", deadline)
             first_v = self._session.query_reading("FETC?", deadline, self.reading_form)
             again_v = self._session.query_reading("FETC?", deadline, self.reading_form)
         if first_v != again_v:
@@ -159,19 +170,15 @@ class Hp34401A(ScpiInstrument):
             LimitError: more than the memory holds, or an interval below one integration time; nothing was sent.
         """
         aperture_s = self.aperture_s
-        require_within(self, "a number of readings", samples, (1, self.memory_readings), "readings")
-        require_within(self, "an interval", interval_s, (aperture_s, aperture_s + _LONGEST_DELAY_S), "s")
-        delay_s = round(interval_s - aperture_s, 6)
+        require_within(self, "a number of readings", samples, (self.least_samples, self.memory_readings), "readings")
+        require_within(self, "an interval", interval_s, (aperture_s, aperture_s + self.longest_delay_s), "s")
+        pause = decimal(round(interval_s - aperture_s, 6))
         self._session.write(
-            self.autozero_once,
-            f"SAMP:COUN {samples}",
-            f"TRIG:DEL {decimal(delay_s)}",
+            *(words.format(samples=samples, pause=pause) for words in self.sampling_words),
             deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s),
         )
-        if (found := self._session.query_int("SAMP:COUN?")) != samples:
-            raise self._error(
-                InstrumentError, f"was set to {samples} readings but reads back {found}", command="SAMP:COUN?"
-            )
+        if self.sampling_question and (found := self._session.query_int(self.sampling_question)) != samples:
+            raise self._disagreement(self.sampling_question, f"{samples} readings", str(found))
         self._session.send("INIT")
         self._sampled = samples
         return samples * interval_s + _OVERHEAD_S
@@ -187,13 +194,10 @@ class Hp34401A(ScpiInstrument):
             MeasurementError: one of them is an overload.
         """
         deadline = self._session.deadline(self._session.timeout_s + 2.0 * self._sampled * _TRANSFER_S)
-        readings_v = self._fetched("FETC?", deadline)
-        self._session.write("SAMP:COUN 1", "TRIG:DEL:AUTO ON", self.autozero_on)
-        return readings_v
-
-    def _fetched(self, question: str, deadline: Deadline) -> tuple[float, ...]:
-        """Return the readings of the sampling, fetched twice; FramingError where they cannot be believed."""
+        question = self.samples_question.format(samples=self._sampled)
         with self._session.exclusive():
+            if self.waits_for_readings:
+                self._session.query_int("*OPC?", deadline)
             first_v, again_v = (self._session.query_readings(question, deadline, self.reading_form) for _ in range(2))
         if first_v != again_v:
             raise self._unbelievable("the same readings were answered differently when they were fetched again")
@@ -201,6 +205,7 @@ class Hp34401A(ScpiInstrument):
             raise self._unbelievable(f"{len(first_v)} readings came, {self._sampled} were taken")
         for voltage_v in first_v:
             self._require_in_range(voltage_v)
+        self._session.write(*self.single_words)
         return first_v
 
     def _require_in_range(self, voltage_v: float) -> None:

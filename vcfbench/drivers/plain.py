@@ -5,14 +5,14 @@ here too.
 """
 
 from contextlib import suppress
-from typing import TypeAlias
+from typing import Any
 
 from vcfbench.drivers.rate_table.acl import AclDialect
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.scpi_instrument import ScpiInstrument
 from vcfbench.drivers.session import Session
-from vcfbench.errors import ConfigError, DeadlineExceeded, TransportError
+from vcfbench.errors import ConfigError, DeadlineExceeded
 from vcfbench.interfaces import Instrument
 
 _COMMAND_S = 0.5
@@ -21,10 +21,7 @@ _COMMAND_S = 0.5
 _SILENCE_S = 0.2
 
 
-Plain: TypeAlias = "PlainSession | PlainTable | PlainLine"
-
-
-def plain(instrument: Instrument, timeout_s: float) -> Plain:
+def plain(instrument: Instrument, timeout_s: float) -> "PlainSession | PlainTable | PlainLine":
     """Return the plain way to speak to `instrument`; an exchange may take `timeout_s`.
 
     Raises:
@@ -35,76 +32,59 @@ def plain(instrument: Instrument, timeout_s: float) -> Plain:
     if isinstance(instrument, RateTableDriver):
         dialect, line = instrument.dialect, instrument.line
         if isinstance(dialect, AclDialect):
-            return PlainTable(line, dialect, timeout_s)
+            return PlainTable(line, timeout_s, dialect)
         terminator: bytes | None = getattr(dialect, "typed_line_end", None)  # frames of bytes cannot be typed
         if terminator is not None:
-            return PlainLine(line, terminator, timeout_s)
+            return PlainLine(line, timeout_s, terminator)
     raise ConfigError(f"{instrument.name} speaks a language that cannot be typed", instrument=instrument.name)
 
 
-class PlainSession:
-    """A SCPI instrument."""
+class Plain:
+    """An open instrument; an exchange may take `timeout_s`."""
 
-    def __init__(self, session: Session, timeout_s: float) -> None:
-        self._session = session
+    def __init__(self, conversation: Any, timeout_s: float) -> None:
+        self._conversation = conversation
         self._timeout_s = timeout_s
 
     @property
     def closed(self) -> bool:
         """Tell whether the connection is gone."""
-        return self._session.closed
+        return bool(self._conversation.closed)
 
-    def tell(self, message: str) -> None:
-        """Send a message that asks nothing."""
-        self._session.send(message, deadline=self._session.deadline(self._timeout_s))
-
-    def ask(self, message: str) -> bytes:
-        """Send a message and return its answer as it came, a line or a definite-length block, without its newline."""
-        return self._session.query_raw(message, self._session.deadline(self._timeout_s))
-
-    def clear(self) -> None:
-        """Do a device clear."""
-        self._session.clear()
-
-
-class PlainTable:
-    """A rate table that speaks ACL."""
-
-    def __init__(self, line: TableLine, dialect: AclDialect, timeout_s: float) -> None:
-        self._line = line
-        self._dialect = dialect
-        self._timeout_s = timeout_s
-
-    @property
-    def closed(self) -> bool:
-        """Tell whether the connection is gone."""
-        return self._line.closed
-
-    def tell(self, message: str) -> None:
-        """Send a message that asks nothing; raises InstrumentError with the table's refusal."""
-        self._dialect.command(self._line, message, self._line.deadline(self._timeout_s))
-
-    def ask(self, message: str) -> bytes:
-        """Send a message and return its answer."""
-        return self._dialect.ask(self._line, message, self._line.deadline(self._timeout_s)).encode("ascii")
+    def _deadline(self) -> Any:
+        return self._conversation.deadline(self._timeout_s)
 
     def clear(self) -> None:
         """Drop unasked bytes; tables know no device clear."""
-        self._line.take_unasked()
+        self._conversation.take_unasked()
 
 
-class PlainLine:
+class PlainSession(Plain):
+    """A SCPI instrument."""
+
+    _conversation: Session
+
+    def tell(self, message: str) -> None:
+        """Send a message that asks nothing."""
+        self._conversation.send(message, deadline=self._deadline())
+
+    def ask(self, message: str) -> bytes:
+        """Send a message and return its answer as it came, a line or a definite-length block, without its newline."""
+        return self._conversation.query_raw(message, self._deadline())
+
+    def clear(self) -> None:
+        """Do a device clear."""
+        self._conversation.clear()
+
+
+class PlainLine(Plain):
     """A rate table whose language does not tell which message is answered: everything that comes is shown."""
 
-    def __init__(self, line: TableLine, terminator: bytes, timeout_s: float) -> None:
-        self._line = line
-        self._terminator = terminator
-        self._timeout_s = timeout_s
+    _conversation: TableLine
 
-    @property
-    def closed(self) -> bool:
-        """Tell whether the connection is gone."""
-        return self._line.closed
+    def __init__(self, line: TableLine, timeout_s: float, terminator: bytes) -> None:
+        super().__init__(line, timeout_s)
+        self._terminator = terminator
 
     def tell(self, message: str) -> None:
         """Send a message, and drop any answer."""
@@ -112,23 +92,32 @@ class PlainLine:
 
     def ask(self, message: str) -> bytes:
         """Send a message and return all until the line falls silent, lines separated by blanks; or nothing."""
-        line = self._line
-        with line.exclusive():
-            try:
-                line.take_unasked()
-                line.dirty = True  # the dialect finds its place again before it asks anything itself
-                line.send(message.encode("ascii") + self._terminator, line.deadline(self._timeout_s))
-                lines: list[bytes] = []
-                wait_s = self._timeout_s if "?" in message else min(_COMMAND_S, self._timeout_s)
-                with suppress(DeadlineExceeded):
-                    while True:
-                        lines.append(self._line.take_line(self._line.deadline(wait_s)))
-                        wait_s = _SILENCE_S
-                rest = self._line.take_unasked()
-                return b" ".join(part for part in (*lines, rest) if part.strip())
-            except TransportError as error:
-                raise line.locate(error, message, line.deadline(0.0))  # noqa: B904 - the same error, now knowing where
+        line = self._conversation
+        with line.exchange(message, line.deadline(0.0)):
+            line.take_unasked()
+            line.dirty = True  # the dialect finds its place again before it asks anything itself
+            line.send(message.encode("ascii") + self._terminator, self._deadline())
+            lines: list[bytes] = []
+            wait_s = self._timeout_s if "?" in message else min(_COMMAND_S, self._timeout_s)
+            with suppress(DeadlineExceeded):
+                while True:
+                    lines.append(line.take_line(line.deadline(wait_s)))
+                    wait_s = _SILENCE_S
+            rest = line.take_unasked()
+            return b" ".join(part for part in (*lines, rest) if part.strip())
 
-    def clear(self) -> None:
-        """Drop unasked bytes; tables know no device clear."""
-        self._line.take_unasked()
+
+class PlainTable(Plain):
+    """A rate table that speaks ACL."""
+
+    def __init__(self, line: TableLine, timeout_s: float, dialect: AclDialect) -> None:
+        super().__init__(line, timeout_s)
+        self._dialect = dialect
+
+    def tell(self, message: str) -> None:
+        """Send a message that asks nothing; raises InstrumentError with the table's refusal."""
+        self._dialect.command(self._conversation, message, self._deadline())
+
+    def ask(self, message: str) -> bytes:
+        """Send a message and return its answer."""
+        return self._dialect.ask(self._conversation, message, self._deadline()).encode("ascii")

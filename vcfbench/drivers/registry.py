@@ -55,15 +55,10 @@ class Driver(Struct, frozen=True):
         for method in ("make_safe", "command_safe", "identify", "check_errors", "close"):
             if not inspect.isfunction(getattr(self.driver_class, method, None)):
                 raise TypeError(f"{name} has no {method}() and cannot be registered")
-        if self._drives() and not self._has_words():
-            raise TypeError(f"{name} drives something and has no safe_words, it cannot be registered")
-
-    def _drives(self) -> bool:
-        return any(hasattr(self.driver_class, switch) for switch in ("enable_outputs", "enable_output", "set_rate"))
-
-    def _has_words(self) -> bool:
+        drives = any(hasattr(self.driver_class, switch) for switch in ("enable_outputs", "enable_output", "set_rate"))
         inherited = getattr(self.driver_class, "command_safe", None) is ScpiInstrument.command_safe
-        return not inherited or bool(getattr(self.driver_class, "safe_words", ()))
+        if drives and inherited and not getattr(self.driver_class, "safe_words", ()):
+            raise TypeError(f"{name} drives something and has no safe_words, it cannot be registered")
 
 
 def find_driver(model: str, like: str | None = None) -> Driver:
@@ -123,6 +118,7 @@ def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:
 
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> Instrument:
         parsed = _settings(VisaSettings, role, settings)
+        pause_s = driver_class.serial_pause_s if parsed.serial_pause_s is None else parsed.serial_pause_s
         session = open_session(
             resource,
             library=library,
@@ -131,7 +127,7 @@ def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:
             timeout_s=parsed.timeout_s,
             open_timeout_s=max(parsed.timeout_s, driver_class.first_answer_s),
             serial=parsed.serial,
-            write_pause_s=_pause_s(driver_class, resource, parsed.serial_pause_s),
+            write_pause_s=pause_s if resource.upper().startswith("ASRL") else 0.0,
         )
         try:
             if parsed.upon_connecting is not None:
@@ -143,12 +139,6 @@ def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:
         return made  # type: ignore[no-any-return]  # that it can be registered shows that it is an instrument
 
     return Driver(model, driver_class, opener)
-
-
-def _pause_s(driver_class: type[ScpiInstrument], resource: str, stated_s: float | None) -> float:
-    if not resource.upper().startswith("ASRL"):
-        return 0.0
-    return driver_class.serial_pause_s if stated_s is None else stated_s
 
 
 def _settings(kind: Callable[..., _S], role: str, settings: Mapping[str, Any]) -> _S:

@@ -7,8 +7,9 @@ from msgspec import Struct
 
 from vcfbench.clock import Clock, Deadline, WallClock, sleep
 from vcfbench.drivers.last_read import LastRead
+from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
 from vcfbench.drivers.session import Session
-from vcfbench.drivers.visa_wire import SerialParameters
+from vcfbench.drivers.wire import SerialLine
 from vcfbench.errors import BenchError, ConnectFailed, InstrumentError, LimitError, WrongInstrument
 from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 from vcfbench.models import HP_MAKERS, bare_model
@@ -24,7 +25,7 @@ class VisaSettings(Struct, frozen=True):
     """Settings of an instrument on VISA besides its resource."""
 
     timeout_s: float = 5.0
-    serial: SerialParameters | None = None
+    serial: SerialLine | None = None
     serial_number: str | None = None
     mains_hz: float = 50.0
     serial_pause_s: float | None = None
@@ -58,7 +59,6 @@ class ScpiInstrument:
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         self._session = session
-        self._serial_number = serial_number
         self._last_read = LastRead(session.clock)
         if self.error_question == "*ESR?":
             session.use_event_status()
@@ -66,7 +66,13 @@ class ScpiInstrument:
         deadline = self._session.deadline(max(self._session.timeout_s, self.first_answer_s))
         self._session.clear(deadline)
         self._take_remote(deadline)
-        self._verify(self._identity(deadline))
+        found = self._identity(deadline)
+        wanted = self.model if serial_number is None else f"{self.model} with serial number {serial_number}"
+        right_model = bare_model(found.model) == self.model and found.maker.upper().startswith(self.makers)
+        if not right_model or found.serial != (serial_number or found.serial):
+            session.close()
+            what = f"expected {wanted}, found {found.maker} {found.model}, serial number {found.serial}"
+            raise self._error(WrongInstrument, what, hint="check the resource in the bench file")
         self._session.send("*CLS", deadline=deadline)
         session.declare_safe(*self._safe_words_here())
 
@@ -91,6 +97,15 @@ class ScpiInstrument:
 
     def _disagreement(self, query: str, wanted: str, found: str) -> InstrumentError:
         return self._error(InstrumentError, f"was set to {wanted} but reads back {found}", query)
+
+    def _read_back(
+        self, query: str, wanted: float, tolerance: float, unit: str = "", form: NumberForm = ANY_NUMBER
+    ) -> float:
+        """Return a setting as it is read back; raises InstrumentError where it is not the one `wanted`."""
+        found = self._session.query_number(query, form=form)
+        if not abs(found - wanted) <= tolerance:
+            raise self._disagreement(query, f"{wanted:g} {unit}".rstrip(), f"{found:g} {unit}".rstrip())
+        return found
 
     @property
     def name(self) -> str:
@@ -125,18 +140,6 @@ class ScpiInstrument:
 
     def _identity(self, deadline: Deadline | None) -> Identity:
         return Identity(*self._session.identify(deadline))
-
-    def _verify(self, identity: Identity) -> None:
-        expected_serial = self._serial_number or identity.serial
-        right_model = bare_model(identity.model) == self.model and identity.maker.upper().startswith(self.makers)
-        if right_model and identity.serial == expected_serial:
-            return
-        wanted = self.model if self._serial_number is None else f"{self.model} with serial number {self._serial_number}"
-        found = f"{identity.maker} {identity.model}, serial number {identity.serial}"
-        self._session.close()
-        raise self._error(
-            WrongInstrument, f"expected {wanted}, found {found}", hint="check the resource in the bench file"
-        )
 
     def identify(self) -> Identity:
         """Ask for the identity."""

@@ -12,14 +12,11 @@ from contextlib import suppress
 from types import MappingProxyType, TracebackType
 from typing import Any, Self, TypeVar
 
-from msgspec import Struct
-
 from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.conversation import Conversation, shown
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
-from vcfbench.drivers.visa_wire import SerialParameters
-from vcfbench.drivers.wire import Interface, Wire
+from vcfbench.drivers.wire import Interface, SerialLine, Wire
 from vcfbench.errors import (
     DeadlineExceeded,
     FramingError,
@@ -42,16 +39,6 @@ _QUERY_ERRORS = range(-499, -399)
 _STATUS_ERRORS = MappingProxyType({4: "query error", 8: "device error", 16: "execution error", 32: "command error"})
 
 
-class SerialLine(Struct, frozen=True):
-    """The line of an instrument on a serial port; the E3631A's as shipped (guide p. 66)."""
-
-    baud_rate: int = 9600
-    data_bits: int = 8
-    parity: str = "none"
-    stop_bits: int = 2
-    flow_control: str = "dtr_dsr"
-
-
 def open_session(
     resource: str,
     *,
@@ -60,7 +47,7 @@ def open_session(
     name: str,
     timeout_s: float,
     open_timeout_s: float | None = None,
-    serial: SerialParameters | None = None,
+    serial: SerialLine | None = None,
     write_pause_s: float = 0.0,
 ) -> "Session":
     """Open `resource` through the VISA `library`.
@@ -156,11 +143,22 @@ class Session(Conversation):
 
     def query_block(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask for a definite-length block and return its data."""
-        return self._exchange(command, self._read_block, _as_it_came, deadline)
+        return self._exchange(command, self._read_block, bytes, deadline)
 
     def query_raw(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask `command` and return the answer as it came, a line or a block with its header, without its terminator."""
-        return self._exchange(command, self._read_raw, _as_it_came, deadline)
+
+        def take(limit: Deadline) -> bytes:
+            answer, self._received = bytearray(self._received), b""
+            ended = False
+            while not replies.is_whole(answer, ended=ended):
+                if answer:
+                    _require_time(limit, 0)
+                more, ended = self._wire.receive(limit)
+                answer += more
+            return bytes(answer).removesuffix(b"\n").removesuffix(b"\r")
+
+        return self._exchange(command, take, bytes, deadline)
 
     # Commands
 
@@ -428,24 +426,10 @@ class Session(Conversation):
         self._received = rest.lstrip(b"\r").removeprefix(b"\n")
         return b"".join([*parts, last[:cut]])
 
-    def _read_raw(self, deadline: Deadline) -> bytes:
-        answer, self._received = bytearray(self._received), b""
-        ended = False
-        while not replies.is_whole(answer, ended=ended):
-            if answer:
-                _require_time(deadline, 0)
-            more, ended = self._wire.receive(deadline)
-            answer += more
-        return bytes(answer).removesuffix(b"\n").removesuffix(b"\r")
-
     def locate(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
         """Tell `error` where it happened; the session is dirty then, and a lost connection is closed."""
         self.dirty, self._received = True, b""
         return super().locate(error, command, deadline)
-
-
-def _as_it_came(answer: bytes) -> bytes:
-    return answer
 
 
 def _error_entry(line: bytes) -> tuple[int, str]:

@@ -26,7 +26,7 @@ Connect = Callable[[Deadline], Wire]
 
 HEADER = "# vcfbench trace 1"
 _PLAIN = re.compile(rb"[ -\[\]-~]+")
-_NAMED = {b"\n": "\\n", b"\r": "\\r", b"\t": "\\t", b"\\": "\\\\"}
+_NAMED = {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t", ord("\\"): "\\\\"}
 _ESCAPE = re.compile(r"\\(?:x([0-9a-f]{2})|(.))")
 _MEANT = {"n": "\n", "r": "\r", "t": "\t", "\\": "\\"}
 
@@ -48,12 +48,7 @@ def escaped(data: bytes) -> str:
     """Return bytes as printable ASCII without tabs."""
     if _PLAIN.fullmatch(data):
         return data.decode("ascii")
-    named = (_NAMED.get(data[i : i + 1]) or _one(data[i]) for i in range(len(data)))
-    return "".join(named)
-
-
-def _one(byte: int) -> str:
-    return chr(byte) if 0x20 <= byte <= 0x7E else f"\\x{byte:02x}"
+    return "".join(_NAMED.get(byte) or (chr(byte) if 0x20 <= byte <= 0x7E else f"\\x{byte:02x}") for byte in data)
 
 
 def unescaped(text: str) -> bytes:
@@ -109,7 +104,10 @@ def traced(path: Path | str | None) -> Iterator[None]:
         yield
     finally:
         _NOW.reset(token)
-        trace.failure = _closed(file) or trace.failure
+        try:
+            file.close()
+        except OSError as error:
+            trace.failure = error
     if trace.failure is not None:
         raise BenchError(f"the trace {path} is not whole: {trace.failure.strerror or trace.failure}")
 
@@ -117,14 +115,6 @@ def traced(path: Path | str | None) -> Iterator[None]:
 def _opened(path: str, flags: int) -> int:
     """Open without waiting for who reads a pipe, and never to wait for its room: a run does not stop for its trace."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
-
-
-def _closed(file: TextIO) -> OSError | None:
-    try:
-        file.close()
-    except OSError as error:
-        return error
-    return None
 
 
 def tapping(name: str, resource: str, clock: Clock) -> Callable[[Wire], Wire]:

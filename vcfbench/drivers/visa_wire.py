@@ -8,7 +8,7 @@ and interface goes through viWrite and viRead.
 import os
 import socket
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 import pyvisa
 from pyvisa.constants import (
@@ -24,7 +24,7 @@ from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
 
 from vcfbench.clock import Deadline
-from vcfbench.drivers.wire import Interface, Wire
+from vcfbench.drivers.wire import Interface, SerialLine, Wire
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, LinkLost
 
 _CHUNK = 65_536
@@ -51,42 +51,33 @@ _FLOWS = {
 }
 
 
-class SerialParameters(Protocol):
-    """The line of an ASRL resource."""
-
-    @property
-    def baud_rate(self) -> int:
-        """Baud rate."""
-
-    @property
-    def data_bits(self) -> int:
-        """7 or 8."""
-
-    @property
-    def parity(self) -> str:
-        """``none``, ``even`` or ``odd``."""
-
-    @property
-    def stop_bits(self) -> int:
-        """1 or 2."""
-
-    @property
-    def flow_control(self) -> str:
-        """``none``, ``dtr_dsr``, ``rts_cts`` or ``xon_xoff``."""
-
-
-def open_wire(resource: str, library: str, deadline: Deadline, serial: SerialParameters | None) -> Wire:
+def open_wire(resource: str, library: str, deadline: Deadline, serial: SerialLine | None) -> Wire:
     """Open `resource` through the VISA `library` (``"@py"``, a path, ...); raises ConnectFailed."""
-    opened = _open_resource(resource, library, deadline)
+    milliseconds = max(1, int(deadline.remaining() * 1000))
     try:
-        interface = _interface_of(opened)
+        # The manager is shared by everyone who names the same library, so it is never closed from here.
+        manager = pyvisa.ResourceManager(library)
+        opened: Any = manager.open_resource(resource, open_timeout=milliseconds)
+    except Exception as error:  # a VISA library is anyone's code; PyVISA-py itself raises a bare Exception here
+        raise ConnectFailed(_words(error), elapsed_s=deadline.elapsed()) from error
+    try:
+        interface = _INTERFACES.get(opened.interface_type, "instr")
+        interface = "socket" if opened.resource_class == "SOCKET" else interface
         beneath = _socket_beneath(opened) if interface == "socket" else None
         if beneath is not None:
-            _require_connected(beneath)
+            code = beneath.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            try:
+                beneath.getpeername()
+            except OSError as error:
+                code = code or error.errno or -1
+            if code:
+                raise ConnectFailed(f"nobody answers there ({os.strerror(code)})")  # noqa: TRY301 - the resource is closed
             return SocketWire(opened, beneath)
         try:
-            if interface == "asrl":
-                _set_line(opened, serial)
+            if interface == "asrl" and serial is not None:
+                opened.baud_rate, opened.data_bits = serial.baud_rate, serial.data_bits
+                opened.parity, opened.stop_bits = _PARITIES[serial.parity], _STOP_BITS[serial.stop_bits]
+                opened.flow_control = _FLOWS[serial.flow_control]
             if interface in ("asrl", "socket"):  # a byte stream knows no END: the newline is the only end there is
                 opened.set_visa_attribute(ResourceAttribute.termchar, ord("\n"))
                 opened.set_visa_attribute(ResourceAttribute.termchar_enabled, True)  # noqa: FBT003 - PyVISA's signature
@@ -98,35 +89,8 @@ def open_wire(resource: str, library: str, deadline: Deadline, serial: SerialPar
         raise
 
 
-def _open_resource(resource: str, library: str, deadline: Deadline) -> MessageBasedResource:
-    milliseconds = max(1, int(deadline.remaining() * 1000))
-    try:
-        # The manager is shared by everyone who names the same library, so it is never closed from here.
-        manager = pyvisa.ResourceManager(library)
-        opened: Any = manager.open_resource(resource, open_timeout=milliseconds)
-    except Exception as error:  # a VISA library is anyone's code; PyVISA-py itself raises a bare Exception here
-        raise ConnectFailed(_words(error), elapsed_s=deadline.elapsed()) from error
-    return opened  # type: ignore[no-any-return]
-
-
 def _words(error: BaseException) -> str:
     return f"cannot be opened ({' '.join(str(error).split()) or type(error).__name__})"
-
-
-def _interface_of(opened: MessageBasedResource) -> Interface:
-    if opened.resource_class == "SOCKET":
-        return "socket"
-    return _INTERFACES.get(opened.interface_type, "instr")
-
-
-def _set_line(opened: Any, serial: SerialParameters | None) -> None:
-    if serial is None:
-        return
-    opened.baud_rate = serial.baud_rate
-    opened.data_bits = serial.data_bits
-    opened.parity = _PARITIES[serial.parity]
-    opened.stop_bits = _STOP_BITS[serial.stop_bits]
-    opened.flow_control = _FLOWS[serial.flow_control]
 
 
 def _socket_beneath(opened: MessageBasedResource) -> socket.socket | None:
@@ -135,16 +99,6 @@ def _socket_beneath(opened: MessageBasedResource) -> socket.socket | None:
     entry = sessions.get(opened.session) if isinstance(sessions, dict) else None
     beneath = getattr(entry, "interface", None)
     return beneath if isinstance(beneath, socket.socket) else None
-
-
-def _require_connected(beneath: socket.socket) -> None:
-    code = beneath.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-    if code:
-        raise ConnectFailed(f"nobody answers there ({os.strerror(code)})")
-    try:
-        beneath.getpeername()
-    except OSError as error:
-        raise ConnectFailed(f"nobody answers there ({error.strerror})") from error
 
 
 class SocketWire:

@@ -2,9 +2,24 @@
 
 from typing import Literal, Protocol
 
+from msgspec import Struct
+
 from vcfbench.clock import Deadline
 
 Interface = Literal["gpib", "usb", "instr", "socket", "asrl", "serial"]
+
+
+class SerialLine(Struct, frozen=True):
+    """The line of an instrument on a serial port, by default the E3631A's as shipped (guide p. 66).
+
+    Any object with these fields serves.
+    """
+
+    baud_rate: int = 9600
+    data_bits: int = 8
+    parity: str = "none"
+    stop_bits: int = 2
+    flow_control: str = "dtr_dsr"
 
 
 class Wire(Protocol):

@@ -2,8 +2,9 @@
 
 Annotations are values here, not texts: the ranges in them are held against every value.
 
-Nothing here is a result: scale factors, biases and non-linearities are what comes out of the model. The two sets
-that are shipped, `ideal` and `paper`, are made in :mod:`vcfbench.sim.gyro.design`.
+Nothing here is a result: scale factors, biases and non-linearities are what comes out of the model. The defaults are a
+perfect bench before its gains are computed. The two sets that are shipped, `ideal` and `paper`, are made in
+:mod:`vcfbench.sim.gyro.design`.
 """
 
 import math
@@ -44,12 +45,12 @@ A_TEMPERATURE = _Range(least=-100.0, most=200.0)
 
 
 class Quantity(NamedTuple):
-    """Description of a parameter: its unit, one line of meaning, the source of its value, and its bounds."""
+    """Description of a parameter: its unit, one line of meaning, its bounds, the source of its value."""
 
     unit: str
     meaning: str
-    source: str
     allowed: _Range = ANY
+    source: str = CHOSEN
 
 
 class _Group(Struct, frozen=True):
@@ -77,135 +78,139 @@ class DriveMode(_Group, frozen=True):
     """The anti-phase drive mode x."""
 
     frequency_hz: Annotated[
-        float, Quantity("Hz", "resonance at the reference temperature", f"{PAPER}, section 4.2", A_FREQUENCY)
-    ]
+        float, Quantity("Hz", "resonance at the reference temperature", A_FREQUENCY, f"{PAPER}, section 4.2")
+    ] = 3488.9
     quality: Annotated[
-        float, Quantity("1", "quality factor at the reference temperature", f"{PAPER}, section 4.2", OSCILLATES)
-    ]
-    mass_kg: Annotated[float, Quantity("kg", "equivalent mass of the drive mode", CHOSEN, POSITIVE)]
+        float, Quantity("1", "quality factor at the reference temperature", OSCILLATES, f"{PAPER}, section 4.2")
+    ] = 1395.0
+    mass_kg: Annotated[float, Quantity("kg", "equivalent mass of the drive mode", POSITIVE)] = 5e-7
     frequency_coefficient_per_k: Annotated[
         float,
-        Quantity("1/K", "relative change of the resonance", "silicon, about -30 ppm/K", _Range(least=-1e-3, most=1e-3)),
-    ]
-    quality_coefficient_per_k: Annotated[float, Quantity("1/K", "relative change of the quality factor", CHOSEN)]
+        Quantity("1/K", "relative change of the resonance", _Range(least=-1e-3, most=1e-3), "silicon, about -30 ppm/K"),
+    ] = 0.0
+    quality_coefficient_per_k: Annotated[float, Quantity("1/K", "relative change of the quality factor")] = 0.0
 
 
-class SenseMode(_Group, frozen=True):
+class SenseMode(_Group, frozen=True, kw_only=True):
     """One sense mode; forces on each mass count positive in the direction of that mass's Coriolis force."""
 
     frequency_hz: Annotated[
-        float, Quantity("Hz", "resonance at the reference temperature", f"{PAPER}: 4.2 (y2), FEM (y1)", A_FREQUENCY)
+        float, Quantity("Hz", "resonance at the reference temperature", A_FREQUENCY, f"{PAPER}: 4.2 (y2), FEM (y1)")
     ]
     quality: Annotated[
         float,
         Quantity(
-            "1", "quality factor at the reference temperature", f"{PAPER}, 4.2 (y2); chosen equal (y1)", OSCILLATES
+            "1", "quality factor at the reference temperature", OSCILLATES, f"{PAPER}, 4.2 (y2); chosen equal (y1)"
         ),
-    ]
-    left_participation: Annotated[
-        float, Quantity("1", "share of a force on the left mass that drives the mode", CHOSEN)
-    ]
-    right_participation: Annotated[
-        float, Quantity("1", "share of a force on the right mass that drives the mode", CHOSEN)
-    ]
-    pick_off_v_per_m: Annotated[float, Quantity("V/m", "displacement to voltage: K_inyv (y1), K_anyv (y2)", CHOSEN)]
-    quadrature_rad_s: Annotated[
-        float, Quantity("rad/s", "quadrature force as the rate that would excite as much", CHOSEN)
-    ]
+    ] = 1224.0
+    left_participation: Annotated[float, Quantity("1", "share of a force on the left mass that drives the mode")]
+    right_participation: Annotated[float, Quantity("1", "share of a force on the right mass that drives the mode")]
+    pick_off_v_per_m: Annotated[float, Quantity("V/m", "displacement to voltage: K_inyv (y1), K_anyv (y2)")] = 2e5
+    quadrature_rad_s: Annotated[float, Quantity("rad/s", "quadrature force as the rate that would excite as much")] = (
+        0.0
+    )
     frequency_coefficient_per_k: Annotated[
-        float, Quantity("1/K", "relative change of the resonance", CHOSEN, _Range(least=-1e-3, most=1e-3))
-    ]
-    quality_coefficient_per_k: Annotated[float, Quantity("1/K", "relative change of the quality factor", CHOSEN)]
+        float, Quantity("1/K", "relative change of the resonance", _Range(least=-1e-3, most=1e-3))
+    ] = 0.0
+    quality_coefficient_per_k: Annotated[float, Quantity("1/K", "relative change of the quality factor")] = 0.0
 
 
 class DriveLoop(_Group, frozen=True):
     """AGC and PLL around the drive mode."""
 
-    amplitude_m: Annotated[float, Quantity("m", "drive amplitude A_x that the AGC holds", CHOSEN, POSITIVE)]
-    pick_off_v_per_m: Annotated[float, Quantity("V/m", "drive pick-off, node `drive`", CHOSEN)]
+    amplitude_m: Annotated[float, Quantity("m", "drive amplitude A_x that the AGC holds", POSITIVE)] = 5e-6
+    pick_off_v_per_m: Annotated[float, Quantity("V/m", "drive pick-off, node `drive`")] = 2e5
     agc_proportional: Annotated[
-        float, Quantity("1", "AGC proportional gain, on amplitudes relative to the set one", CHOSEN, NOT_NEGATIVE)
-    ]
-    agc_integral_per_s: Annotated[float, Quantity("1/s", "AGC integral gain", CHOSEN, NOT_NEGATIVE)]
+        float, Quantity("1", "AGC proportional gain, on amplitudes relative to the set one", NOT_NEGATIVE)
+    ] = 7.0
+    agc_integral_per_s: Annotated[float, Quantity("1/s", "AGC integral gain", NOT_NEGATIVE)] = 200.0
     force_limit_n_per_v: Annotated[
-        float, Quantity("N/V", "largest drive force per volt of the weaker rail", CHOSEN, POSITIVE)
-    ]
+        float, Quantity("N/V", "largest drive force per volt of the weaker rail", POSITIVE)
+    ] = 3.5e-7
     pll_proportional_per_s: Annotated[
-        float, Quantity("1/s", "PLL proportional gain, rad/s of frequency per rad of phase", CHOSEN, NOT_NEGATIVE)
-    ]
-    pll_integral_per_s2: Annotated[float, Quantity("1/s^2", "PLL integral gain", CHOSEN, NOT_NEGATIVE)]
-    pll_free_running_offset_hz: Annotated[
-        float, Quantity("Hz", "VCO frequency before lock, minus the resonance", CHOSEN)
-    ]
+        float, Quantity("1/s", "PLL proportional gain, rad/s of frequency per rad of phase", NOT_NEGATIVE)
+    ] = 90.0
+    pll_integral_per_s2: Annotated[float, Quantity("1/s^2", "PLL integral gain", NOT_NEGATIVE)] = 4000.0
+    pll_free_running_offset_hz: Annotated[float, Quantity("Hz", "VCO frequency before lock, minus the resonance")] = 5.0
     amplitude_supply_coefficient_per_v: Annotated[
-        float, Quantity("1/V", "relative change of A_x with the weaker rail", CHOSEN, _Range(least=-0.05, most=0.05))
-    ]
+        float, Quantity("1/V", "relative change of A_x with the weaker rail", _Range(least=-0.05, most=0.05))
+    ] = 0.0
 
 
 class SensePath(_Group, frozen=True):
     """From the pick-off to the low-pass filter."""
 
-    preamplifier_gain: Annotated[float, Quantity("1", "K_pre", CHOSEN)]
-    amplifier_gain: Annotated[float, Quantity("1", "K_amp", CHOSEN)]
+    preamplifier_gain: Annotated[float, Quantity("1", "K_pre")] = 10.0
+    amplifier_gain: Annotated[float, Quantity("1", "K_amp")] = 10.0
     reference_amplitude_v: Annotated[
-        float, Quantity("V", "V_dac at the nominal A_x; it follows the drive pick-off", CHOSEN, POSITIVE)
-    ]
+        float, Quantity("V", "V_dac at the nominal A_x; it follows the drive pick-off", POSITIVE)
+    ] = 2.0
     demodulator_phase_rad: Annotated[
-        float, Quantity("rad", "phase of the multiplier's reference against the drive force", CHOSEN)
-    ]
+        float, Quantity("rad", "phase of the multiplier's reference against the drive force")
+    ] = math.pi
     multiplier_per_v: Annotated[
-        float, Quantity("1/V", "scale of the demodulator's multiplier", "chosen, as analogue multipliers")
-    ]
-    low_pass_hz: Annotated[float, Quantity("Hz", "cut-off of the low-pass filter", f"{PAPER}, section 3", POSITIVE)]
+        float, Quantity("1/V", "scale of the demodulator's multiplier", source="chosen, as analogue multipliers")
+    ] = 0.1
+    low_pass_hz: Annotated[float, Quantity("Hz", "cut-off of the low-pass filter", POSITIVE, f"{PAPER}, section 3")] = (
+        100.0
+    )
     low_pass_order: Annotated[
         int,
         Quantity(
-            "1", "order of the Butterworth low-pass filter", "chosen; the paper gives none", _Range(least=1, most=10)
+            "1", "order of the Butterworth low-pass filter", _Range(least=1, most=10), "chosen; the paper gives none"
         ),
-    ]
-    carrier_feedthrough: Annotated[float, Quantity("V/V", "part of the carrier that is in V_s without any motion", OFF)]
+    ] = 4
+    carrier_feedthrough: Annotated[
+        float, Quantity("V/V", "part of the carrier that is in V_s without any motion", source=OFF)
+    ] = 0.0
     v_vc_feedthrough: Annotated[
-        float, Quantity("V/V", "part of the modulated V_Vc, on its carrier, that is in V_s without any motion", OFF)
-    ]
+        float,
+        Quantity("V/V", "part of the modulated V_Vc, on its carrier, that is in V_s without any motion", source=OFF),
+    ] = 0.0
 
 
 class VirtualPath(_Group, frozen=True):
     """From the V_Vc input to the force on the feedback combs."""
 
-    pull_down_ohm: Annotated[float, Quantity("ohm", "resistor from the V_Vc input to ground", CHOSEN, POSITIVE)]
-    carrier_phase_rad: Annotated[float, Quantity("rad", "phase of the carrier against the drive force", CHOSEN)]
-    left_comb_n_per_v2: Annotated[float, Quantity("N/V^2", "K_FBY of the left feedback combs", CHOSEN)]
-    right_comb_n_per_v2: Annotated[
-        float, Quantity("N/V^2", "K_FBY of the right feedback combs (paper's Error 1)", CHOSEN)
-    ]
-    mass_kg: Annotated[float, Quantity("kg", "sense mass m_y, taken equal to the Coriolis mass", CHOSEN, POSITIVE)]
-    offset_v: Annotated[float, Quantity("V", "modulator's leakage while its switch is closed, as V_Vc", CHOSEN)]
-    second_order_per_v: Annotated[float, Quantity("1/V", "modulator's curvature, on V_Vc^2", CHOSEN)]
-    third_order_per_v2: Annotated[float, Quantity("1/V^2", "modulator's curvature, on V_Vc^3", CHOSEN)]
+    pull_down_ohm: Annotated[float, Quantity("ohm", "resistor from the V_Vc input to ground", POSITIVE)] = 1e6
+    carrier_phase_rad: Annotated[float, Quantity("rad", "phase of the carrier against the drive force")] = math.pi
+    left_comb_n_per_v2: Annotated[float, Quantity("N/V^2", "K_FBY of the left feedback combs")] = 1e-8
+    right_comb_n_per_v2: Annotated[float, Quantity("N/V^2", "K_FBY of the right feedback combs (paper's Error 1)")] = (
+        1e-8
+    )
+    mass_kg: Annotated[float, Quantity("kg", "sense mass m_y, taken equal to the Coriolis mass", POSITIVE)] = 5e-7
+    offset_v: Annotated[float, Quantity("V", "modulator's leakage while its switch is closed, as V_Vc")] = 0.0
+    second_order_per_v: Annotated[float, Quantity("1/V", "modulator's curvature, on V_Vc^2")] = 0.0
+    third_order_per_v2: Annotated[float, Quantity("1/V^2", "modulator's curvature, on V_Vc^3")] = 0.0
 
 
 class OutputStage(_Group, frozen=True):
-    """The output amplifier: y = offset + u + second u^2 + third u^3, u = gain times the filtered signal."""
+    """The output amplifier: y = sum of orders[k] u^k, u = gain times the filtered signal."""
 
-    gain: Annotated[float, Quantity("1", "linear gain", CHOSEN)]
-    offset_v: Annotated[float, Quantity("V", "offset at the output", CHOSEN)]
-    second_order_per_v: Annotated[float, Quantity("1/V", "curvature, on u^2", CHOSEN)]
-    third_order_per_v2: Annotated[float, Quantity("1/V^2", "curvature, on u^3", CHOSEN)]
-    headroom_v: Annotated[float, Quantity("V", "how far from each rail the output saturates", CHOSEN, NOT_NEGATIVE)]
+    gain: Annotated[float, Quantity("1", "linear gain")] = 1.0
+    offset_v: Annotated[float, Quantity("V", "offset at the output")] = 0.0
+    second_order_per_v: Annotated[float, Quantity("1/V", "curvature, on u^2")] = 0.0
+    third_order_per_v2: Annotated[float, Quantity("1/V^2", "curvature, on u^3")] = 0.0
+    headroom_v: Annotated[float, Quantity("V", "how far from each rail the output saturates", NOT_NEGATIVE)] = 1.5
+
+    @property
+    def orders(self) -> tuple[float, ...]:
+        """Coefficients of u^0, u^1, ...: the one list of orders."""
+        return self.offset_v, 1.0, self.second_order_per_v, self.third_order_per_v2
 
 
 class Supply(_Group, frozen=True):
     """Behaviour of the PCB on its rails."""
 
-    nominal_v: Annotated[float, Quantity("V", "magnitude of both rails", f"{PAPER}, section 4.1", POSITIVE)]
-    start_v: Annotated[float, Quantity("V", "weaker rail at which the drive loop starts", CHOSEN, POSITIVE)]
-    brown_out_v: Annotated[float, Quantity("V", "weaker rail below which the drive loop stops", CHOSEN, POSITIVE)]
-    dead_v: Annotated[float, Quantity("V", "weaker rail below which every node is 0 V", CHOSEN, NOT_NEGATIVE)]
-    quiescent_a: Annotated[float, Quantity("A", "current of each rail while running", CHOSEN, NOT_NEGATIVE)]
-    start_up_a: Annotated[float, Quantity("A", "additional current while the drive starts", CHOSEN, NOT_NEGATIVE)]
+    nominal_v: Annotated[float, Quantity("V", "magnitude of both rails", POSITIVE, f"{PAPER}, section 4.1")] = 10.0
+    start_v: Annotated[float, Quantity("V", "weaker rail at which the drive loop starts", POSITIVE)] = 8.0
+    brown_out_v: Annotated[float, Quantity("V", "weaker rail below which the drive loop stops", POSITIVE)] = 7.0
+    dead_v: Annotated[float, Quantity("V", "weaker rail below which every node is 0 V", NOT_NEGATIVE)] = 4.0
+    quiescent_a: Annotated[float, Quantity("A", "current of each rail while running", NOT_NEGATIVE)] = 0.028
+    start_up_a: Annotated[float, Quantity("A", "additional current while the drive starts", NOT_NEGATIVE)] = 0.012
     ripple_feedthrough: Annotated[
-        float, Quantity("V/V", "part of each rail's ripple that comes through to the output", CHOSEN, NOT_NEGATIVE)
-    ]
+        float, Quantity("V/V", "part of each rail's ripple that comes through to the output", NOT_NEGATIVE)
+    ] = 0.0
 
 
 class NoiseSources(_Group, frozen=True):
@@ -213,124 +218,122 @@ class NoiseSources(_Group, frozen=True):
 
     angle_random_walk_deg_sqrt_s: Annotated[
         float,
-        Quantity("deg/sqrt(s)", "white force noise, both quadratures", f"{PAPER}: 0.21 deg/sqrt(h)", NOT_NEGATIVE),
-    ]
+        Quantity("deg/sqrt(s)", "white force noise, both quadratures", NOT_NEGATIVE, f"{PAPER}: 0.21 deg/sqrt(h)"),
+    ] = 0.0
     bias_instability_deg_s: Annotated[
         float,
         Quantity(
             "deg/s",
             "coefficient B of the flicker noise",
-            f"{PAPER}: Allan minimum 3.7 deg/h, divided by 0.664",
             NOT_NEGATIVE,
+            f"{PAPER}: Allan minimum 3.7 deg/h, divided by 0.664",
         ),
-    ]
-    flicker_shortest_s: Annotated[
-        float, Quantity("s", "shortest correlation time of the flicker noise", CHOSEN, POSITIVE)
-    ]
+    ] = 0.0
+    flicker_shortest_s: Annotated[float, Quantity("s", "shortest correlation time of the flicker noise", POSITIVE)] = (
+        0.125
+    )
     flicker_processes: Annotated[
-        int,
-        Quantity(
-            "1", "number of Ornstein-Uhlenbeck processes, each four times slower", CHOSEN, _Range(least=0, most=30)
-        ),
-    ]
+        int, Quantity("1", "number of Ornstein-Uhlenbeck processes, each four times slower", _Range(least=0, most=30))
+    ] = 9
     electronic_v_sqrt_hz: Annotated[
         float,
         Quantity(
             "V/sqrt(Hz)",
             "white noise of the electronics behind the demodulator, at the output",
-            "off: the paper's angle random walk holds it; 1e-6 would be a good amplifier's (unverified)",
             NOT_NEGATIVE,
+            "off: the paper's angle random walk holds it; 1e-6 would be a good amplifier's (unverified)",
         ),
-    ]
+    ] = 0.0
     electronic_corner_hz: Annotated[
-        float, Quantity("Hz", "where that noise is 3 dB down, first order", CHOSEN, _Range(least=1.0, most=5e3))
-    ]
+        float, Quantity("Hz", "where that noise is 3 dB down, first order", _Range(least=1.0, most=5e3))
+    ] = 1000.0
 
 
 class PickUp(_Group, frozen=True):
     """Pick-up of the mains by the leads; its phases come from the seed."""
 
     mains_hz: Annotated[
-        float, Quantity("Hz", "nominal line frequency", "the bench file: site.mains_hz", _Range(least=1.0))
-    ]
+        float, Quantity("Hz", "nominal line frequency", _Range(least=1.0), "the bench file: site.mains_hz")
+    ] = 50.0
     mains_deviation_hz: Annotated[
         float,
         Quantity(
             "Hz",
             "standard deviation of the line frequency from bench to bench, constant within a run",
-            "off; a grid keeps within some 0.05 Hz (unverified)",
             _Range(least=0.0, most=2.0),
+            "off; a grid keeps within some 0.05 Hz (unverified)",
         ),
-    ]
+    ] = 0.0
     meter_leads_v: Annotated[
-        float, Quantity("V rms", "in the loop of the multimeter's leads", UNVERIFIED, NOT_NEGATIVE)
-    ]
-    v_vc_lead_v: Annotated[float, Quantity("V rms", "in the lead from generator to V_Vc", UNVERIFIED, NOT_NEGATIVE)]
+        float, Quantity("V rms", "in the loop of the multimeter's leads", NOT_NEGATIVE, UNVERIFIED)
+    ] = 0.0
+    v_vc_lead_v: Annotated[float, Quantity("V rms", "in the lead from generator to V_Vc", NOT_NEGATIVE, UNVERIFIED)] = (
+        0.0
+    )
 
 
 class Thermal(_Group, frozen=True):
     """Temperature of the gyro and its effect on the bias."""
 
-    ambient_c: Annotated[float, Quantity("degC", "air on the bench", f"{PAPER}, Table 1", A_TEMPERATURE)]
+    ambient_c: Annotated[float, Quantity("degC", "air on the bench", A_TEMPERATURE, f"{PAPER}, Table 1")] = 20.0
     reference_c: Annotated[
-        float, Quantity("degC", "temperature at which the parameters hold", f"{PAPER}, Table 1", A_TEMPERATURE)
-    ]
-    self_heating_k: Annotated[float, Quantity("K", "rise when powered for long", CHOSEN, _Range(least=0.0, most=100.0))]
-    time_constant_s: Annotated[float, Quantity("s", "of the warm-up", CHOSEN, POSITIVE)]
-    bias_coefficient_deg_s_k: Annotated[float, Quantity("(deg/s)/K", "bias, hence the warm-up exponential", CHOSEN)]
+        float, Quantity("degC", "temperature at which the parameters hold", A_TEMPERATURE, f"{PAPER}, Table 1")
+    ] = 20.0
+    self_heating_k: Annotated[float, Quantity("K", "rise when powered for long", _Range(least=0.0, most=100.0))] = 0.0
+    time_constant_s: Annotated[float, Quantity("s", "of the warm-up", POSITIVE)] = 300.0
+    bias_coefficient_deg_s_k: Annotated[float, Quantity("(deg/s)/K", "bias, hence the warm-up exponential")] = 0.0
     refresh_k: Annotated[
         float,
         Quantity(
-            "K",
-            "frequencies and quality factors are refreshed each time this much is passed",
-            CHOSEN,
-            _Range(least=1e-4),
+            "K", "frequencies and quality factors are refreshed each time this much is passed", _Range(least=1e-4)
         ),
-    ]
+    ] = 0.02
 
 
 class TableMechanics(_Group, frozen=True):
     """True motion of the rate table under its servo."""
 
-    loop_hz: Annotated[float, Quantity("Hz", "natural frequency of the rate loop", "BD125 data sheet: 25 Hz", POSITIVE)]
+    loop_hz: Annotated[
+        float, Quantity("Hz", "natural frequency of the rate loop", POSITIVE, "BD125 data sheet: 25 Hz")
+    ] = 25.0
     loop_damping: Annotated[
-        float, Quantity("1", "damping of the rate loop", "suggested, unverified", _Range(least=0.1, most=0.99))
-    ]
+        float, Quantity("1", "damping of the rate loop", _Range(least=0.1, most=0.99), "suggested, unverified")
+    ] = 0.8
     rate_error: Annotated[
         float,
         Quantity(
-            "1", "relative error of the mean rate", "BD125 class: 10 ppm, unverified", _Range(least=-0.5, most=0.5)
+            "1", "relative error of the mean rate", _Range(least=-0.5, most=0.5), "BD125 class: 10 ppm, unverified"
         ),
-    ]
+    ] = 0.0
     misalignment_deg: Annotated[
         float,
         Quantity(
             "deg",
             "from the table's axis to the gyroscope's, which sees the cosine of its rates; no horizontal part",
-            "off; 1 degree takes 152 ppm",
             _Range(least=0.0, most=45.0),
+            "off; 1 degree takes 152 ppm",
         ),
-    ]
+    ] = 0.0
     ripple_arcsec: Annotated[
-        tuple[float, ...], Quantity("arcsec", "amplitude of the angle error of each harmonic", CHOSEN)
-    ]
+        tuple[float, ...], Quantity("arcsec", "amplitude of the angle error of each harmonic")
+    ] = ()
     ripple_harmonic: Annotated[
-        tuple[int, ...], Quantity("1/turn", "periods of each harmonic in a turn", CHOSEN, _Range(least=1))
-    ]
-    ripple_phase_rad: Annotated[tuple[float, ...], Quantity("rad", "phase of each harmonic at angle zero", CHOSEN)]
+        tuple[int, ...], Quantity("1/turn", "periods of each harmonic in a turn", _Range(least=1))
+    ] = ()
+    ripple_phase_rad: Annotated[tuple[float, ...], Quantity("rad", "phase of each harmonic at angle zero")] = ()
     flutter_per_sqrt_hz: Annotated[
         float,
         Quantity(
             "1/sqrt(Hz)",
             "flutter of the true rate, a share of it, at the frequency of the loop",
-            "chosen, unverified; 5e-4 would be the BD125's 10 ppm over a turn at 100 deg/s",
             NOT_NEGATIVE,
+            "chosen, unverified; 5e-4 would be the BD125's 10 ppm over a turn at 100 deg/s",
         ),
-    ]
-    friction_deg_s2: Annotated[float, Quantity("deg/s^2", "dry friction with the servo open", CHOSEN, POSITIVE)]
+    ] = 0.0
+    friction_deg_s2: Annotated[float, Quantity("deg/s^2", "dry friction with the servo open", POSITIVE)] = 5.0
     friction_time_s: Annotated[
-        float, Quantity("s", "time constant of viscous friction with the servo open", CHOSEN, POSITIVE)
-    ]
+        float, Quantity("s", "time constant of viscous friction with the servo open", POSITIVE)
+    ] = 20.0
 
 
 class Site(_Group, frozen=True):
@@ -341,19 +344,19 @@ class Site(_Group, frozen=True):
         Quantity(
             "deg",
             "geographic latitude; the table axis is vertical",
-            "Taiyuan, unverified",
             _Range(least=-90.0, most=90.0),
+            "Taiyuan, unverified",
         ),
-    ]
+    ] = 0.0
 
 
 class SourceResistance(_Group, frozen=True):
     """Resistance behind the outputs of the PCB; the generator brings its own to v_vc, the rails count as 0 ohm."""
 
-    output_ohm: Annotated[float, Quantity("ohm", "node `output`: a resistor after the amplifier", CHOSEN, NOT_NEGATIVE)]
-    drive_ohm: Annotated[float, Quantity("ohm", "node `drive`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)]
-    carrier_ohm: Annotated[float, Quantity("ohm", "node `carrier`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)]
-    sense_ohm: Annotated[float, Quantity("ohm", "node `sense`: a resistor after the buffer", CHOSEN, NOT_NEGATIVE)]
+    output_ohm: Annotated[float, Quantity("ohm", "node `output`: a resistor after the amplifier", NOT_NEGATIVE)] = 100.0
+    drive_ohm: Annotated[float, Quantity("ohm", "node `drive`: a resistor after the buffer", NOT_NEGATIVE)] = 100.0
+    carrier_ohm: Annotated[float, Quantity("ohm", "node `carrier`: a resistor after the buffer", NOT_NEGATIVE)] = 100.0
+    sense_ohm: Annotated[float, Quantity("ohm", "node `sense`: a resistor after the buffer", NOT_NEGATIVE)] = 100.0
 
     def by_node(self) -> dict[str, float]:
         """Return the resistance of each of these nodes, ohm."""
@@ -379,23 +382,23 @@ class Contradiction(ConfigError):
         self.came = came
 
 
-class BenchParameters(Struct, frozen=True):
+class BenchParameters(Struct, frozen=True, kw_only=True):
     """The whole simulated bench, but for the errors of its instruments."""
 
-    drive_mode: DriveMode
+    drive_mode: DriveMode = DriveMode()
     sense_in_phase: SenseMode
     sense_anti_phase: SenseMode
-    drive_loop: DriveLoop
-    sense_path: SensePath
-    virtual_path: VirtualPath
-    output_stage: OutputStage
-    supply: Supply
-    noise: NoiseSources
-    thermal: Thermal
-    table: TableMechanics
-    site: Site
-    source: SourceResistance
-    pick_up: PickUp
+    drive_loop: DriveLoop = DriveLoop()
+    sense_path: SensePath = SensePath()
+    virtual_path: VirtualPath = VirtualPath()
+    output_stage: OutputStage = OutputStage()
+    supply: Supply = Supply()
+    noise: NoiseSources = NoiseSources()
+    thermal: Thermal = Thermal()
+    table: TableMechanics = TableMechanics()
+    site: Site = Site()
+    source: SourceResistance = SourceResistance()
+    pick_up: PickUp = PickUp()
 
     def __post_init__(self) -> None:
         """Refuse values that contradict each other, whatever group they are in.

@@ -160,7 +160,8 @@ def _ask(resource: str, library: str, timeout_s: float) -> DiscoveredInstrument:
     """Ask a VISA resource for its identity."""
 
     def answer() -> str:
-        from vcfbench.drivers.session import SerialLine, open_session  # noqa: PLC0415  # loaded when first needed
+        from vcfbench.drivers.session import open_session  # noqa: PLC0415  # loaded when first needed
+        from vcfbench.drivers.wire import SerialLine  # noqa: PLC0415
 
         session = open_session(
             resource,

@@ -10,22 +10,7 @@ import math
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.sim.parameters import (
-    BenchParameters,
-    DriveLoop,
-    DriveMode,
-    NoiseSources,
-    OutputStage,
-    PickUp,
-    SenseMode,
-    SensePath,
-    Site,
-    SourceResistance,
-    Supply,
-    TableMechanics,
-    Thermal,
-    VirtualPath,
-)
+from vcfbench.sim.parameters import BenchParameters, SenseMode, Site
 
 EARTH_RATE_DEG_S = 15.041067 / 3600.0
 
@@ -120,123 +105,11 @@ def design(bench: BenchParameters, targets: Targets) -> BenchParameters:
     return replace(bench, virtual_path=virtual, output_stage=output)
 
 
-# The perfect bench before its gains are computed; round numbers are chosen, the others are the paper's.
-DRIVE_MODE = DriveMode(
-    frequency_hz=3488.9,
-    quality=1395.0,
-    mass_kg=5e-7,
-    frequency_coefficient_per_k=0.0,
-    quality_coefficient_per_k=0.0,
-)
-SENSE_IN_PHASE = SenseMode(
-    frequency_hz=3342.0,
-    quality=1224.0,
-    left_participation=0.8,
-    right_participation=0.2,
-    pick_off_v_per_m=2e5,
-    quadrature_rad_s=0.0,
-    frequency_coefficient_per_k=0.0,
-    quality_coefficient_per_k=0.0,
-)
-SENSE_ANTI_PHASE = SenseMode(
-    frequency_hz=3464.1,
-    quality=1224.0,
-    left_participation=0.5,
-    right_participation=0.5,
-    pick_off_v_per_m=2e5,
-    quadrature_rad_s=0.0,
-    frequency_coefficient_per_k=0.0,
-    quality_coefficient_per_k=0.0,
-)
-DRIVE_LOOP = DriveLoop(
-    amplitude_m=5e-6,
-    pick_off_v_per_m=2e5,
-    agc_proportional=7.0,
-    agc_integral_per_s=200.0,
-    force_limit_n_per_v=3.5e-7,
-    pll_proportional_per_s=90.0,
-    pll_integral_per_s2=4000.0,
-    pll_free_running_offset_hz=5.0,
-    amplitude_supply_coefficient_per_v=0.0,
-)
-SENSE_PATH = SensePath(
-    preamplifier_gain=10.0,
-    amplifier_gain=10.0,
-    reference_amplitude_v=2.0,
-    demodulator_phase_rad=math.pi,
-    multiplier_per_v=0.1,
-    low_pass_hz=100.0,
-    low_pass_order=4,
-    carrier_feedthrough=0.0,
-    v_vc_feedthrough=0.0,
-)
-VIRTUAL_PATH = VirtualPath(
-    pull_down_ohm=1e6,
-    carrier_phase_rad=math.pi,
-    left_comb_n_per_v2=1e-8,
-    right_comb_n_per_v2=1e-8,
-    mass_kg=5e-7,
-    offset_v=0.0,
-    second_order_per_v=0.0,
-    third_order_per_v2=0.0,
-)
-OUTPUT_STAGE = OutputStage(gain=1.0, offset_v=0.0, second_order_per_v=0.0, third_order_per_v2=0.0, headroom_v=1.5)
-SUPPLY = Supply(
-    nominal_v=10.0,
-    start_v=8.0,
-    brown_out_v=7.0,
-    dead_v=4.0,
-    quiescent_a=0.028,
-    start_up_a=0.012,
-    ripple_feedthrough=0.0,
-)
-NOISE = NoiseSources(
-    angle_random_walk_deg_sqrt_s=0.0,
-    bias_instability_deg_s=0.0,
-    flicker_shortest_s=0.125,
-    flicker_processes=9,
-    electronic_v_sqrt_hz=0.0,
-    electronic_corner_hz=1000.0,
-)
-THERMAL = Thermal(
-    ambient_c=20.0,
-    reference_c=20.0,
-    self_heating_k=0.0,
-    time_constant_s=300.0,
-    bias_coefficient_deg_s_k=0.0,
-    refresh_k=0.02,
-)
-TABLE = TableMechanics(
-    loop_hz=25.0,
-    loop_damping=0.8,
-    rate_error=0.0,
-    misalignment_deg=0.0,
-    ripple_arcsec=(),
-    ripple_harmonic=(),
-    ripple_phase_rad=(),
-    flutter_per_sqrt_hz=0.0,
-    friction_deg_s2=5.0,
-    friction_time_s=20.0,
-)
-SITE = Site(latitude_deg=0.0)
-SOURCE = SourceResistance(output_ohm=100.0, drive_ohm=100.0, carrier_ohm=100.0, sense_ohm=100.0)
-PICK_UP = PickUp(mains_hz=50.0, mains_deviation_hz=0.0, meter_leads_v=0.0, v_vc_lead_v=0.0)
 PERFECT = BenchParameters(
-    drive_mode=DRIVE_MODE,
-    sense_in_phase=SENSE_IN_PHASE,
-    sense_anti_phase=SENSE_ANTI_PHASE,
-    drive_loop=DRIVE_LOOP,
-    sense_path=SENSE_PATH,
-    virtual_path=VIRTUAL_PATH,
-    output_stage=OUTPUT_STAGE,
-    supply=SUPPLY,
-    noise=NOISE,
-    thermal=THERMAL,
-    table=TABLE,
-    site=SITE,
-    source=SOURCE,
-    pick_up=PICK_UP,
+    sense_in_phase=SenseMode(frequency_hz=3342.0, left_participation=0.8, right_participation=0.2),
+    sense_anti_phase=SenseMode(frequency_hz=3464.1, left_participation=0.5, right_participation=0.5),
 )
+"""The perfect bench before its gains are computed; round numbers are chosen, the others are the paper's."""
 
 
 def ideal_bench() -> BenchParameters:

@@ -231,8 +231,11 @@ def amplify(
 
 def curved(stage: OutputStage, filtered_v: _Volts) -> _Volts:
     """Return the output amplifier's voltage far from its limits: gain, curvature, offset."""
-    u = stage.gain * filtered_v
-    return stage.offset_v + u * (1 + u * (stage.second_order_per_v + u * stage.third_order_per_v2))
+    u, (*lower, before, highest) = stage.gain * filtered_v, stage.orders
+    output_v = highest * u + before
+    for order in reversed(lower):
+        output_v = output_v * u + order
+    return output_v
 
 
 def output_limits(stage: OutputStage, positive_v: float, negative_v: float) -> tuple[float, float]:

@@ -49,7 +49,7 @@ def output_integral(  # noqa: PLR0917  (a stage, a signal, its noise)
     Of limits that move `limits_v` are the tightest.
     """
     mean_v = filtered.integral(duration_s).real / duration_s + noise_mean_v
-    middle_v = _amplified(stage, mean_v)
+    middle_v = curved(stage, mean_v)
     moved_v = abs(stage.gain) * (filtered.swing() + abs(filtered.slope) * duration_s)
     noise_v = abs(_tangent(stage, mean_v)) * math.sqrt(noise_variance_v2)
     bend_v = _bend(stage, mean_v) * noise_variance_v2
@@ -61,7 +61,7 @@ def output_integral(  # noqa: PLR0917  (a stage, a signal, its noise)
         return duration_s * middle_v
     times, weights = _nodes(0.0, duration_s)
     values = filtered.at(times).real + noise_mean_v
-    bent = amplify(stage, values, UNLIMITED) - _amplified(stage, mean_v) - _tangent(stage, mean_v) * (values - mean_v)
+    bent = amplify(stage, values, UNLIMITED) - curved(stage, mean_v) - _tangent(stage, mean_v) * (values - mean_v)
     return duration_s * (middle_v + float(weights @ bent))
 
 
@@ -131,18 +131,16 @@ def _limited_mean(mean_v: float, deviation_v: float, limits_v: tuple[float, floa
     return low + beyond(low) - beyond(high)
 
 
-def _amplified(stage: OutputStage, filtered_v: float) -> float:
-    return curved(stage, filtered_v)
-
-
 def _tangent(stage: OutputStage, filtered_v: float) -> float:
-    u = stage.gain * filtered_v
-    return stage.gain * (1 + u * (2 * stage.second_order_per_v + 3 * u * stage.third_order_per_v2))
+    """Return the derivative of the output by the filtered signal."""
+    u, orders = stage.gain * filtered_v, enumerate(stage.orders[2:])
+    return stage.gain * (1 + u * sum((k + 2) * u**k * order for k, order in orders))
 
 
 def _bend(stage: OutputStage, filtered_v: float) -> float:
     """Return half of the second derivative of the output by the filtered signal, 1/V."""
-    return stage.gain**2 * (stage.second_order_per_v + 3 * stage.gain * filtered_v * stage.third_order_per_v2)
+    u, orders = stage.gain * filtered_v, enumerate(stage.orders[2:])
+    return stage.gain**2 * sum((k + 1) * (k + 2) // 2 * u**k * order for k, order in orders)
 
 
 @cache

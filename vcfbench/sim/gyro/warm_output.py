@@ -37,7 +37,7 @@ def warm_output(
                 virtual.offset_v + node + virtual.second_order_per_v * node**2 + virtual.third_order_per_v2 * node**3
             )
         u = stage.gain * (seen.per_deg_s * (rate_deg_s + steady_deg_s) + seen.per_v * modulated + seen.at_rest_v)
-        y = stage.offset_v + u + stage.second_order_per_v * u**2 + stage.third_order_per_v2 * u**3
+        y = sum(order * u**k for k, order in enumerate(stage.orders))
         return min(max(y, low_v), high_v)
 
     return output
