@@ -36,7 +36,8 @@ from simrack.faulty_device import FaultInjector
 import vcfbench
 from vcfbench.errors import BenchError
 from vcfbench.procedures.shared.measurand import Measurand
-from vcfbench.sim.builder import SimulatedBench, physical_parameters
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.steps import Acquire, Window
 from vcfbench.steps.executor import StepFinished
 

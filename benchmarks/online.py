@@ -29,7 +29,7 @@ from self_calibration import LAB, SIMULATION, ageing_of, bench_of
 import vcfbench
 from tests.procedures.shared.test_k_vc import truth, warm
 from tests.procedures.test_self_calibration import looked_after
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 
 
 def with_known_k_vc(seed: int, seconds: float) -> dict[str, list[float]]:

@@ -32,7 +32,7 @@ import numpy as np
 from msgspec import structs
 
 import vcfbench
-from vcfbench.sim.builder import physical_parameters, true_output
+from vcfbench.sim.simulation import physical_parameters, true_output
 from vcfbench.station.settings import PAPER_RATES_DEG_S
 from vcfbench.studies.truth import turntable_truth
 

@@ -36,7 +36,8 @@ from msgspec import structs
 
 import vcfbench
 from tests.procedures.shared.test_k_vc import truth, warm
-from vcfbench.sim.builder import instrument_errors, physical_parameters
+from vcfbench.sim.builder import instrument_errors
+from vcfbench.sim.simulation import physical_parameters
 
 LAB = vcfbench.load_bench("lab")
 FIELD = vcfbench.load_bench(Path(__file__).resolve().parent.parent / "examples" / "field-bench.toml")

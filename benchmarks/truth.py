@@ -38,7 +38,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 import vcfbench
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.studies.truth import truth_of
 
 if TYPE_CHECKING:

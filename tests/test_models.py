@@ -33,7 +33,7 @@ from vcfbench.models import (
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.turntable import TURNTABLE
-from vcfbench.sim.builder import twins
+from vcfbench.sim.simulation import twins
 from vcfbench.specifications import HP_34401A
 from vcfbench.station.discovery import recognise
 from vcfbench.station.file import embedded_text

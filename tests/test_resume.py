@@ -429,7 +429,7 @@ def test_two_signals_while_a_package_is_loaded_are_a_stop(tmp_path: Path, monkey
         twice()
         raise AssertionError
 
-    monkeypatch.setattr("vcfbench.sim.builder.twin_of", stopped)
+    monkeypatch.setattr("vcfbench.sim.simulation.twin_of", stopped)
     with pytest.raises(Aborted, match=r"^stopped by SIGTERM"):
         vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path)
     assert not list(tmp_path.iterdir())

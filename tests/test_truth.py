@@ -10,7 +10,7 @@ import pytest
 
 import vcfbench
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.sim.builder import true_output
+from vcfbench.sim.simulation import true_output
 from vcfbench.studies.truth import Rates, four_step_truth, truth_of
 
 STUDY = Path(__file__).parents[1] / "benchmarks" / "truth.py"

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 
 if TYPE_CHECKING:
     from pathlib import Path

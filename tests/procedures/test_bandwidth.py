@@ -12,7 +12,7 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench.errors import LimitError
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.parts import Limits
 from vcfbench.steps import CaptureSines, SetSine
 from vcfbench.testing import simulated

@@ -22,8 +22,8 @@ from vcfbench.procedures.shared.known.k_vc_change import k_vc_change
 from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
-from vcfbench.sim.builder import physical_parameters
 from vcfbench.sim.gyro.warm_output import warm_output
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.settings import PlacedInstrument
 from vcfbench.steps import AcMeasured, MeasureAc
 

@@ -22,7 +22,7 @@ from vcfbench.procedures.online.plan import ONLINE
 from vcfbench.procedures.online.results import online_results
 from vcfbench.records.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
 from vcfbench.reports.document import Figure, Table
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.steps import (
     AskOperator,
     CheckRails,

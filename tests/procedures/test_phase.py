@@ -16,7 +16,7 @@ from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import Waveform
 from vcfbench.procedures.phase import CaptureSense, PhaseSettings
-from vcfbench.sim.builder import true_output
+from vcfbench.sim.simulation import true_output
 from vcfbench.steps import CaptureSines, ConfigureScope, SineRecord
 from vcfbench.testing import simulated
 

@@ -17,8 +17,8 @@ from vcfbench.cli.main import app
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.polarity import CAUSES, DRIVEN, POLARITY, TURNED, PolaritySettings, results
 from vcfbench.records.schema import Point
-from vcfbench.sim.builder import physical_parameters
 from vcfbench.sim.gyro.warm_output import warm_output
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.parts import Expected, Limits, OscilloscopeWiring
 from vcfbench.station.settings import DriveWindow, PlacedInstrument, Station
 from vcfbench.steps import AwaitRate, ConfigureScope, DriveReading, SetRate, SetVvc

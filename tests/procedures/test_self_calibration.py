@@ -22,7 +22,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.shared.known.device import level_for
 from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, Measured, SelfCalibration
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.parts import AcceptanceLimits
 from vcfbench.station.settings import PlacedInstrument
 from vcfbench.testing import serve_simulated

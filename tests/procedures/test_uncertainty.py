@@ -18,8 +18,8 @@ from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
-from vcfbench.sim.builder import physical_parameters
 from vcfbench.sim.gyro.warm_output import warm_output
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.settings import Match, ProcedureSettings, Sources, Station
 
 if TYPE_CHECKING:

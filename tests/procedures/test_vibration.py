@@ -15,7 +15,7 @@ from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.reports.document import Figure
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.file import embedded_text
 from vcfbench.steps import DisableVibration, EnableVibration, EnableVvc, SampleModulated
 

@@ -25,7 +25,7 @@ from vcfbench.procedures.warmup import (
     warmup_results,
 )
 from vcfbench.records.schema import Point
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.file import embedded_text
 from vcfbench.station.parts import Limits
 from vcfbench.station.settings import Station

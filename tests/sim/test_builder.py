@@ -12,7 +12,8 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import load_bench, parse_bench
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
-from vcfbench.sim.builder import SimulatedBench, instrument_errors, physical_parameters
+from vcfbench.sim.builder import SimulatedBench, instrument_errors
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.file import embedded_text
 from vcfbench.station.overrides import overridden
 

@@ -14,8 +14,8 @@ from simrack.sources import Drive, Sine
 from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.clock import VirtualClock
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.sim.builder import physical_parameters
 from vcfbench.sim.gyro.design import ideal_bench
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.sim.world import World
 
 if TYPE_CHECKING:

@@ -131,7 +131,8 @@ def _served(description: BenchDescription, served: Served, roles: Collection[str
 def _simulated(
     description: BenchDescription, seed: int | None, pace: float | None, build: Builder | None
 ) -> Iterator[UnopenedBench]:
-    from vcfbench.sim.builder import SimulatedBench, chosen_seed  # noqa: PLC0415
+    from vcfbench.sim.builder import SimulatedBench  # noqa: PLC0415
+    from vcfbench.sim.simulation import chosen_seed  # noqa: PLC0415
 
     used = chosen_seed(description, seed)
     clock = VirtualClock() if pace is None else PacedClock(pace)

@@ -9,7 +9,8 @@ from urllib.parse import parse_qsl
 from vcfbench.bench.ground import FASTEST, SLOWEST, check_simulation
 from vcfbench.clock import ScaledClock, VirtualClock
 from vcfbench.errors import ConfigError
-from vcfbench.sim.builder import SimulatedBench, chosen_seed
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.sim.simulation import chosen_seed
 from vcfbench.station.file import read_bench
 
 if TYPE_CHECKING:

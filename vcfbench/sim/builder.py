@@ -4,34 +4,28 @@ Every random stream comes from the seed and the name of what draws from it, so t
 changes nothing for the others.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain, count
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from msgspec import Struct
-from msgspec.structs import replace
+from numpy.random import Generator, SeedSequence, default_rng
+from simrack.attendance import AttendedClock
+from simrack.device import Device
+from simrack.leads import Leads, LoadingLeads
+from simrack.wires import serial_backend
+from simrack.wires.serial_line import CharacterFrame, HandshakeLine, ThreeWireLine
 
+from vcfbench.clock import Clock
 from vcfbench.errors import ConfigError
-from vcfbench.models import ROLES, find_language, find_model, languages, resolve, twin_of
-from vcfbench.station.description import whole_seed
+from vcfbench.models import find_model
+from vcfbench.sim.simulation import physical_parameters, simulation_of, twins
+from vcfbench.sim.world import World
+from vcfbench.station.description import BenchDescription, SerialSettings
 from vcfbench.station.overrides import overridden, part_way
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from numpy.random import Generator, SeedSequence
-    from simrack.attendance import AttendedClock
-    from simrack.device import Device
-    from simrack.scpi import ScpiTwin
-
-    from vcfbench.clock import Clock
-    from vcfbench.sim.parameters import BenchParameters
-    from vcfbench.sim.world import World
-    from vcfbench.station.description import BenchDescription, Simulation
 
 _STREAMS = {
     "world": 0,
@@ -50,103 +44,9 @@ _DRIVES = {"rate_source": "v_vc", "vibration_source": "vibration"}
 """What the output of each generator is wired to."""
 
 
-def chosen_seed(description: BenchDescription, seed: int | None) -> int:
-    """Return `seed`, or the bench file's when there is none; raises ConfigError for a value that is no seed."""
-    return _simulation(description).seed if seed is None else whole_seed(seed)
-
-
-def twins(description: BenchDescription) -> dict[str, Any]:
-    """Return the class of the simulated instrument of every role that the bench fills.
-
-    Raises:
-        ConfigError: a model has none, or its package cannot be loaded.
-    """
-    found: dict[str, Any] = {}
-    for role in (*ROLES, "rate_table"):
-        part = getattr(description, role)
-        if part is not None:
-            found[role] = _table_twin(part.dialect) if role == "rate_table" else _twin(part.like or part.model)
-    return found
-
-
-def _twin(model: str) -> Any:
-    row = find_model(model)
-    if row is None or row.twin is None:
-        raise ConfigError(
-            f"there is no simulated {model}",
-            hint="its package names one in its row of vcfbench.models; a real bench needs none",
-        )
-    return _loaded(row, twin_of)
-
-
-def _table_twin(dialect: str) -> Any:
-    """Return the class of the simulated table, by the language or the profile's twin; ConfigError if none."""
-    name = profile_twin(dialect) if dialect.endswith(".toml") else dialect
-    row = find_language(name)
-    if row is None or row.twin is None:
-        raise ConfigError(f"there is no simulated table that speaks {name!r}")
-    return _loaded(row, lambda row: resolve(row.twin))
-
-
-def _loaded(row: Any, load: Callable[[Any], Any]) -> Any:
-    try:
-        return load(row)
-    except Exception as error:  # another package is anyone's code
-        raise ConfigError(f"the simulated {row.name} ({row.twin}) cannot be loaded: {error}") from error
-
-
-def profile_twin(dialect: str) -> str:
-    """Return the name of the simulated table that a profile names; ConfigError if it names none."""
-    from vcfbench.drivers.rate_table.profile import load_profile  # noqa: PLC0415
-
-    twin = load_profile(dialect).twin
-    if twin is None or find_language(twin) is None:
-        came = "nothing" if twin is None else repr(twin)
-        raise ConfigError(
-            f"{dialect}: twin: expected one of {', '.join(languages())} on a simulated bench, came {came}"
-        )
-    return twin
-
-
-def named_parameters(simulation: Simulation) -> BenchParameters:
-    """Return the shipped parameter set that the bench file names."""
-    from vcfbench.sim.gyro.design import ideal_bench, paper_bench  # noqa: PLC0415
-
-    return ideal_bench() if simulation.parameters == "ideal" else paper_bench()
-
-
-def physical_parameters(description: BenchDescription) -> BenchParameters:
-    """Return the parameters of gyroscope, PCB and table: the named set at the bench's site, then the overrides."""
-    simulation = _simulation(description)
-    named = named_parameters(simulation)
-    here = replace(
-        named,
-        site=replace(named.site, latitude_deg=description.site.latitude_deg),
-        pick_up=replace(named.pick_up, mains_hz=float(description.site.mains_hz)),
-    )
-    return overridden(here, simulation.override)
-
-
-def true_output(
-    description: BenchDescription, *, at_input: bool = False, rails_v: tuple[float, float] | None = None
-) -> Callable[[float, float | None], float]:
-    """Return the true output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off.
-
-    V_Vc is the level of the open generator, or that `at_input`, where a second meter sees it. `rails_v` are the rails,
-    positive and negative; None means the nominal ones of the gyroscope.
-    """
-    from simrack.instruments.agilent33220a.settings import SOURCE_OHM  # noqa: PLC0415
-
-    from vcfbench.sim.gyro.warm_output import warm_output  # noqa: PLC0415
-
-    return warm_output(physical_parameters(description), 0.0 if at_input else SOURCE_OHM, rails_v)
-
-
 def instrument_errors(description: BenchDescription, seed: int) -> dict[str, Any]:
     """Return the imperfections of every simulated instrument, as the bench file asks for them."""
-    from numpy.random import default_rng  # noqa: PLC0415
-
-    asked = _simulation(description).errors
+    asked = simulation_of(description).errors
     known = description.uncertainty.generator_ranges_v
     return {
         role: _errors(
@@ -167,12 +67,8 @@ class SimulatedBench(Struct, frozen=True):
     devices: Mapping[str, Device]
 
     @classmethod
-    def build(cls, description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+    def build(cls, description: BenchDescription, seed: int, clock: Clock) -> "SimulatedBench":
         """Build the bench on `clock`; the same seed gives the same bench."""
-        from simrack.attendance import AttendedClock  # noqa: PLC0415
-
-        from vcfbench.sim.world import World  # noqa: PLC0415
-
         attended = AttendedClock(clock)
         world = World(attended, physical_parameters(description), _integer(_sequence(seed, "world")))
         errors = instrument_errors(description, seed)
@@ -194,19 +90,13 @@ class SimulatedBench(Struct, frozen=True):
     def visa_devices(self) -> dict[str, Device]:
         """Return the devices on VISA by the resource names of the bench file; a serial one at the end of its line."""
         parts = {role: getattr(self.description, role) for role in self.devices if role != "rate_table"}
-        return {part.resource: self._connected(self.devices[role], part) for role, part in parts.items()}
-
-    def _connected(self, device: Device, part: Any) -> Device:
-        """Return `device`, behind an RS-232 line set on its front panel as the bench file has it."""
-        if not _is_serial(part):
-            return device
-        from simrack.wires.serial_line import CharacterFrame, HandshakeLine  # noqa: PLC0415
-
-        from vcfbench.station.description import SerialSettings  # noqa: PLC0415
-
-        line = SerialSettings() if part.serial is None else part.serial
-        frame = CharacterFrame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
-        return HandshakeLine(cast("ScpiTwin", device), self.clock, frame, by_message=True)
+        devices = {part.resource: self.devices[role] for role, part in parts.items()}
+        for part in filter(_is_serial, parts.values()):  # its line is set on its front panel as the bench file has it
+            line = SerialSettings() if part.serial is None else part.serial
+            frame = CharacterFrame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
+            device: Any = devices[part.resource]
+            devices[part.resource] = HandshakeLine(device, self.clock, frame, by_message=True)
+        return devices
 
     def table_port(self) -> Device:
         """Return the device behind the port of the rate table: at the end of its line, if the bench file names one."""
@@ -214,8 +104,6 @@ class SimulatedBench(Struct, frozen=True):
         named = self.description.rate_table
         if named is None or "://" in named.resource:  # a URL of pyserial's is no port
             return table
-        from simrack.wires.serial_line import CharacterFrame, ThreeWireLine  # noqa: PLC0415
-
         frame = getattr(table, "frame", CharacterFrame(stop_bits=1.0))
         line = ThreeWireLine(table, self.clock, frame, by_message=True)
         cast("AttendedClock", self.clock).attend(line)  # each message arrives at its own instant
@@ -227,11 +115,11 @@ class SimulatedBench(Struct, frozen=True):
 
         The library is ``{handle}@vcfbench``, the rate table's port ``sim://{handle}``.
         """
-        from simrack.wires import serial_backend  # noqa: PLC0415
+        from simrack.wires.visa_backend import SimVisaLibrary  # noqa: PLC0415 - a served bench needs no PyVISA
 
         with _own_handle(self.description.name) as handle:
             try:
-                _visa_library().register(handle, self.visa_devices(), self.clock)
+                SimVisaLibrary.register(handle, self.visa_devices(), self.clock)
             except ValueError as error:
                 raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
             if "rate_table" in self.devices:
@@ -240,16 +128,7 @@ class SimulatedBench(Struct, frozen=True):
                 yield handle
             finally:
                 serial_backend.unregister(handle)
-                _visa_library().unregister(handle)
-
-
-def _simulation(description: BenchDescription) -> Simulation:
-    if description.simulation is None:
-        raise ConfigError(
-            f"{description.name}: a simulated bench is needed, this is a real one",
-            hint="its bench file has no table [simulation]",
-        )
-    return description.simulation
+                SimVisaLibrary.unregister(handle)
 
 
 def _is_serial(part: Any) -> bool:
@@ -285,8 +164,6 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
 
 def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Any]:
     """Return the World as the instruments see it that have leads, or an input of their own."""
-    from simrack.leads import Leads, LoadingLeads  # noqa: PLC0415
-
     wiring, caught = description.wiring, world.mains
     channels = wiring.oscilloscope.channels()
     seen: dict[str, Any] = {
@@ -319,19 +196,11 @@ def _errors(
 
 
 def _sequence(seed: int, name: str) -> SeedSequence:
-    from numpy.random import SeedSequence  # noqa: PLC0415
-
     return SeedSequence(seed, spawn_key=(_STREAMS[name],))
 
 
 def _integer(sequence: SeedSequence) -> int:
     return int(sequence.generate_state(1)[0])
-
-
-def _visa_library() -> Any:
-    from simrack.wires.visa_backend import SimVisaLibrary  # noqa: PLC0415
-
-    return SimVisaLibrary
 
 
 _HANDLES: set[str] = set()  # PyVISA and pyserial find a bench by name alone, so names in use must be known here

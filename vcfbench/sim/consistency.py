@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 from msgspec import structs
 
-from vcfbench.sim.builder import named_parameters, physical_parameters, profile_twin, twins
 from vcfbench.sim.parameters import Contradiction
+from vcfbench.sim.simulation import named_parameters, physical_parameters, profile_twin, twins
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.overrides import invalid_overrides
@@ -31,7 +31,12 @@ def _overrides(description: BenchDescription) -> Iterator[InvalidValue]:
     if simulation is None or not (simulation.override or any(isinstance(each, dict) for each in errors.values())):
         return
     single = list(invalid_overrides(named_parameters(simulation), simulation.override, "simulation.override"))
-    yield from single or _contradictions(description)
+    yield from single
+    try:  # parameters, each of them one, must fit together
+        if not single:
+            physical_parameters(description)
+    except Contradiction as error:
+        yield InvalidValue("simulation.override", error.expected, error.came)
     for role, twin in twins(description).items():
         if isinstance(errors[role], dict):
             named = {name: value for name, value in errors[role].items() if name != "drawn"}
@@ -39,11 +44,3 @@ def _overrides(description: BenchDescription) -> Iterator[InvalidValue]:
             share = errors[role].get("drawn", 0.0)
             if type(share) not in (int, float) or not 0.0 <= share <= _MOST_DRAWN:
                 yield InvalidValue(f"simulation.errors.{role}.drawn", f"a number from 0 to {_MOST_DRAWN:g}", share)
-
-
-def _contradictions(description: BenchDescription) -> Iterator[InvalidValue]:
-    """Check that physical parameters, each of them one, fit together."""
-    try:
-        physical_parameters(description)
-    except Contradiction as error:
-        yield InvalidValue("simulation.override", error.expected, error.came)

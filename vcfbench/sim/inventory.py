@@ -10,7 +10,8 @@ from textwrap import dedent
 from typing import Any
 
 from vcfbench.records.plain import field_names
-from vcfbench.sim.builder import chosen_seed, instrument_errors, named_parameters, physical_parameters
+from vcfbench.sim.builder import instrument_errors
+from vcfbench.sim.simulation import chosen_seed, named_parameters, physical_parameters, simulation_of
 from vcfbench.station.description import BenchDescription
 
 
@@ -50,30 +51,16 @@ def inventory(description: BenchDescription, seed: int | None = None) -> list[In
     Raises:
         ConfigError: the bench is a real one.
     """
-    used = chosen_seed(description, seed)
-    errors = (
-        row
-        for role, group in instrument_errors(description, used).items()
-        for row in _rows(group, f"errors.{role}", _source(description, role, used))
-    )
-    return [*_physics(description), *errors]
-
-
-def _physics(description: BenchDescription) -> Iterator[InventoryRow]:
-    rows = physical_parameters(description).rows()
-    assert description.simulation is not None  # noqa: S101  # a real bench has no parameters
-    for row, shipped in zip(rows, named_parameters(description.simulation).rows(), strict=True):
-        source = shipped.source if row.value == shipped.value else _CHOSEN
-        yield InventoryRow(f"override.{row.path}", row.value, row.unit, row.meaning, source)
-
-
-def _source(description: BenchDescription, role: str, seed: int) -> str:
-    """Name the source of the errors of one instrument; their meanings tell the distributions."""
-    assert description.simulation is not None  # noqa: S101  # a real bench was refused before
-    asked = getattr(description.simulation.errors, role)
-    if isinstance(asked, dict):
-        return _CHOSEN
-    return "none: a perfect instrument" if asked == "none" else f"drawn from the published accuracy by seed {seed}"
+    used, shipped = chosen_seed(description, seed), named_parameters(simulation_of(description)).rows()
+    found: list[InventoryRow] = []
+    for row, usual in zip(physical_parameters(description).rows(), shipped, strict=True):
+        source = usual.source if row.value == usual.value else _CHOSEN
+        found.append(InventoryRow(f"override.{row.path}", row.value, row.unit, row.meaning, source))
+    for role, group in instrument_errors(description, used).items():  # their meanings tell the distributions
+        asked = getattr(simulation_of(description).errors, role)
+        drawn = "none: a perfect instrument" if asked == "none" else f"drawn from the published accuracy by seed {used}"
+        found += _rows(group, f"errors.{role}", _CHOSEN if isinstance(asked, dict) else drawn)
+    return found
 
 
 def _rows(group: Any, path: str, source: str) -> Iterator[InventoryRow]:
@@ -87,7 +74,8 @@ def _rows(group: Any, path: str, source: str) -> Iterator[InventoryRow]:
             for index, entry in enumerate(value):
                 yield from _rows(entry, f"{here}[{index}]", source)
         else:
-            yield InventoryRow(here, value, _unit(name, value), meanings.get(name, ""), source)
+            unit = next((unit for end, unit in _UNITS if name.endswith(end)), "1")
+            yield InventoryRow(here, value, "" if isinstance(value, bool) else unit, meanings.get(name, ""), source)
 
 
 @cache  # finding a class in its file takes a while
@@ -104,9 +92,3 @@ def _field_docstrings(kind: type) -> dict[str, str]:
         and isinstance(text.value, ast.Constant)
         and isinstance(text.value.value, str)
     }
-
-
-def _unit(name: str, value: object) -> str:
-    if isinstance(value, bool):
-        return ""
-    return next((unit for end, unit in _UNITS if name.endswith(end)), "1")

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
-from simrack.components import Component
+from simrack.components import Component, Tone
 from simrack.sources import Bend, Drive, Piece, Played, Sine
 
 from vcfbench.sim.parameters import PickUp
@@ -25,8 +25,6 @@ class Mains(Struct, frozen=True):
     @classmethod
     def drawn(cls, pick_up: PickUp, seed: int) -> "Mains":
         """Return the pick-up of a bench: frequency and phases by the seed."""
-        import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
-
         random = np.random.default_rng([seed, _STREAM])
         frequency_hz = pick_up.mains_hz + pick_up.mains_deviation_hz * float(random.standard_normal())
         phases = random.uniform(0.0, math.tau, 3)
@@ -75,6 +73,4 @@ class _Overlaid(Struct, frozen=True):
 
     def components(self) -> tuple[Component, ...]:
         """Return its components."""
-        from simrack.components import Tone  # noqa: PLC0415  (kept out of the import of the package)
-
         return *self.source.components(), Tone(self.sine)

@@ -6,9 +6,9 @@ from typing import Any
 from msgspec import structs, to_builtins
 
 from vcfbench.errors import ConfigError
-from vcfbench.sim.builder import named_parameters
 from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro, peak_response, settling_s
 from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.simulation import named_parameters
 from vcfbench.station.description import Simulation
 from vcfbench.station.file import EMBEDDED, parse_bench
 from vcfbench.station.settings import PAPER_RATES_DEG_S
@@ -92,6 +92,9 @@ def _procedure(sheet: DataSheet) -> dict[str, Any]:
     """Return settings with which this gyroscope can be measured: rates, drive signal, times, frequencies."""
     wider, finer = sheet.range_deg_s / 200.0, abs(sheet.split_hz) / _USUAL_SPLIT_HZ
     drive_s, sense_s = settling_s(sheet)
+    # A sine on V_Vc that drives the output well, and at the peak of the response not against its rail
+    slope_v_per_v = abs(sheet.scale_factor_v_per_deg_s) * sheet.k_vc_deg_s_per_v
+    sine_v = min(10.0, max(0.01, _AT_THE_PEAK_V / (slope_v_per_v * max(1.0, peak_response(sheet)))))
     rates = [_round(rate * wider) for rate in PAPER_RATES_DEG_S]
     match = min(10.0 * wider, 5.0 * sheet.k_vc_deg_s_per_v)
     return {
@@ -110,19 +113,13 @@ def _procedure(sheet: DataSheet) -> dict[str, Any]:
             "match_rates_deg_s": [_round(rate * wider) for rate in (10.0, 20.0, 50.0, 100.0, 200.0)],
         },
         "bandwidth": {
-            "sine_amplitude_v": _round(_sine_v(sheet)),
+            "sine_amplitude_v": _round(sine_v),
             "split_guess_hz": _round(abs(sheet.split_hz)),
             "frequencies_hz": [_round(each * finer) for each in _ROUGH_HZ if each * finer <= 75.0],
             "in_phase_split_hz": _round(sheet.in_phase_split_hz),
             "low_pass_hz": _round(sheet.low_pass_hz),
         },
     }
-
-
-def _sine_v(sheet: DataSheet) -> float:
-    """Return a sine on V_Vc that drives the output well, and at the peak of the response not against its rail, V."""
-    slope_v_per_v = abs(sheet.scale_factor_v_per_deg_s) * sheet.k_vc_deg_s_per_v
-    return min(10.0, max(0.01, _AT_THE_PEAK_V / (slope_v_per_v * max(1.0, peak_response(sheet)))))
 
 
 def _round(value: float) -> float:

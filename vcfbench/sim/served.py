@@ -6,16 +6,18 @@ Everything that waits is given that clock, so that a run takes no longer than it
 the same run on a bench simulated in this process, to the last digit.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from functools import partial
 from typing import Any
 
 from msgspec import Struct, structs
-from simrack.serve import Control, RemoteClock, ServedBench, ServedClock
+from simrack.serve import Control, ControlError, RemoteClock, ServedBench, ServedClock
+from simrack.serve.lockstep_port import LockstepPort
+from simrack.wires import serial_backend
 
 from vcfbench.errors import ConfigError, ConnectFailed, LinkLost
-from vcfbench.models import Wire, find_model
+from vcfbench.models import find_model
+from vcfbench.sim.simulation import chosen_seed
 from vcfbench.station.description import BenchDescription, Served
 
 _CONTROL = "control port"
@@ -32,8 +34,6 @@ class LockstepClock:
 
     def now(self) -> float:
         """Return the bench time, s."""
-        from simrack.serve import ControlError  # noqa: PLC0415
-
         try:
             return self._remote.now()
         except ControlError as error:
@@ -41,8 +41,6 @@ class LockstepClock:
 
     def sleep_until(self, instant_s: float) -> None:
         """Let bench time jump to `instant_s`."""
-        from simrack.serve import ControlError  # noqa: PLC0415
-
         try:
             self._remote.sleep_until(instant_s)
         except ControlError as error:
@@ -68,8 +66,6 @@ def lockstep_bench(served: Served, rate_table: str | None) -> Iterator[Lockstep]
     Raises:
         ConnectFailed: no bench is served there, or another program leads its time: one run at a time.
     """
-    from simrack.serve import Control, ControlError, RemoteClock  # noqa: PLC0415
-
     host, port = served.address()
     try:
         control = Control(port, host)
@@ -84,25 +80,20 @@ def lockstep_bench(served: Served, rate_table: str | None) -> Iterator[Lockstep]
         except ControlError as error:
             raise ConnectFailed(str(error), instrument=_CONTROL, resource=served.control) from error
         clock = LockstepClock(remote, served.control)
+
+        def adjust(name: str, value: Any) -> None:
+            try:
+                control.request("set", name=name, value=value)
+            except ControlError as error:
+                raise ConfigError(f"{name}: {error}", instrument=_CONTROL, resource=served.control) from error
+
         with nullcontext(rate_table) if known is None else _led_port(control, clock, known) as url:
-            yield Lockstep(clock, seed, url, partial(_adjust, control, served.control))
-
-
-def _adjust(control: Control, address: str, name: str, value: Any) -> None:
-    from simrack.serve import ControlError  # noqa: PLC0415
-
-    try:
-        control.request("set", name=name, value=value)
-    except ControlError as error:
-        raise ConfigError(f"{name}: {error}", instrument=_CONTROL, resource=address) from error
+            yield Lockstep(clock, seed, url, adjust)
 
 
 @contextmanager
 def _led_port(control: Control, clock: LockstepClock, resource: str) -> Iterator[str]:
     """Yield the URL of a port at `resource` that tells the server when it is waited on."""
-    from simrack.serve.lockstep_port import LockstepPort  # noqa: PLC0415
-    from simrack.wires import serial_backend  # noqa: PLC0415
-
     handle = resource.removeprefix("socket://")
     serial_backend.register_port(handle, LockstepPort(control, clock, "rate_table", resource))
     try:
@@ -113,30 +104,20 @@ def _led_port(control: Control, clock: LockstepClock, resource: str) -> Iterator
 
 def build_served(description: BenchDescription, seed: int | None, clock: ServedClock) -> ServedBench:
     """Build the served part of a simulated bench, from `seed` or the bench file's; its clock can build it anew."""
-    from simrack.serve import ServedBench  # noqa: PLC0415
-
-    from vcfbench.sim.builder import SimulatedBench, chosen_seed  # noqa: PLC0415  (there may be no simulation)
+    from vcfbench.sim.builder import SimulatedBench  # noqa: PLC0415  (there may be no simulation)
 
     used = chosen_seed(description, seed)
     built = SimulatedBench.build(description, used, clock)
-    models = {role: _model(description, role) for role in built.devices}
+    parts = {role: getattr(description, role) for role in built.devices}
+    models = {role: str(part.dialect if role == "rate_table" else part.model) for role, part in parts.items()}
+    # The interfaces of the real box of each role that a model fills
+    rows = {role: find_model(part.like or part.model) for role, part in parts.items() if role != "rate_table"}
+    wires = {role: row.wires for role, row in rows.items() if row is not None}
 
     def rebuild(seed: int | None) -> ServedBench:
         return build_served(description, seed, clock)
 
-    return ServedBench(built.world, built.devices, models, used, rebuild, _wires(description, built.devices))
-
-
-def _wires(description: BenchDescription, roles: Iterable[str]) -> dict[str, frozenset[Wire]]:
-    """Return the interfaces of the real box of each role that a model fills."""
-    parts = {role: getattr(description, role) for role in roles if role != "rate_table"}
-    rows = {role: find_model(part.like or part.model) for role, part in parts.items()}
-    return {role: row.wires for role, row in rows.items() if row is not None}
-
-
-def _model(description: BenchDescription, role: str) -> str:
-    part = getattr(description, role)
-    return str(part.dialect if role == "rate_table" else part.model)
+    return ServedBench(built.world, built.devices, models, used, rebuild, wires)
 
 
 def served_places(control: str) -> tuple[str, dict[str, str]]:
@@ -148,8 +129,6 @@ def served_places(control: str) -> tuple[str, dict[str, str]]:
         ConfigError: it is no port.
         ConnectFailed: nobody serves there.
     """
-    from simrack.serve import Control, ControlError  # noqa: PLC0415
-
     port = control.rpartition(":")[2]
     if not (port.isdigit() and 0 < int(port) < 65536):
         raise ConfigError(f"{control}: expected the control port that `vcfbench sim serve` has printed, as in 20220")
@@ -169,13 +148,10 @@ def on_wires(description: BenchDescription, resources: Mapping[str, str], contro
         resources: resource string of each role.
         control: host and port of the control port.
     """
-    roles = {role: _moved(getattr(description, role), resource) for role, resource in resources.items()}
+    roles = {role: structs.replace(getattr(description, role), resource=where) for role, where in resources.items()}
+    for role, where in resources.items():  # a simulated serial line needs no pauses, and they would shift the readings
+        if where.startswith("ASRL"):
+            roles[role] = structs.replace(roles[role], serial_pause_s=0.0)
     return structs.replace(
         description, **roles, title=f"{description.title}, served", simulation=None, served=Served(control=control)
     )
-
-
-def _moved(role: Any, resource: str) -> Any:
-    """Return `role` at `resource`; a simulated serial line needs no pauses, and they would shift the readings."""
-    pause = {"serial_pause_s": 0.0} if resource.startswith("ASRL") else {}
-    return structs.replace(role, resource=resource, **pause)

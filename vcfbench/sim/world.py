@@ -7,9 +7,10 @@ a second does.
 
 import math
 from collections.abc import Callable, Hashable, Iterator
+from copy import copy
 from functools import partial
-from typing import Any
 
+import numpy as np
 from msgspec.structs import replace
 from simrack.adding import added
 from simrack.adjustment import Adjustment
@@ -210,8 +211,6 @@ class World(Observed):
 
     def value_v(self, node: str) -> float:
         """Return a node's voltage now."""
-        import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
-
         self._require(node, NODES)
         self.advance()
         now = self._gyro.now_s
@@ -227,8 +226,6 @@ class World(Observed):
         self._require(node, NODES)
         now, gyro = self.clock.now(), self._glanced_at()
         look = self._loaded(gyro.look(self.table.segment(now), now))
-        import numpy as np  # noqa: PLC0415  (kept out of the import of the package)
-
         return float(look.at(node, np.array([now]))[0])
 
     def glance_current_a(self, rail: str) -> float:
@@ -255,8 +252,4 @@ class World(Observed):
     def adjustments(self) -> Iterator[Adjustment]:
         """Yield the physical parameters, for looks from outside the bench; none can be changed."""
         for row in self.parameters.rows():
-            yield Adjustment(f"parameter.{row.path}", row.unit, row.meaning, partial(_constant, row.value))
-
-
-def _constant(value: Any) -> Any:
-    return value
+            yield Adjustment(f"parameter.{row.path}", row.unit, row.meaning, partial(copy, row.value))

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult
-from vcfbench.sim.builder import true_output
+from vcfbench.sim.simulation import true_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -25,10 +25,11 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.sim.builder import SimulatedBench, chosen_seed
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.consistency import check_simulation
 from vcfbench.sim.fault_scripts import parse_script, read_script
 from vcfbench.sim.served import build_served
+from vcfbench.sim.simulation import chosen_seed
 from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription, Simulation, SimulationErrors
 

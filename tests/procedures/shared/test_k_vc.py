@@ -19,7 +19,7 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.kvc.plan import K_VC
 from vcfbench.procedures.kvc.results import UNSEEN
 from vcfbench.records.devices import Certificate, Characterisation, Characteristics, Conditions, DeviceStore, Measured
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 
 if TYPE_CHECKING:
     from pathlib import Path

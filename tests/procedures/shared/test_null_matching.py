@@ -20,7 +20,7 @@ from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, nul
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, null_results
 from vcfbench.records.schema import Point
 from vcfbench.reports.text import text_of
-from vcfbench.sim.builder import physical_parameters
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import PAPER_RATES_DEG_S, Match, Sources, Station
 from vcfbench.steps import Acquire

@@ -145,32 +145,27 @@ class NoisePath:
         parts = 2**level
         length = self._whole.duration_s / parts
         index = np.clip((times_s / length).astype(np.intp), 0, parts - 1)
-        each = [(index == part, int(part)) for part in np.unique(index)]
-        return [(held, self._waveform(level, part), times_s[held] - part * length) for held, part in each]
-
-    def _waveform(self, level: int, part: int) -> _Waveform:
-        if part not in self._waveforms:
-            span = self._span(level, part)
-            self._waveforms[part] = _drawn(self._noisy, span, self._random(level, part, 1))
-        return self._waveforms[part]
+        found = []
+        for part in map(int, np.unique(index)):
+            if part not in self._waveforms:
+                self._waveforms[part] = _drawn(self._noisy, self._span(level, part), self._random(level, part, 1))
+            held = index == part
+            found.append((held, self._waveforms[part], times_s[held] - part * length))
+        return found
 
     def _span(self, level: int, index: int) -> _Span:
-        """Return one of the 2^level equal parts of the stretch; its other half comes with it."""
+        """Return one of the 2^level equal parts of the stretch without flutter; its other half comes with it."""
         if not level and self._whole is not None:
-            return self._calm(self._whole)
+            if self._shaken is None:
+                return self._whole
+            end, integral_v_s = self._shaken.added(self._whole.end, self._whole.integral_v_s, -1.0)
+            return replace(self._whole, end=end, integral_v_s=integral_v_s)
         if (level, index) not in self._spans:
             whole = self._span(level - 1, index // 2)
             halves = _halved(self._noisy, whole, self._random(level - 1, index // 2, 0))
             for half, span in enumerate(halves):
                 self._spans[level, 2 * (index // 2) + half] = span
         return self._spans[level, index]
-
-    def _calm(self, span: _Span) -> _Span:
-        """Return a span without the part made by flutter."""
-        if self._shaken is None:
-            return span
-        end, integral_v_s = self._shaken.added(span.end, span.integral_v_s, -1.0)
-        return replace(span, end=end, integral_v_s=integral_v_s)
 
     def _random(self, *which: int) -> np.random.Generator:
         return np.random.default_rng([*self._key, *which])
@@ -213,7 +208,9 @@ def _fluctuation(
     """Return the noise gathered at each point of the grid, as it shows; `grown` is the free growth of the modes."""
     count = len(grown) - 1
     once, whole = noisy.interval(span.duration_s / count), noisy.interval(span.duration_s)
-    factor = _without_nothing(once.factor)
+    size = np.linalg.norm(once.factor, axis=1)[:, None]
+    shares = np.abs(once.factor / np.where(size == 0.0, 1.0, size)).max(axis=0)
+    factor = once.factor[:, shares > DIRECTION]  # a short step has few directions
     drawn = random.standard_normal((count, factor.shape[1]))
     path = _summed(grown[1], by_rows(drawn.astype(np.complex128), noisy.freed_draws(factor.T)))
     ended = whole.later(span.start).plus(noisy.unfreed(path[-1]).minus(noisy.unfreed(0 * path[-1])))
@@ -221,13 +218,6 @@ def _fluctuation(
     missed = np.append(span.end.minus(ended), span.integral_v_s - whole.integral_of(span.start) - integral_v_s)
     weights = _weights(noisy, span.duration_s, missed)
     return np.asarray(by_rows(path, noisy.shows) + noisy.spread_shown(grown, span.duration_s, weights))
-
-
-def _without_nothing(factor: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a factor without the columns that are round-off: a short step has few directions."""
-    size = np.linalg.norm(factor, axis=1)[:, None]
-    shares = np.abs(factor / np.where(size == 0.0, 1.0, size)).max(axis=0)
-    return factor[:, shares > DIRECTION]
 
 
 def _weights(noisy: NoisyChain, duration_s: float, missed: NDArray[np.float64]) -> NDArray[np.float64]:

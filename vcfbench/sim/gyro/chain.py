@@ -279,7 +279,7 @@ class ChainDesign:
         self._residues = np.array(butterworth_residues(list(self._filter_poles)))[:, None]
         self._ones = np.ones(len(self._filter_poles))
         self._nothing = np.zeros(len(self._filter_poles))
-        self._shares = _each(bench, _share)
+        self._shares = _each(bench, lambda mode: mode.left_participation + mode.right_participation)
         self._combs = _each(bench, lambda mode: _combs(bench, mode))
         self._quadrature = _each(bench, lambda mode: mode.quadrature_rad_s)
         self._nominal_rad_s = 2 * np.pi * bench.drive_mode.frequency_hz
@@ -349,10 +349,6 @@ def _each(bench: BenchParameters, figure: Callable[[SenseMode], float]) -> NDArr
     return np.array(
         [figure(mode) for mode in (bench.sense_in_phase, bench.sense_anti_phase) for _ in range(2)], complex
     )
-
-
-def _share(mode: SenseMode) -> float:
-    return mode.left_participation + mode.right_participation
 
 
 def _combs(bench: BenchParameters, mode: SenseMode) -> float:

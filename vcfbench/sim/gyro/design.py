@@ -39,11 +39,6 @@ PAPER_TARGETS = Targets(
 )
 
 
-def _modal_response(mode: SenseMode, drive_rad_s: float) -> complex:
-    natural = 2 * math.pi * mode.frequency_hz
-    return 1 / complex(natural**2 - drive_rad_s**2, natural * drive_rad_s / mode.quality)
-
-
 def _linear_gains(bench: BenchParameters) -> tuple[float, float, float]:
     """Return the steady filtered volts per deg/s, per volt at the modulator's multiplier, and from quadrature."""
     sense, virtual, loop = bench.sense_path, bench.virtual_path, bench.drive_loop
@@ -53,7 +48,8 @@ def _linear_gains(bench: BenchParameters) -> tuple[float, float, float]:
     coriolis = virtual_force = quadrature = 0j
     carrier = -1j * complex(math.cos(virtual.carrier_phase_rad), math.sin(virtual.carrier_phase_rad))
     for mode in (bench.sense_in_phase, bench.sense_anti_phase):
-        picked = mode.pick_off_v_per_m * _modal_response(mode, omega)
+        natural = 2 * math.pi * mode.frequency_hz
+        picked = mode.pick_off_v_per_m * (1 / complex(natural**2 - omega**2, natural * omega / mode.quality))
         share = mode.left_participation + mode.right_participation
         combs = (
             mode.left_participation * virtual.left_comb_n_per_v2

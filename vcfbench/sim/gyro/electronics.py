@@ -172,7 +172,10 @@ def modulate(path: VirtualPath, node: Oscillation) -> Oscillation:
     through the curvature.
     """
     if len(node.terms) > 1:
-        once = _two_sided(node)
+        once: dict[float, complex] = {0.0: complex(node.constant_v)}
+        for size, exponent in node.terms:  # the complex size of each angular frequency, negative ones too
+            _add(once, exponent.imag, size / 2)
+            _add(once, -exponent.imag, size.conjugate() / 2)
         squared = _product(once, once)
         parts = ((1.0, once), (path.second_order_per_v, squared), (path.third_order_per_v2, _product(squared, once)))
         total: dict[float, complex] = {0.0: complex(path.offset_v)}
@@ -196,15 +199,6 @@ def modulate(path: VirtualPath, node: Oscillation) -> Oscillation:
     sizes = (first, twice, thrice)
     terms = [(size * unit ** (n + 1), speed * (n + 1)) for n, size in enumerate(sizes) if size]
     return Oscillation(constant, terms)
-
-
-def _two_sided(signal: Oscillation) -> dict[float, complex]:
-    """Return the complex size of each angular frequency, negative ones too."""
-    spectrum: dict[float, complex] = {0.0: complex(signal.constant_v)}
-    for size, exponent in signal.terms:
-        for speed, half in ((exponent.imag, size / 2), (-exponent.imag, size.conjugate() / 2)):
-            _add(spectrum, speed, half)
-    return spectrum
 
 
 def _product(one: dict[float, complex], other: dict[float, complex]) -> dict[float, complex]:

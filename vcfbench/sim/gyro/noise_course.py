@@ -103,7 +103,12 @@ class NoiseCourse:
             noted = self._noted.popleft()
             self._go(noted.since_s)
             if noted.passing != self._held.passing:
-                self._hand_over(noted)
+                # Go on with another chain; the noise so far stays
+                chain, modal = self._chain_of(noted), self._quiet
+                if chain is not None and self._chain is not None:
+                    modal = self._chain.chain.handed_over(self._state.modal, 0j, chain.chain)
+                self._state = NoiseState.of(modal, self._state.rates_rad_s)
+                self._chain, self._shaking = chain, None
             self._held = noted
         self._go(now_s)
 
@@ -111,14 +116,6 @@ class NoiseCourse:
         if self._now_s < now_s:
             self._state, _, _ = self._at(now_s)
             self._now_s = now_s
-
-    def _hand_over(self, noted: _Noted) -> None:
-        """Go on with another chain; the noise so far stays."""
-        chain, modal = self._chain_of(noted), self._quiet
-        if chain is not None and self._chain is not None:
-            modal = self._chain.chain.handed_over(self._state.modal, 0j, chain.chain)
-        self._state = NoiseState.of(modal, self._state.rates_rad_s)
-        self._chain, self._shaking = chain, None
 
     def _chain_of(self, noted: _Noted) -> NoisyChain | None:
         return None if noted.passing is None else _noisy_chain(self._design, noted.bench, noted.passing)
@@ -156,16 +153,10 @@ class NoiseCourse:
             rates = self._flicker.later(self._state.rates_rad_s, duration, self._random)
             return NoiseState.of(self._state.modal, rates), 0.0, None
         noise, integral = self._chain.step(self._state, duration, self._random)
-        shaken = self._shaken(self._chain, duration)
-        if shaken is not None:
-            noise, integral = shaken.added(noise, integral)
-        return noise, integral, shaken
-
-    def _shaken(self, chain: NoisyChain, duration_s: float) -> Shaken | None:
-        """Return the chain's response to the table's flutter in a time from the present noise."""
         rate = self._held.rate
         if rate is None or rate.flutter is None or not rate.shaking_deg_s:
-            return None
+            return noise, integral, None
         if self._shaking is None:
-            self._shaking = Shaking(chain.chain, rate.flutter)
-        return self._shaking.shaken(rate, self._now_s, duration_s)
+            self._shaking = Shaking(self._chain.chain, rate.flutter)
+        shaken = self._shaking.shaken(rate, self._now_s, duration)
+        return (noise, integral, None) if shaken is None else (*shaken.added(noise, integral), shaken)

@@ -28,36 +28,31 @@ class ExponentialSum(Struct, frozen=True):
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return the signal at an array of times."""
-        turned = self._turned(times_s)
+        block = max(1, BLOCK // max(len(self.exponents), 1))  # fewer times where there are many exponentials
+        if times_s.ndim != 1 or len(times_s) <= block:
+            turned = self._summed(times_s)
+        else:
+            parts = (times_s[start : start + block] for start in range(0, len(times_s), block))
+            turned = np.concatenate([self._summed(part) for part in parts])
         ramped = self.turning * times_s * np.exp(self.turn * times_s) if self.turning else 0.0
         return np.asarray(turned + (self.constant + self.slope * times_s) + ramped)
 
-    def _turned(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return the exponentials' sum, in blocks where times and exponents are many."""
-        block = max(1, BLOCK // max(len(self.exponents), 1))
-        if times_s.ndim != 1 or len(times_s) <= block:
-            return self._summed(times_s)
-        parts = (times_s[start : start + block] for start in range(0, len(times_s), block))
-        return np.concatenate([self._summed(part) for part in parts])
-
     def _summed(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the exponentials' sum."""
         if times_s.ndim == 1 and len(times_s) >= _MANY_TIMES:
-            step_s = (times_s[-1] - times_s[0]) / (len(times_s) - 1)
+            step_s = float(times_s[-1] - times_s[0]) / (len(times_s) - 1)
             left_s = float(np.abs(times_s - times_s[0] - step_s * np.arange(len(times_s))).max())
             if left_s * float(np.abs(self.exponents).max(initial=0.0)) < _EVEN:
-                return self._summed_evenly(float(times_s[0]), float(step_s), len(times_s))
+                # of even times: exponentials of rows and of places in them alone, not of all times
+                width = math.isqrt(len(times_s))
+                rows = np.arange(0, len(times_s), width) * step_s + float(times_s[0])
+                turned = np.exp(np.multiply.outer(rows, self.exponents)) * self.amplitudes
+                within = np.exp(np.multiply.outer(np.arange(width) * step_s, self.exponents))
+                return np.asarray(np.einsum("ik,jk->ij", turned, within).reshape(-1)[: len(times_s)])
         turned = np.exp(np.multiply.outer(times_s, self.exponents))
         # of many, the product is not left to a library that spreads it over threads
         many = turned.shape[-1] > FEW_TERMS
         return np.asarray((turned * self.amplitudes).sum(axis=-1) if many else turned @ self.amplitudes)
-
-    def _summed_evenly(self, start_s: float, step_s: float, count: int) -> NDArray[np.complex128]:
-        """Return the same at even times: exponentials of rows and of places in them alone, not of all times."""
-        width = math.isqrt(count)
-        rows = np.arange(0, count, width) * step_s + start_s
-        turned = np.exp(np.multiply.outer(rows, self.exponents)) * self.amplitudes
-        within = np.exp(np.multiply.outer(np.arange(width) * step_s, self.exponents))
-        return np.asarray(np.einsum("ik,jk->ij", turned, within).reshape(-1)[:count])
 
     def value(self, time_s: float) -> complex:
         """Return the signal at one time."""

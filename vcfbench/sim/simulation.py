@@ -1,0 +1,107 @@
+"""What a bench file chooses of a simulated bench: seed, instruments, physical parameters. Loads no simulation."""
+
+from collections.abc import Callable
+from typing import Any
+
+from msgspec.structs import replace
+
+from vcfbench.errors import ConfigError
+from vcfbench.models import ROLES, find_language, find_model, languages, resolve, twin_of
+from vcfbench.sim.gyro.design import ideal_bench, paper_bench
+from vcfbench.sim.gyro.warm_output import warm_output
+from vcfbench.sim.parameters import BenchParameters
+from vcfbench.station.description import BenchDescription, Simulation, whole_seed
+from vcfbench.station.overrides import overridden
+
+
+def chosen_seed(description: BenchDescription, seed: int | None) -> int:
+    """Return `seed`, or the bench file's when there is none; raises ConfigError for a value that is no seed."""
+    return simulation_of(description).seed if seed is None else whole_seed(seed)
+
+
+def twins(description: BenchDescription) -> dict[str, Any]:
+    """Return the class of the simulated instrument of every role that the bench fills.
+
+    Raises:
+        ConfigError: a model has none, or its package cannot be loaded.
+    """
+    found: dict[str, Any] = {}
+    for role in (*ROLES, "rate_table"):
+        part = getattr(description, role)
+        if part is None:
+            continue
+        if role == "rate_table":
+            name = profile_twin(part.dialect) if part.dialect.endswith(".toml") else part.dialect
+            table = find_language(name)
+            if table is None or table.twin is None:
+                raise ConfigError(f"there is no simulated table that speaks {name!r}")
+            found[role] = _loaded(table, lambda row: resolve(row.twin))
+        else:
+            row = find_model(part.like or part.model)
+            if row is None or row.twin is None:
+                raise ConfigError(
+                    f"there is no simulated {part.like or part.model}",
+                    hint="its package names one in its row of vcfbench.models; a real bench needs none",
+                )
+            found[role] = _loaded(row, twin_of)
+    return found
+
+
+def _loaded(row: Any, load: Callable[[Any], Any]) -> Any:
+    try:
+        return load(row)
+    except Exception as error:  # another package is anyone's code
+        raise ConfigError(f"the simulated {row.name} ({row.twin}) cannot be loaded: {error}") from error
+
+
+def profile_twin(dialect: str) -> str:
+    """Return the name of the simulated table that a profile names; ConfigError if it names none."""
+    from vcfbench.drivers.rate_table.profile import load_profile  # noqa: PLC0415
+
+    twin = load_profile(dialect).twin
+    if twin is None or find_language(twin) is None:
+        came = "nothing" if twin is None else repr(twin)
+        raise ConfigError(
+            f"{dialect}: twin: expected one of {', '.join(languages())} on a simulated bench, came {came}"
+        )
+    return twin
+
+
+def named_parameters(simulation: Simulation) -> BenchParameters:
+    """Return the shipped parameter set that the bench file names."""
+    return ideal_bench() if simulation.parameters == "ideal" else paper_bench()
+
+
+def physical_parameters(description: BenchDescription) -> BenchParameters:
+    """Return the parameters of gyroscope, PCB and table: the named set at the bench's site, then the overrides."""
+    simulation = simulation_of(description)
+    named = named_parameters(simulation)
+    here = replace(
+        named,
+        site=replace(named.site, latitude_deg=description.site.latitude_deg),
+        pick_up=replace(named.pick_up, mains_hz=float(description.site.mains_hz)),
+    )
+    return overridden(here, simulation.override)
+
+
+def true_output(
+    description: BenchDescription, *, at_input: bool = False, rails_v: tuple[float, float] | None = None
+) -> Callable[[float, float | None], float]:
+    """Return the true output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off.
+
+    V_Vc is the level of the open generator, or that `at_input`, where a second meter sees it. `rails_v` are the rails,
+    positive and negative; None means the nominal ones of the gyroscope.
+    """
+    from simrack.instruments.agilent33220a.settings import SOURCE_OHM  # noqa: PLC0415
+
+    return warm_output(physical_parameters(description), 0.0 if at_input else SOURCE_OHM, rails_v)
+
+
+def simulation_of(description: BenchDescription) -> Simulation:
+    """Return the table ``[simulation]``; raises ConfigError for a real bench."""
+    if description.simulation is None:
+        raise ConfigError(
+            f"{description.name}: a simulated bench is needed, this is a real one",
+            hint="its bench file has no table [simulation]",
+        )
+    return description.simulation
