@@ -48,8 +48,7 @@ def nr3(decimals: int | None = None, exponent_digits: tuple[int, int] = (2, 2)) 
     least, most = exponent_digits
     example = f"+d.{'d...' if decimals is None else 'd' * decimals}E+{'d' * least}"
     return NumberForm(
-        f"a number of the form {example}",
-        re.compile(rf"[+-][0-9]\.[0-9]{fraction}E[+-][0-9]{{{least},{most}}}"),
+        f"a number of the form {example}", re.compile(rf"[+-][0-9]\.[0-9]{fraction}E[+-][0-9]{{{least},{most}}}")
     )
 
 

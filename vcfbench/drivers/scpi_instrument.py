@@ -172,10 +172,7 @@ _SHARES = (1.0 / 3.0, 1.0 / 2.0, 1.0)
 
 
 def safely(
-    instrument: _Named,
-    prove: Callable[[Deadline], str],
-    deadline: Deadline,
-    shares: Sequence[float] = _SHARES,
+    instrument: _Named, prove: Callable[[Deadline], str], deadline: Deadline, shares: Sequence[float] = _SHARES
 ) -> SafeReport:
     """Send the safe words, then run `prove`, again if it fails and time is left; it returns its proof in words.
 

@@ -350,11 +350,7 @@ class Session(Conversation):
         return self._exchange(command, self._read_line, read, deadline)
 
     def _exchange(
-        self,
-        command: str,
-        take: Callable[[Deadline], bytes],
-        read: Callable[[bytes], _T],
-        deadline: Deadline | None,
+        self, command: str, take: Callable[[Deadline], bytes], read: Callable[[bytes], _T], deadline: Deadline | None
     ) -> _T:
         """Send `command`; `take` takes the answer from the wire, `read` makes a value of it."""
         limit = deadline or Deadline.after(self.clock, self.timeout_s)

@@ -145,12 +145,7 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
         # The header of a simulated table's replies: error code and length, as on every byte stream. Which of the two
         # words' byte orders a real one has is unknown; a driver on `auto` takes either
         header = "u32le2" if part.reply_header == "auto" else part.reply_header
-        return {
-            "axis": part.axis,
-            "header": header,
-            "microsteps_per_deg": part.steps_per_deg,
-            "noise_seed": noise_seed,
-        }
+        return {"axis": part.axis, "header": header, "microsteps_per_deg": part.steps_per_deg, "noise_seed": noise_seed}
     return {
         "rails": {wiring.rails.positive: "positive", wiring.rails.negative: "negative"},
         "node": _DRIVES.get(role, "input"),

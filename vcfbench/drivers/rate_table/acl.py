@@ -250,11 +250,7 @@ class AclDialect(TableDialect):
                 break
             refused.append(message)
         if refused:
-            raise InstrumentError(
-                f"refused with {'; then '.join(refused)}",
-                words=refused[0],
-                **line.where,
-            )
+            raise InstrumentError(f"refused with {'; then '.join(refused)}", words=refused[0], **line.where)
 
     def _word(self, line: TableLine, word: str, deadline: Deadline) -> int:
         return replies.integer(self.ask(line, f":Status:CSR? A{self.axis}{word}", deadline))

@@ -13,14 +13,7 @@ from contextlib import suppress
 from vcfbench import errors
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.rate_table import messages
-from vcfbench.drivers.rate_table.dialect import (
-    REST_DEG_S,
-    SteadyRate,
-    TableDialect,
-    drain,
-    require_rest,
-    turned_deg_s,
-)
+from vcfbench.drivers.rate_table.dialect import REST_DEG_S, SteadyRate, TableDialect, drain, require_rest, turned_deg_s
 from vcfbench.drivers.rate_table.language import QUESTIONS, STREAM, Profile, Step
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.rate_table.profile_replies import ProfileReplies, Received

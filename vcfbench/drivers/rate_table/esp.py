@@ -147,12 +147,7 @@ class EspDialect(TableDialect):
         refused, self._refused = self._refused, []
         if refused:
             words = "; then ".join(f"{number} {text}" for number, text in refused)
-            raise InstrumentError(
-                f"refused with {words}",
-                number=refused[0][0],
-                words=refused[0][1],
-                **line.where,
-            )
+            raise InstrumentError(f"refused with {words}", number=refused[0][0], words=refused[0][1], **line.where)
 
     def _collect(self, line: TableLine, deadline: Deadline) -> None:
         for _ in range(_DEEPEST_QUEUE):

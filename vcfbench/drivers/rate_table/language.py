@@ -10,14 +10,7 @@ from typing import Annotated, Literal
 from msgspec import Meta, Struct, field
 
 from vcfbench.drivers.rate_table.line import Link, Pause
-from vcfbench.drivers.rate_table.messages import (
-    BinaryType,
-    ByteValue,
-    Frame,
-    Place,
-    TextType,
-    Wrap,
-)
+from vcfbench.drivers.rate_table.messages import BinaryType, ByteValue, Frame, Place, TextType, Wrap
 
 QUESTIONS = ("identify", "home_status", "read_pos", "read_rate", "read_all", "status", "fault")
 """Commands that only ask: they may be asked again."""
