@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from vcfbench.bench.ground import check_simulation
 from vcfbench.procedures.layers import check_tables
 from vcfbench.station import file
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from vcfbench.station.description import BenchDescription
+from vcfbench.station.description import BenchDescription
 
 _CHECKS = (check_simulation, check_tables)
 
@@ -21,9 +18,7 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
     """Return the bench described by the file at `path`; None is the embedded paper bench.
 
     The name of an embedded bench serves as a path where no such file exists; a directory of that name is no bench file.
-
-    Raises:
-        ConfigError: the file cannot be read, is not TOML, or does not describe a bench.
+    ConfigError: the file cannot be read, is not TOML, or does not describe a bench.
     """
     return file.read_bench(path, *_CHECKS)
 

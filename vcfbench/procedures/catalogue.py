@@ -27,72 +27,65 @@ if TYPE_CHECKING:
 
     from vcfbench.procedures.procedure import AnyProcedure
 
-_GROUP = "vcfbench.procedures"
 
 BUILT_IN = {
-    "turntable": ("vcfbench.procedures.turntable:TURNTABLE", "Calibrate on the rate table, generator off."),
+    "turntable": ("turntable:TURNTABLE", "Calibrate on the rate table, generator off."),
     "virtual-coriolis": (
-        "vcfbench.procedures.virtual_coriolis.plan:VIRTUAL_CORIOLIS",
+        "virtual_coriolis.plan:VIRTUAL_CORIOLIS",
         "Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",
     ),
-    "zero": (
-        "vcfbench.procedures.zero.plan:ZERO",
-        "Record the output at rest: Allan deviation, noise coefficients, bias stability.",
-    ),
+    "zero": ("zero.plan:ZERO", "Record the output at rest: Allan deviation, noise coefficients, bias stability."),
     "kvc": (
-        "vcfbench.procedures.kvc.plan:K_VC",
+        "kvc.plan:K_VC",
         "Calibrate K_Vc as a curve on the rate table, V_Vc measured: the certificate of a device.",
     ),
     "warmup": (
-        "vcfbench.procedures.warmup:WARMUP",
+        "warmup:WARMUP",
         "Follow the output at rest from power-on until it is steady: turn-on and warm-up time.",
     ),
     "bandwidth": (
-        "vcfbench.procedures.bandwidth:BANDWIDTH",
+        "bandwidth:BANDWIDTH",
         "Measure the response to a sine on V_Vc: mode split, Q of the sense mode, +3 dB, peak, -3 dB.",
     ),
     "power": (
-        "vcfbench.procedures.power.plan:POWER",
+        "power.plan:POWER",
         "Test the supply: inrush, current of each rail, time to valid output, what the rails do to the output.",
     ),
     "repeatability": (
-        "vcfbench.procedures.repeatability:REPEATABILITY",
+        "repeatability:REPEATABILITY",
         "Switch on and off again and again: repeatability of bias and scale factor, turn-on transient.",
     ),
     "resonance": (
-        "vcfbench.procedures.resonance:RESONANCE",
+        "resonance:RESONANCE",
         "Measure frequency and Q of drive and sense modes and the mode split, by ring-down and by sweep.",
     ),
     "phase": (
-        "vcfbench.procedures.phase:PHASE",
+        "phase:PHASE",
         "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",
     ),
     "temperature": (
-        "vcfbench.procedures.temperature.plan:TEMPERATURE",
+        "temperature.plan:TEMPERATURE",
         "Follow scale factor, bias and drive frequency over temperature, up and down: coefficients and hysteresis.",
     ),
     "self-calibration": (
-        "vcfbench.procedures.self_calibration.plan:SELF_CALIBRATION",
+        "self_calibration.plan:SELF_CALIBRATION",
         "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate.",
     ),
-    "polarity": (
-        "vcfbench.procedures.polarity:POLARITY",
-        "Check the signs of table, V_Vc and output: which wire is the wrong way round.",
-    ),
+    "polarity": ("polarity:POLARITY", "Check the signs of table, V_Vc and output: which wire is the wrong way round."),
     "vibration": (
-        "vcfbench.procedures.vibration:VIBRATION",
+        "vibration:VIBRATION",
         "Let a virtual rate vibrate by the second generator: response of the output against the closed form.",
     ),
     "online": (
-        "vcfbench.procedures.online.plan:ONLINE",
+        "online.plan:ONLINE",
         "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",
     ),
     "characterize": (
-        "vcfbench.procedures.characterize.plan:CHARACTERIZE",
+        "characterize.plan:CHARACTERIZE",
         "Do all of it in the right order, in one session: one data sheet.",
     ),
 }
-"""The procedures that come along: where each is, and its title, which a list shows without importing it."""
+"""The procedures that come along: where each is below this package, and its title, known without importing it."""
 
 
 class Catalogue(Mapping[str, "AnyProcedure"]):
@@ -101,20 +94,28 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
     def __getitem__(self, name: str) -> AnyProcedure:
         """Return the procedure called `name`.
 
-        Raises:
-            KeyError: there is none.
-            ConfigError: its package cannot be loaded, or two bring one of this name.
+        KeyError: there is none. ConfigError: its package cannot be loaded, or two bring one of this name.
         """
         if name in BUILT_IN:  # packages are not even looked for: that takes as long as reading the command line
             module, _, variable = BUILT_IN[name][0].partition(":")
-            built_in: AnyProcedure = getattr(import_module(module), variable)
+            built_in: AnyProcedure = getattr(import_module(f"vcfbench.procedures.{module}"), variable)
             return built_in
         entries = _installed().get(name, ())
         if not entries:
             raise KeyError(name)
         if len(entries) > 1:
             raise ConfigError(f"the name {name!r} is taken twice: {self.origin(name)}; one of them has to be renamed")
-        return _load(entries[0])
+        from vcfbench.procedures.own_code import mistake_in  # noqa: PLC0415  # few have any
+        from vcfbench.procedures.procedure import Procedure  # noqa: PLC0415
+
+        said = f"the procedure {name!r} of {_origin(entries[0])}"
+        try:
+            loaded = entries[0].load()
+        except (Exception, SystemExit) as error:  # another package is anyone's code
+            raise ConfigError(f"{said} cannot be loaded: {mistake_in(error)}") from error
+        if isinstance(loaded, Procedure) and loaded.name == name:
+            return loaded
+        raise ConfigError(f"{said}: expected a Procedure of that name, came {loaded!r}")
 
     def __repr__(self) -> str:
         return f"<procedures {', '.join(self)}>"
@@ -168,12 +169,15 @@ def is_file(name: str) -> bool:
 def procedure(name: str | Path | AnyProcedure) -> AnyProcedure:
     """Return the procedure called `name`, the one that the file `name` defines, or `name` if it is one.
 
-    Raises:
-        PlanError: there is none; the words list those that there are.
-        ConfigError: its file or its package cannot be used, or its name is taken twice.
+    PlanError: there is none; the words list those that there are. ConfigError: its file or its package cannot be used,
+    or its name is taken twice.
     """
     if not isinstance(name, str | PathLike):
-        return _one_itself(name)
+        from vcfbench.procedures.procedure import Procedure  # noqa: PLC0415  # with the first procedure
+
+        if not isinstance(name, Procedure):
+            raise PlanError(f"expected a procedure's name, its file or a Procedure, came {name!r}")
+        return name
     if not isinstance(name, str) or is_file(name):
         from vcfbench.procedures.own_code import procedure_in  # noqa: PLC0415
 
@@ -184,20 +188,12 @@ def procedure(name: str | Path | AnyProcedure) -> AnyProcedure:
         raise PlanError(f"there is no procedure {name!r}; known are {', '.join(PROCEDURES)}") from None
 
 
-def _one_itself(given: object) -> AnyProcedure:
-    from vcfbench.procedures.procedure import Procedure  # noqa: PLC0415  # with the first procedure
-
-    if not isinstance(given, Procedure):
-        raise PlanError(f"expected a procedure's name, its file or a Procedure, came {given!r}")
-    return given
-
-
 @cache  # looking through the installed packages takes milliseconds
 def _installed() -> dict[str, tuple[EntryPoint, ...]]:
     from importlib.metadata import entry_points  # noqa: PLC0415
 
     found: dict[str, tuple[EntryPoint, ...]] = {}
-    for entry in entry_points(group=_GROUP):
+    for entry in entry_points(group="vcfbench.procedures"):
         found[entry.name] = (*found.get(entry.name, ()), entry)
     return found
 
@@ -205,17 +201,3 @@ def _installed() -> dict[str, tuple[EntryPoint, ...]]:
 def _origin(entry: EntryPoint) -> str:
     package = "a package" if entry.dist is None else f"the package {entry.dist.name}"
     return f"{package} ({entry.value})"
-
-
-def _load(entry: EntryPoint) -> AnyProcedure:
-    from vcfbench.procedures.own_code import mistake_in  # noqa: PLC0415  # few have any
-    from vcfbench.procedures.procedure import Procedure  # noqa: PLC0415
-
-    said = f"the procedure {entry.name!r} of {_origin(entry)}"
-    try:
-        loaded = entry.load()
-    except (Exception, SystemExit) as error:  # another package is anyone's code
-        raise ConfigError(f"{said} cannot be loaded: {mistake_in(error)}") from error
-    if isinstance(loaded, Procedure) and loaded.name == entry.name:
-        return loaded
-    raise ConfigError(f"{said}: expected a Procedure of that name, came {loaded!r}")

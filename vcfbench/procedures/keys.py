@@ -48,25 +48,13 @@ def _keys(field: structs.FieldInfo, above: tuple[str, ...]) -> Iterator[Settable
         for below in structs.fields(described.cls):
             yield from _keys(below, path)
         return
-    name = dotted(path)
-    yield SettableKey(name, _default(field), _expected(described), meaning, _option(name, extra.get("option")))
-
-
-def _option(name: str, option: object) -> str:
-    """Return the option that a key has, named after it or as declared: a key may not be called like a procedure."""
-    if isinstance(option, str):
-        return option
-    return f"--{name.replace('_', '-')}" if option else ""
-
-
-def _expected(node: inspect.Type) -> str:
-    """Describe the expected value; of a list also each number in it."""
-    items = node.item_types if isinstance(node, inspect.TupleType) else ()
-    item = node.item_type if isinstance(node, inspect.VarTupleType) else next(iter(items), None)
+    name, option = dotted(path), extra.get("option")
+    if not isinstance(option, str):  # one is declared where a key may not be called like a procedure
+        option = f"--{name.replace('_', '-')}" if option else ""
+    items = described.item_types if isinstance(described, inspect.TupleType) else ()
+    item = described.item_type if isinstance(described, inspect.VarTupleType) else next(iter(items), None)
     limits = expectation(item).removeprefix("a number") if isinstance(item, inspect.FloatType) else ""
-    return f"{expectation(node)}{f', each{limits}' if limits else ''}"
-
-
-def _default(field: structs.FieldInfo) -> str:
+    expected = f"{expectation(described)}{f', each{limits}' if limits else ''}"
     value = field.default if field.default_factory is NODEFAULT else field.default_factory()
-    return "" if value is NODEFAULT or value is None else value_text(to_builtins(value))
+    default = "" if value is NODEFAULT or value is None else value_text(to_builtins(value))
+    yield SettableKey(name, default, expected, meaning, option)

@@ -23,6 +23,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
 from vcfbench.models import ROLES, data_sheet_of
+from vcfbench.procedures.shared.meters import certified
 from vcfbench.specifications import AGILENT_33220A, ROOM_C, WORST_OF_CLASS, accuracy_at
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, PlacedInstrument, ProcedureSettings, Sources, Station
@@ -30,7 +31,7 @@ from vcfbench.station.strict import refusal, unknown_key, words
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from vcfbench.procedures.procedure import AnyProcedure, Procedure
     from vcfbench.specifications import LevelSpecification, VoltmeterSpecification
@@ -40,52 +41,42 @@ S = TypeVar("S", bound=ProcedureSettings)
 
 
 def asked_in_python(settings: Mapping[str, Any]) -> Layer:
-    """Return the request of a script: ``settings={...}``; numbers and arrays of numpy are taken as Python's.
-
-    Raises:
-        ConfigError: it is no mapping of texts to values.
-    """
+    """Return the request of a script: ``settings={...}``, a mapping (ConfigError), numpy's numbers as Python's."""
     if not isinstance(settings, Mapping) or not all(isinstance(key, str) for key in settings):
         raise ConfigError(f"settings: expected a mapping of keys to values, came {settings!r}")
-    values: dict[str, Any] = to_builtins(dict(settings), enc_hook=_plain_number)
-    return Layer(values, lambda keys: f"settings: {dotted(('procedure', *keys))}")
-
-
-def _plain_number(value: object) -> object:
-    tolist = getattr(value, "tolist", None)
-    return str(value) if tolist is None else tolist()
+    plain = to_builtins(dict(settings), enc_hook=lambda each: each.tolist() if hasattr(each, "tolist") else str(each))
+    return Layer(plain, lambda keys: f"settings: {dotted(('procedure', *keys))}")
 
 
 def settings_of(
     procedure: Procedure[S, Any], description: BenchDescription, asked: Layer | None = None, source: str | None = None
 ) -> S:
-    """Return the settings of `procedure` on the bench of `description`.
+    """Return the settings of `procedure` on the bench of `description`, with what was `asked` for this run.
 
-    Args:
-        procedure: the procedure.
-        description: the bench, whose file `source` is in errors; its name without one.
-        asked: what was asked for this run.
-        source: the bench file.
-
-    Raises:
-        ConfigError: a key is unknown, a value cannot be, or the meter has no data sheet.
+    The bench file is `source` in errors (ConfigError: a key is unknown, a value cannot be, or the meter has no data
+    sheet), its name without one.
     """
     layers = layers_of(procedure, description, source or description.name)
     chosen = _settled(procedure.settings, [*layers, asked] if asked else layers, _station(description))
-    station = structs.replace(
-        chosen.station,
-        meter_resolution_v=_meter_resolution_v(description, chosen),
-        sources=_sources(description, chosen),
-    )
+    resolution_v, meter = None, description.multimeter
+    if meter is not None:
+        sheet: VoltmeterSpecification | None = data_sheet_of(meter.like or meter.model)
+        if sheet is None:
+            raise ConfigError(
+                f"multimeter.model: nothing tells the resolution of a {meter.model}",
+                hint="its row in vcfbench.models names a data sheet (specifications)",
+            )
+        try:
+            resolution_v = sheet.resolution_v(float(chosen.meter_range_v), float(chosen.nplc))
+        except ValueError as error:
+            raise ConfigError(f"procedure.nplc: {error}") from error
+    sources = _sources(description, chosen)
+    station = structs.replace(chosen.station, meter_resolution_v=resolution_v, sources=sources)
     return structs.replace(chosen, station=station).made_plain().recalled()
 
 
 def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:
-    """Return the settings of `procedure` that a record holds.
-
-    Raises:
-        ConfigError: they are those of another version: a key is missing, unknown, or has another value than it may.
-    """
+    """Return the settings of `procedure` that a record holds; ConfigError where they are those of another version."""
     try:
         settings = typed(values, procedure.settings)
     except ValidationError as error:
@@ -109,29 +100,23 @@ def plain_settings(settings: ProcedureSettings, keys: Sequence[str]) -> dict[str
 
 
 def check_tables(description: BenchDescription, source: str) -> None:
-    """Check ``[procedure]`` and its tables for single procedures.
+    """Check ``[procedure]`` and its tables for single procedures; of one that is not installed when it is run.
 
-    A table ``[procedure.NAME]`` of a procedure that is not installed is checked when it is run.
-
-    Raises:
-        ConfigError: a key is unknown to every procedure, or a value cannot be.
+    ConfigError: a key is unknown to every procedure, or a value cannot be.
     """
     station = _station(description)
     _settled(ProcedureSettings, [shared_layer(ProcedureSettings, description.procedure_table, source)], station)
-    known = setting_keys(ProcedureSettings)
-    own = {key: value for key, value in description.procedure_table.items() if key not in known and value != {}}
-    for procedure in _addressed(own, source) if own else ():
-        _settled(procedure.settings, layers_of(procedure, description, source), station)
-
-
-def _addressed(own: Mapping[str, Any], source: str) -> Iterator[AnyProcedure]:
-    """Yield the installed procedures that `own`, keys of ``[procedure]`` that not all procedures share, speaks to."""
+    shared = setting_keys(ProcedureSettings)
+    own = {key: value for key, value in description.procedure_table.items() if key not in shared and value != {}}
+    if not own:
+        return
     from vcfbench.procedures.catalogue import PROCEDURES  # noqa: PLC0415  # few bench files need it
 
     loaded = PROCEDURES.loaded()
     for key, value in own.items():
         addressed = [each for each in loaded if each.name == key or key in setting_keys(each.settings)]
-        yield from addressed
+        for procedure in addressed:
+            _settled(procedure.settings, layers_of(procedure, description, source), station)
         if addressed or key in PROCEDURES:
             continue
         where = f"{source}: {dotted(('procedure', key))}"
@@ -196,34 +181,26 @@ def _placed_part(part: Any, station: str) -> PlacedInstrument:
     )
 
 
-def _meter_resolution_v(description: BenchDescription, chosen: ProcedureSettings) -> float | None:
-    """Return the resolution of one reading of the bench's meter, V, after its data sheet; None when it has none."""
-    part = description.multimeter
-    if part is None:
-        return None
-    sheet: VoltmeterSpecification | None = data_sheet_of(part.like or part.model)
-    if sheet is None:
-        raise ConfigError(
-            f"multimeter.model: nothing tells the resolution of a {part.model}",
-            hint="its row in vcfbench.models names a data sheet (specifications)",
-        )
-    try:
-        return sheet.resolution_v(float(chosen.meter_range_v), float(chosen.nplc))
-    except ValueError as error:
-        raise ConfigError(f"procedure.nplc: {error}") from error
-
-
 def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Sources:
     """Return the sources of uncertainty; ConfigError when the stated age of a meter is beyond its data sheet."""
     known = structs.asdict(description.uncertainty)
     left_open = {key: each for key, each in WORST_OF_CLASS.items() if known[key] is None}
     known |= {key: each.value for key, each in left_open.items()}
     instruments = {
-        **_generator_sources(description),
         **_meter_sources(description, "multimeter", "meter", float(chosen.meter_range_v)),
         **_meter_sources(description, "v_vc_meter", "v_vc", float(getattr(chosen, "v_vc_range_v", V_VC_RANGE_V))),
     }
-    same = {key: value for key, value in known.items() if key in _OF_SOURCES and key not in instruments}
+    if (placed := description.rate_source) is not None:
+        sheet: LevelSpecification = data_sheet_of(placed.like or placed.model) or AGILENT_33220A  # the worst known
+        gain, offset_v = known["generator_error"], known["generator_offset_v"]
+        instruments |= {
+            "generator_gain": sheet.setting if gain is None else gain,
+            "generator_offset_v": sheet.offset_v if offset_v is None else offset_v,
+            "generator_ranges_v": tuple(sorted(known["generator_ranges_v"] or ())),
+            "generator_reach_v": sheet.ranges_v[-1],
+            "generator_bits": sheet.bits,
+        }
+    same = {key: known[key] for key in Sources.__struct_fields__ if key in known and key not in instruments}
     assumed = {
         key: f"uncertainty.{key}: {each.value:g}{' ' * bool(each.unit)}{each.unit}, assumed ({each.source})"
         for key, each in left_open.items()
@@ -234,29 +211,44 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
     return structs.replace(found, bias_instability_from=assumed["bias_instability_deg_h"])
 
 
-_OF_SOURCES = frozenset(Sources.__struct_fields__)
-
-
 def _meter_sources(description: BenchDescription, role: str, short: str, range_v: float) -> dict[str, Any]:
     """Return the contributions of the meter of `role`, by the keys of :class:`Sources`, which begin with `short`."""
-    key = _AGE_KEYS[role]
-    age_days, age_from = _age_days(description, role, key)
-    sources: dict[str, Any] = {key: age_days, _from(key): age_from}
-    part = getattr(description, role)
+    key, part = f"{'v_vc_' if short == 'v_vc' else ''}meter_age_days", getattr(description, role)
+    stated: float | None = getattr(description.uncertainty, key)
+    age_days, said = _age_days(part, role) if stated is None else (stated, f"uncertainty.{key}")
+    worth: dict[str, Any] = {}
     sheet: VoltmeterSpecification | None = None if part is None else data_sheet_of(part.like or part.model)
-    if sheet is None:
-        return sources
-    if range_v in sheet.accuracy and sheet.known_accuracy(range_v, age_days) is None:
-        if getattr(description.uncertainty, key) is not None:
-            raise ConfigError(f"uncertainty.{key}: {sheet.beyond(range_v)}")
-        sources[_from(key)] += f"; {sheet.beyond(range_v)}, so its limits are assumed to grow on with time"
-    if range_v not in sheet.accuracy:
-        sources[_from(key)] += f"; no data sheet of a {sheet.model} on {range_v:g} V is at hand: a 34401A's is assumed"
-    known = _meter_known(description, part)
-    sources[_from(key)] += _room_words(description.site.ambient_c)
-    if own := known.on(range_v):
-        sources[_from(key)] += f"; certificate, {len(own)} levels on {range_v:g} V; since then by the data sheet"
-    return sources | meter_worth(short, sheet, known, range_v, age_days)
+    if sheet is not None:
+        if range_v not in sheet.accuracy:
+            said += f"; no data sheet of a {sheet.model} on {range_v:g} V is at hand: a 34401A's is assumed"
+        elif sheet.known_accuracy(range_v, age_days) is None:
+            if stated is not None:
+                raise ConfigError(f"uncertainty.{key}: {sheet.beyond(range_v)}")
+            said += f"; {sheet.beyond(range_v)}, so its limits are assumed to grow on with time"
+        (low_c, high_c), ambient_c = ROOM_C, description.site.ambient_c
+        if ambient_c is None:
+            said += f"; room assumed within {low_c:g} to {high_c:g} degC (site.ambient_c)"
+        elif min(ambient_c) < low_c or max(ambient_c) > high_c:
+            said += f"; room {min(ambient_c):g} to {max(ambient_c):g} degC"
+        known = _meter_known(description, part)
+        if own := known.on(range_v):
+            said += f"; certificate, {len(own)} levels on {range_v:g} V; since then by the data sheet"
+        worth = meter_worth(short, sheet, known, range_v, age_days)
+    return {key: age_days, key.replace("_days", "_from"): said, **worth}
+
+
+_USUAL_AGE_DAYS = 365.0
+
+
+def _age_days(part: Any, role: str) -> tuple[float, str]:
+    """Return the days since a meter was calibrated, and where they are from: its table, or else a year."""
+    calibrated = getattr(part, "calibrated", None)
+    if calibrated is None:
+        return _USUAL_AGE_DAYS, f"assumed: the bench file has no {role}.calibrated"
+    days = (utc_now().date() - calibrated).days
+    if days < -1:  # where the bench stands it may be a day later
+        raise refusal(f"{role}.calibrated", "a day that is past", str(calibrated))
+    return float(max(days, 0)), f"calibrated {calibrated}"
 
 
 def meter_worth(
@@ -266,11 +258,9 @@ def meter_worth(
 
     Where its certificate has levels on the range, they stand for the data sheet.
     """
-    promised, sigmas = accuracy_at(sheet, range_v, age_days, known.outside_k)
     if known.on(range_v):
-        from vcfbench.procedures.shared.meters import certified  # noqa: PLC0415  # few benches have certificates
-
         return certified(short, sheet, known, range_v, age_days)
+    promised, sigmas = accuracy_at(sheet, range_v, age_days, known.outside_k)
     return {
         f"{short}_gain": promised.reading,
         f"{short}_offset_v": promised.range * range_v,
@@ -285,51 +275,3 @@ def _meter_known(description: BenchDescription, part: Any) -> MeterKnown:
     low_c, high_c = ROOM_C
     ambient_c = description.site.ambient_c or ROOM_C
     return MeterKnown(max(0.0, low_c - min(ambient_c), max(ambient_c) - high_c), part.calibration)
-
-
-def _room_words(ambient_c: tuple[float, float] | None) -> str:
-    """Describe the room's temperature, where that counts or is not stated."""
-    low_c, high_c = ROOM_C
-    if ambient_c is None:
-        return f"; room assumed within {low_c:g} to {high_c:g} degC (site.ambient_c)"
-    outside = min(ambient_c) < low_c or max(ambient_c) > high_c
-    return f"; room {min(ambient_c):g} to {max(ambient_c):g} degC" if outside else ""
-
-
-def _from(key: str) -> str:
-    return key.replace("_days", "_from")
-
-
-_AGE_KEYS = {"multimeter": "meter_age_days", "v_vc_meter": "v_vc_meter_age_days"}
-_USUAL_AGE_DAYS = 365.0
-
-
-def _age_days(description: BenchDescription, role: str, key: str) -> tuple[float, str]:
-    """Return the days since a meter was calibrated, and where they are from: told, its table, or else a year."""
-    stated: float | None = getattr(description.uncertainty, key)
-    if stated is not None:
-        return stated, f"uncertainty.{key}"
-    calibrated = getattr(getattr(description, role), "calibrated", None)
-    if calibrated is None:
-        return _USUAL_AGE_DAYS, f"assumed: the bench file has no {role}.calibrated"
-    days = (utc_now().date() - calibrated).days
-    if days < -1:  # where the bench stands it may be a day later
-        raise refusal(f"{role}.calibrated", "a day that is past", str(calibrated))
-    return float(max(days, 0)), f"calibrated {calibrated}"
-
-
-def _generator_sources(description: BenchDescription) -> dict[str, Any]:
-    """Return the contributions of the generator; without a data sheet as a 33220A, the worst known."""
-    if description.rate_source is None:
-        return {}
-    sheet: LevelSpecification = (
-        data_sheet_of(description.rate_source.like or description.rate_source.model) or AGILENT_33220A
-    )
-    known = description.uncertainty
-    return {
-        "generator_gain": sheet.setting if known.generator_error is None else known.generator_error,
-        "generator_offset_v": sheet.offset_v if known.generator_offset_v is None else known.generator_offset_v,
-        "generator_ranges_v": tuple(sorted(known.generator_ranges_v or ())),
-        "generator_reach_v": sheet.ranges_v[-1],
-        "generator_bits": sheet.bits,
-    }

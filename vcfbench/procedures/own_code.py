@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
 
 from vcfbench.errors import BenchError, ConfigError, PlanError
 from vcfbench.files import read_text, shown
-from vcfbench.procedures.procedure import Procedure
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from vcfbench.procedures.procedure import AnyProcedure
+from vcfbench.procedures.procedure import AnyProcedure, Procedure
 
 _OURS = str(Path(__file__).parents[1])
 
@@ -23,10 +18,8 @@ _OURS = str(Path(__file__).parents[1])
 def procedure_in(path: Path | str, origin: Callable[[str], str]) -> AnyProcedure:
     """Return the procedure that the file at `path` defines: the one `Procedure` among its names, imported ones apart.
 
-    `origin` says where the procedure of a name comes from, "" where none is known by it.
-
-    Raises:
-        ConfigError: the file cannot be read or run, or defines none, more than one, or one of a name that is known.
+    `origin` says where the procedure of a name comes from, "" where none is known by it. ConfigError: the file cannot
+    be read or run, or defines none, more than one, or one of a name that is known.
     """
     source = read_text(path, "a procedure's file")
     name = str(Path(path).resolve())
@@ -70,29 +63,20 @@ def mistake_in(error: BaseException) -> str:
 
 def mistake_of(procedure: AnyProcedure, error: BaseException) -> PlanError | None:
     """Return `error` as a PlanError if it is a mistake in the code of `procedure`; None for any other."""
-    files = _files_of(procedure)
-    places = [(file, line) for file, line in _places(error) if file in files]
+    parts = (procedure.plan, procedure.results, *vars(procedure.settings).values())
+    files = {code.co_filename for part in parts if (code := getattr(part, "__code__", None)) is not None}
+    places = [(file, line) for file, line in _places(error) if file in files and not file.startswith(_OURS)]
     if isinstance(error, BenchError) or not isinstance(error, Exception) or not places:
         return None
     file, line = places[-1]
     return PlanError(f"the procedure {procedure.name!r} has a mistake: {shown(file)}, line {line}: {_words(error)}")
 
 
-def _files_of(procedure: AnyProcedure) -> set[str]:
-    """Return the files in which the code of `procedure` stands, those that come along apart."""
-    parts = (procedure.plan, procedure.results, *vars(procedure.settings).values())
-    codes = (getattr(part, "__code__", None) for part in parts)
-    files = {code.co_filename for code in codes if code is not None}
-    return {file for file in files if not file.startswith(_OURS)}
-
-
-def _places(error: BaseException) -> Iterator[tuple[str, int]]:
-    """Yield file and line of every frame that `error` came through, the innermost last."""
-    for frame, line in traceback.walk_tb(error.__traceback__):
-        yield frame.f_code.co_filename, line
+def _places(error: BaseException) -> list[tuple[str, int]]:
+    """Return file and line of every frame that `error` came through, the innermost last."""
+    return [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
 
 
 def _words(error: BaseException) -> str:
-    said = str(error.msg if isinstance(error, SyntaxError) else error)
-    text = " ".join(said.split())
+    text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -22,14 +22,9 @@ def resolved_text(description: BenchDescription) -> str:
 
 
 def as_resolved(description: BenchDescription) -> dict[str, Any]:
-    """Return `description` as nested tables, with the settings of procedures that come to be in ``[procedure]``."""
-    return {**to_builtins(description), "procedure": _resolved_table(description)}
+    """Return `description` as nested tables, ``[procedure]`` with every key as it comes to be.
 
-
-def _resolved_table(description: BenchDescription) -> dict[str, Any]:
-    """Return ``[procedure]`` with every key: the shared ones, and for each installed procedure a table of its own.
-
-    That table also holds the shared keys for which the procedure has a value of its own.
+    The table of each installed procedure also holds the shared keys for which it has a value of its own.
     """
     shared = setting_keys(ProcedureSettings)
     everywhere = plain_settings(description.procedure, shared)
@@ -37,8 +32,7 @@ def _resolved_table(description: BenchDescription) -> dict[str, Any]:
     own = {}
     for each in PROCEDURES.loaded():
         chosen = chosen_settings(each.settings, layers_of(each, description, description.name)).made_plain()
-        table = plain_settings(chosen, setting_keys(each.settings))
-        of_its_own = {key: value for key, value in table.items() if key not in everywhere or value != everywhere[key]}
-        if of_its_own:
+        table = plain_settings(chosen, setting_keys(each.settings)).items()
+        if of_its_own := {key: value for key, value in table if key not in everywhere or value != everywhere[key]}:
             own[each.name] = merged(of_its_own, given.get(each.name, {}))
-    return {**everywhere, **given, **own}
+    return {**to_builtins(description), "procedure": {**everywhere, **given, **own}}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from msgspec.structs import asdict
@@ -15,17 +16,16 @@ from vcfbench.procedures.shared.routines import go_to_rate, powered, ramp_to, ta
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.shared.sweep import schedule
 from vcfbench.procedures.shared.sweep.agreement import require_expected_column, require_steady_slope
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Column, Report, Table, Text
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Note, Outcome, Plan, Settle
+from vcfbench.steps.step import Routine
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from vcfbench.procedures.shared.budget.statement import Statement
     from vcfbench.procedures.shared.sweep.found import SweepFound
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.step import Routine
+
 
 STEP = 1
 """The number that the points of this procedure carry: it has one step."""
@@ -33,14 +33,14 @@ STEP = 1
 
 def turntable(settings: schedule.SweepSettings) -> Plan:
     """Calibrate on the rate table, the PCB holding V_Vc at 0 V."""
-    return (yield from powered(settings, watched(settings, _calibrate(settings))))
 
+    def calibrate() -> Routine[Outcome]:
+        yield Note("Step 1: the table turns at each rate, generator off")
+        points = yield from table_sweep(settings, STEP)
+        require_expected_column(points, settings.expected)
+        return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates{schedule.sweep_words(settings)}")
 
-def _calibrate(settings: schedule.SweepSettings) -> Routine[Outcome]:
-    yield Note("Step 1: the table turns at each rate, generator off")
-    points = yield from table_sweep(settings, STEP)
-    require_expected_column(points, settings.expected)
-    return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates{schedule.sweep_words(settings)}")
+    return (yield from powered(settings, watched(settings, calibrate())))
 
 
 def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:
@@ -52,7 +52,11 @@ def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[P
     previous_deg_s, reference = 0.0, tuple(earlier[:2])
     points: list[Point] = []
     zeros: list[Point] = []
-    yield from _announced(settings)
+    if words := schedule.sweep_words(settings):
+        yield Note(f"The rates{words}")
+    for rate_deg_s in sorted({abs(rate) for rate in settings.rates_deg_s}) if settings.whole_turns else ():
+        if not schedule.window_grid(settings, rate_deg_s).turns:
+            yield Note(schedule.no_whole_turn(settings, rate_deg_s))
     yield Settle(settings.settle_s, "gyro settles, table at rest")
     yield from take_reference(settings, step)
     for visit in settings.visits_deg_s:
@@ -68,16 +72,6 @@ def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[P
     yield Settle(settings.settle_s, "gyro settles after the rate step")
     yield from take_reference(settings, step)
     return points
-
-
-def _announced(settings: schedule.SweepSettings) -> Routine[None]:
-    """Note the order of the rates, and those where windows of whole turns cannot be."""
-    if words := schedule.sweep_words(settings):
-        yield Note(f"The rates{words}")
-    if settings.whole_turns:
-        for rate_deg_s in sorted({abs(rate) for rate in settings.rates_deg_s}):
-            if not schedule.window_grid(settings, rate_deg_s).turns:
-                yield Note(schedule.no_whole_turn(settings, rate_deg_s))
 
 
 class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
@@ -123,10 +117,6 @@ def turntable_results(
     return SweptTurntableResult(**values, sweep=sweep_found(settings, points, sweep))
 
 
-def _results(settings: schedule.SweepSettings, points: Sequence[Point]) -> TurntableResult:
-    return turntable_results(points, settings.meter_resolution_v, settings)
-
-
 def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:
     """Report a turntable calibration: its column, its line, and its residuals."""
     points = [point for point in points if point.step == 1]
@@ -156,7 +146,7 @@ TURNTABLE = Procedure(
     ),
     settings=schedule.SweepSettings,
     plan=turntable,
-    results=_results,
+    results=lambda settings, points: turntable_results(points, settings.meter_resolution_v, settings),
     report=turntable_report,
 )
 """The turntable calibration."""

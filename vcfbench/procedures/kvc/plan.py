@@ -11,7 +11,6 @@ V_Vc is measured; the paper takes the generator's setting, which is good to 2 % 
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -25,9 +24,7 @@ from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled
 from vcfbench.procedures.shared.routines import powered, v_vc_on
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.steps import Note, Outcome, Plan, Settle
-
-if TYPE_CHECKING:
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine
 
 
 def k_vc(settings: KVcSettings) -> Plan:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import timedelta
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from msgspec import structs
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.analysis.k_vc_curve import (
     Curvature,
@@ -21,9 +22,12 @@ from vcfbench.analysis.k_vc_curve import (
 )
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.found import Health, health_of, with_output_curve
+from vcfbench.procedures.kvc.settings import KVcSettings
+from vcfbench.procedures.procedure import Provenance
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.kept_characteristics import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.device import UNSEEN
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
@@ -33,23 +37,12 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, bud
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
-from vcfbench.records.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry
+from vcfbench.records.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry, Sensitivity
 from vcfbench.records.devices import Measured as Kept
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.steps.measured import Measured
 from vcfbench.typed import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from vcfbench.procedures.kvc.settings import KVcSettings
-    from vcfbench.procedures.procedure import Provenance
-    from vcfbench.records.devices import Sensitivity
-    from vcfbench.records.schema import Point
-    from vcfbench.steps.measured import Measured
-
-Floats: TypeAlias = "NDArray[np.float64]"
 
 TABLE, SEARCH, DRIVEN = 1, 2, 3
 """The steps, as in its points: the table's blocks, the search for V_Vc, the blocks of V_Vc."""
@@ -320,7 +313,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
             lack_of_fit_deg_s=curve.lack_of_fit_deg_s,
             missing=results.k_vc.missing,
         ),
-        conditions=v_vc.conditions(settings, made),
+        conditions=conditions_of(settings, made, settings.temperature_c),
         scale_factor_v_per_deg_s=results.scale_factor.kept(),
         bias_v=results.bias.kept(),
         unseen=UNSEEN,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Iterator
+from typing import Annotated, Self
 
 from msgspec import Meta, structs, to_builtins
 
@@ -10,12 +11,7 @@ from vcfbench.procedures.health.plan import AC_WANTED, HEALTH
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates
 from vcfbench.station.bounds import Rate
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from typing import Self
-
-    from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.invalid_value import InvalidValue
 
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):

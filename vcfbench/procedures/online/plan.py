@@ -7,7 +7,7 @@ before and after. Neither a table nor an oscilloscope is needed; where there is 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from vcfbench import steps
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
@@ -18,9 +18,7 @@ from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import ready_meters
-
-if TYPE_CHECKING:
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine
 
 
 def online(settings: OnlineSettings) -> steps.Plan:

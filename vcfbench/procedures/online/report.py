@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from vcfbench.procedures.online.results import OnlineResult, WindowFactor
+from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.shared.known.certificate import drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.v_vc import known_words
 from vcfbench.procedures.shared.measurand import budget_table, made_of, said_of
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
-
-if TYPE_CHECKING:
-    from vcfbench.procedures.online.results import OnlineResult, WindowFactor
-    from vcfbench.procedures.online.settings import OnlineSettings
-    from vcfbench.steps.measured import Measured
+from vcfbench.steps.measured import Measured
 
 
 def online_report(settings: OnlineSettings, _measured: Measured, results: OnlineResult) -> Report:

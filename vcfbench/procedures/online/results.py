@@ -9,29 +9,25 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import median
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vcfbench.analysis.allan import allan_deviation, averaging_factors
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.health.check import gaps_of, missing_of, unmeasured
+from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.known.certificate import Drift, drift_of, shares_of
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, READINGS, V_VC_GAIN, V_VC_NOISE, meter_error, v_vc_error
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.steps import ModulatedRecord, SampleModulated
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.procedures.online.settings import OnlineSettings
-    from vcfbench.steps.measured import Measured
+from vcfbench.steps.measured import Measured
 
 _U_SHARE = 0.05
 """Standard uncertainty of the share of the in-phase mode in the response at rest."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from collections.abc import Iterator
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -10,9 +11,6 @@ from vcfbench.procedures.shared.known.device import KnownDeviceSettings, level_f
 from vcfbench.station.bounds import Rate
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import rate_words
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _MEMORY = 512
 """Readings that every meter keeps (34401A)."""

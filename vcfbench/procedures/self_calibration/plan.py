@@ -7,8 +7,6 @@ needed: supply, generator, a multimeter, and where there is one a second on V_Vc
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -22,9 +20,7 @@ from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters,
 from vcfbench.procedures.shared.routines import energised, look_at_drive, set_v_vc, take, v_vc_on
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
-
-if TYPE_CHECKING:
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine
 
 
 def self_calibration(settings: SelfCalibrationSettings) -> Plan:

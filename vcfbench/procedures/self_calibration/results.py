@@ -9,21 +9,26 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec.structs import replace
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
+from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health import check as health_check
 from vcfbench.procedures.health.found import health_of
+from vcfbench.procedures.procedure import Provenance
 from vcfbench.procedures.self_calibration import shape
+from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
+from vcfbench.procedures.shared.kept_characteristics import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, drift_of, drift_parts, lists_of_omissions, shares_of
 from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
@@ -32,18 +37,9 @@ from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
 from vcfbench.records.devices import Measured as Kept
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
-from vcfbench.steps.measured import Foreseen
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.analysis.column import CalibrationColumn
-    from vcfbench.procedures.procedure import Provenance
-    from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
-    from vcfbench.records.schema import Point
-    from vcfbench.steps.measured import Measured
+from vcfbench.steps.measured import Foreseen, Measured
 
 AT_REST, DRIVEN = 1, 2
 """The steps, as in its points: generator off, and the blocks of V_Vc."""
@@ -403,7 +399,7 @@ def entry_of(
         scale_factor_v_per_deg_s=results.scale_factor.kept(),
         bias_v=results.bias.kept(),
         nonlinearity_ppm=results.nonlinearity.kept(),
-        conditions=v_vc.conditions(settings, made),
+        conditions=conditions_of(settings, made, settings.temperature_c),
         characteristics=results.characteristics,
         drift_ppm=None if drift is None else drift.change_ppm.kept(),
         e_n=None if drift is None else drift.e_n,

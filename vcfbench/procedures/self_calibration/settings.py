@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Iterator
+from typing import Annotated
 
 from msgspec import Meta
 
@@ -10,9 +11,6 @@ from vcfbench.procedures.health.plan import AC_WANTED, HEALTH
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.station.bounds import Rate
 from vcfbench.station.invalid_value import InvalidValue
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):

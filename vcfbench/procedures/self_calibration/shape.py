@@ -8,15 +8,12 @@ within `OUTPUT_LIMIT` of itself, and what has changed of the whole is the modula
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import polynomial_through_zero
-
-if TYPE_CHECKING:
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.records.devices import Characteristics
+from vcfbench.records.devices import Characteristics
 
 OUTPUT_CURVE = "the output's curve since the certificate"
 OUTPUT_LIMIT = 0.03

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, cast
 
 from msgspec import Meta, structs
 
@@ -12,13 +14,10 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.station.settings import DeviceSettings
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from datetime import datetime
-    from typing import Self
+if TYPE_CHECKING:  # few runs name a device
+    from vcfbench.records.devices import DeviceStore, StaticNoise
 
-    from vcfbench.records.devices import DeviceStore
-    from vcfbench.station.settings import Sources
+S = TypeVar("S", bound=DeviceSettings)
 
 
 class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
@@ -27,43 +26,36 @@ class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
     outdated: Annotated[bool, Meta(description="whether what is known may be used that is out of date")] = False
 
     def recalled(self) -> Self:
-        """Return these settings with the flicker of the device, where a static record has told it.
-
-        Raises:
-            ConfigError: it is out of date, or what is known of the device cannot be read.
-        """
-        if self.dut is None:
-            return self
-        from vcfbench.records.devices import DeviceStore  # noqa: PLC0415  # few runs name a device
-
-        found = flicker_sources(DeviceStore(Path(self.devices)), self.dut, utc_now(), outdated=self.outdated)
-        sources = with_flicker(self.station.sources, found)
-        return structs.replace(self, station=structs.replace(self.station, sources=sources))
+        """Return these settings with the flicker of the device."""
+        return with_flicker(self, outdated=self.outdated)
 
 
-def with_flicker(sources: Sources, found: Mapping[str, Any]) -> Sources:
-    """Return `sources` with the flicker that was `found`, if any was; it is assumed no more."""
-    if not found:
-        return sources
-    left = {key: words for key, words in sources.assumed.items() if key not in found}
-    return structs.replace(sources, **found, assumed=left)
+def with_flicker(settings: S, *, outdated: bool) -> S:
+    """Return the settings with the flicker of their device, where a static record has it; it is assumed no more.
+
+    ConfigError: the record is out of date, or what is known of the device cannot be read.
+    """
+    if settings.dut is None:
+        return settings
+    from vcfbench.records.devices import DeviceStore  # noqa: PLC0415  # few runs name a device
+
+    found = flicker_sources(DeviceStore(Path(settings.devices)), settings.dut, utc_now(), outdated=outdated)
+    known = settings.station.sources
+    left = {key: words for key, words in known.assumed.items() if key not in found}
+    station = structs.replace(settings.station, sources=structs.replace(known, **found, assumed=left))
+    return structs.replace(settings, station=station)
 
 
 def flicker_sources(store: DeviceStore, serial: str, now: datetime, *, outdated: bool) -> Mapping[str, Any]:
     """Return the known flicker of a device by the keys of `Sources`; nothing without a static record.
 
-    It goes before what the bench file tells, which is of no one device.
-
-    Raises:
-        ConfigError: the record is out of date, or what is known of the device cannot be read.
+    It goes before what the bench file tells, which is of no one device. ConfigError: the record is out of date, or what
+    is known of the device cannot be read.
     """
-    from vcfbench.records.devices import StaticNoise  # noqa: PLC0415  # as above
-
     entry = store.static_noise(serial)
     if entry is None:
         return {}
-    record = entry.record
-    assert isinstance(record, StaticNoise)  # noqa: S101  # the store says so
+    record = cast("StaticNoise", entry.record)
     if not (record.valid_at(now) or outdated):
         until = "" if record.valid_until is None else f" to {record.valid_until:%Y-%m-%d %H:%M}"
         raise ConfigError(

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 from msgspec import Struct
 
+from vcfbench.procedures.procedure import Provenance
+from vcfbench.records.devices import Characterisation, Characteristics, Conditions, DeviceStore, NewEntry
 from vcfbench.station.settings import DeviceSettings
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Self
-
-    from vcfbench.procedures.procedure import Provenance
-    from vcfbench.records.devices import Characteristics, Conditions, NewEntry
 
 
 class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
@@ -23,16 +19,12 @@ class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
     def recalled(self) -> Self:
         """See that it can be kept under the device's name, where one is given."""
         if self.dut is not None:
-            from vcfbench.records.devices import DeviceStore  # noqa: PLC0415  # few name a device
-
             DeviceStore(Path(self.devices)).require_room(self.dut)
         return self
 
 
 def conditions_of(settings: DeviceSettings, made: Provenance, temperature_c: float | None = None) -> Conditions:
     """Return the conditions of a measurement, for the device store."""
-    from vcfbench.records.devices import Conditions  # noqa: PLC0415  # as above
-
     return Conditions(
         bench=made.bench,
         run=made.run,
@@ -55,7 +47,6 @@ class Keeps(Struct, frozen=True):
         seen = None if settings.dut is None else self.found(settings, results)
         if seen is None:
             return None
-        from vcfbench.records.devices import Characterisation, NewEntry  # noqa: PLC0415  # as above
 
         at_c = seen.temperature_c
         record = Characterisation(

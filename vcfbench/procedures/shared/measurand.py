@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING
 
 from vcfbench.analysis.budget import Distribution, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
 from vcfbench.records.devices import Measured, Share
 from vcfbench.reports.digits import digits_of_u, digits_of_value, incomplete, stated_cells
-from vcfbench.reports.document import Column, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from vcfbench.reports.document import Cell
+from vcfbench.reports.document import Cell, Column, Table
 
 _PREVAILS = 0.05
 """Part of the variance from which on a rectangle shows in U95; below, the sum is as normal as can be told."""
@@ -99,10 +94,8 @@ def mean_of_records(values: Sequence[float], unit: str, *others: UncertaintyPart
 
 
 def said_of(name: str, found: Measurand) -> str:
-    """Return a line: value, unit, standard and expanded uncertainty; `u` is told in ppm where a ratio means something.
-
-    The share of a bias, whose zero is anywhere, or of what is in ppm itself, means nothing.
-    """
+    """Return a line: value, unit, standard and expanded uncertainty; `u` also in ppm where a ratio means something."""
+    # The share of a bias, whose zero is anywhere, or of what is in ppm itself, means nothing
     ratio = found.value and found.unit not in {"V", "deg/s", "ppm"}
     relative = f", {1e6 * found.u / abs(found.value):.0f} ppm" if ratio else ""
     factor = f"k = {found.coverage_factor:.2f}"
@@ -138,16 +131,11 @@ def budget_table(name: str, found: Measurand) -> Table:
         *(Column("source", align="left"), Column("u", found.unit, ".2g"), Column("u", "ppm", ".2f")),
         *(Column("share", "%", ".1f"), Column("degrees of freedom", "", ".3g"), Column("shared with", align="left")),
     )
-    rows = [
-        (
-            *(part.source, abs(part.u) if abs(part.u) > _ROUNDING * found.u else 0.0),
-            *(
-                1e6 * abs(part.u / found.value) if found.value else None,
-                100.0 * (part.u / found.u) ** 2 if found.u else None,
-            ),
-            *(part.dof, part.of or ""),
-        )
-        for part in found.parts
-    ]
+    rows = []
+    for part in found.parts:
+        u = abs(part.u) if abs(part.u) > _ROUNDING * found.u else 0.0
+        ppm = 1e6 * abs(part.u / found.value) if found.value else None
+        share = 100.0 * (part.u / found.u) ** 2 if found.u else None
+        rows.append((part.source, u, ppm, share, part.dof, part.of or ""))
     title = f"uncertainty of {name}: u {found.u:.3g} {found.unit}, U95 {found.expanded_u:.3g}"
     return Table(columns, rows, title + incomplete(found.missing))

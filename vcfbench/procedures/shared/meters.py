@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 from vcfbench.specifications import Accuracy, VoltmeterSpecification, accuracy_at
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from vcfbench.station.parts import CalibrationPoint
-    from vcfbench.station.settings import MeterKnown
+from vcfbench.station.parts import CalibrationPoint
+from vcfbench.station.settings import MeterKnown
 
 
 def certified(

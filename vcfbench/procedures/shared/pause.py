@@ -7,23 +7,19 @@ before and after: by what it moved everything later is counted from a new refere
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from typing import Final
 
 from msgspec import Struct
 
 from vcfbench import steps
 from vcfbench.procedures.shared.routines import window_of
 from vcfbench.procedures.shared.steady.walk import Limits, sigmas
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.executor import Moved
 from vcfbench.steps.replay import set_again
-from vcfbench.steps.step import Effect, answer
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from collections.abc import Set as AbstractSet
-
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.step import Routine, Step
+from vcfbench.steps.step import Effect, Routine, Step, answer
 
 _AT_REST: Final = frozenset(
     {
@@ -56,7 +52,13 @@ class AroundPause(Struct, frozen=True):
             yield stop
             deadline_s = 2.0 * stop.ramp_s + settings.rate_deadline_s
             yield steps.AwaitRate(0.0, stop.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
-        return (yield from self.looked_at(done)) if _is_comparable(done) else None
+        # Comparable is what was measured since rails, temperature or manual settings were changed
+        changed = _powered(done)
+        for place, step in enumerate(done, 1):
+            if step.effect is Effect.SETS and not _AT_REST.issuperset(step.sets):
+                changed = place
+        comparable = changed > 0 and any(step.effect is Effect.MEASURES for step in done[changed:])
+        return (yield from self.looked_at(done)) if comparable else None
 
     def looked_at(self, done: Sequence[Step]) -> Routine[steps.Window]:
         """Read the output at rest, V_Vc off."""
@@ -96,15 +98,6 @@ class AroundPause(Struct, frozen=True):
 def _last(done: Sequence[Step], subject: str) -> Step | None:
     """Return the last step that set `subject`."""
     return next((step for step in reversed(done) if subject in step.sets), None)
-
-
-def _is_comparable(done: Sequence[Step]) -> bool:
-    """Tell whether something was measured since rails, temperature or manual settings were changed."""
-    changed = _powered(done)
-    for place, step in enumerate(done, 1):
-        if step.effect is Effect.SETS and not _AT_REST.issuperset(step.sets):
-            changed = place
-    return changed > 0 and any(step.effect is Effect.MEASURES for step in done[changed:])
 
 
 def _powered(done: Sequence[Step]) -> int:

@@ -6,20 +6,16 @@ Both channels are sampled at the same instants, so nothing has to be known of wh
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING
 
 from vcfbench import steps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.reports.document import Axis, Column, Figure, Series, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Routine
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Routine
 
 RECORDS = 4
 _PERIODS = 4.0
@@ -99,8 +95,7 @@ def phase_parts(points: Sequence[PhasePoint]) -> list[Table | Figure]:
         return []
     columns = (Column("frequency", "Hz", ".4g"), Column("phase", "deg"), Column("u", "deg"), Column("U95", "deg"))
     rows = [(each.frequency_hz, *each.phase_deg.printed()) for each in points]
-    phases = [each.phase_deg for each in points]
-    at_hz = [each.frequency_hz for each in points]
+    at_hz, phases = [each.frequency_hz for each in points], [each.phase_deg for each in points]
     series = Series("measured", at_hz, [each.value for each in phases], [each.u for each in phases])
     title = "Phase of the output against V_Vc, the low-pass filter in it"
     return [Table(columns, rows, title), Figure(title, Axis("frequency", "Hz", "log"), Axis("phase", "deg"), [series])]

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.sweep.schedule import window_grid
+from vcfbench.records.schema import Point
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.drive_check import check_drive
-from vcfbench.steps.step import LOOK_AT_SIGNALS, answer
-
-if TYPE_CHECKING:
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine, answer
 
 T = TypeVar("T")
 
@@ -113,15 +110,11 @@ def take_reference(settings: ProcedureSettings, step: int, v_vc_v: float = 0.0) 
 def require_alive(settings: ProcedureSettings, point: Point) -> None:
     """See that a record at rest is that of a gyroscope: its noise is more than a tenth of the meter's last digit.
 
-    `expected.reading_noise_v` of the bench file takes the place of this.
-
-    Raises:
-        MeasurementError: its readings scatter by less.
+    `expected.reading_noise_v` of the bench file takes the place of this. MeasurementError: its readings scatter by
+    less.
     """
-    quiet = (
-        0.0 < point.std_v < 0.1 * settings.meter_resolution_v
-    )  # none at all: nobody measured, or a bench without noise
-    if quiet and settings.expected.reading_noise_v is None:
+    # None at all: nobody measured, or a bench without noise
+    if 0.0 < point.std_v < 0.1 * settings.meter_resolution_v and settings.expected.reading_noise_v is None:
         raise MeasurementError(
             f"the output does not answer: it stands at {point.output_v:+.6g} V and scatters by {point.std_v:.1g} V, "
             f"less than a tenth of the meter's last digit of {settings.meter_resolution_v:g} V",
@@ -135,9 +128,7 @@ def require_answer(settings: ProcedureSettings) -> Routine[None]:
     """See that the output answers: to a slow rate, or to a small V_Vc where the bench has no table.
 
     A record at rest has nothing else that tells a gyroscope from a lead that is off, or from a dead demodulator.
-
-    Raises:
-        MeasurementError: it stands where it stood at rest.
+    MeasurementError: it stands where it stood at rest.
     """
     limits = settings.station.limits
     if limits.max_rate_deg_s is None and limits.max_v_vc_v is None:
@@ -184,12 +175,12 @@ def window_of(settings: ProcedureSettings) -> dict[str, Any]:
 
 def powered(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     """Do `work` with the bench started up; whatever happens, table to rest, then outputs off, then supply off."""
-    return (yield from energised(settings, _with_drive(settings, under_servo(settings, work))))
 
+    def with_drive() -> Routine[T]:
+        yield from look_at_drive(settings)
+        return (yield from under_servo(settings, work))
 
-def _with_drive(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
-    yield from look_at_drive(settings)
-    return (yield from work)
+    return (yield from energised(settings, with_drive()))
 
 
 def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:

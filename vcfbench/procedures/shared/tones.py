@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from statistics import pstdev
-from typing import TYPE_CHECKING
 
-from vcfbench.analysis.rate_band import fit_tone, true_spacing_s
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.analysis.rate_band import Tone
-    from vcfbench.steps import ModulatedRecord, SineResponse
+from vcfbench.analysis.rate_band import Tone, fit_tone, true_spacing_s
+from vcfbench.steps import ModulatedRecord, SineResponse
 
 NPLC = 0.2
 """Integration time of a reading, power-line cycles: ten, as elsewhere, would average the mode split away."""

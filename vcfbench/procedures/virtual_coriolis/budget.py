@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Source
-from vcfbench.procedures.shared.budget.known_levels import known_levels
+from vcfbench.procedures.shared.budget.known_levels import KnownLevels, known_levels
 from vcfbench.procedures.shared.budget.line import (
     TILT,
     Line,
@@ -21,20 +23,13 @@ from vcfbench.procedures.shared.budget.line import (
     noises_of,
 )
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, with_nonlinearity
-from vcfbench.procedures.shared.budget.statement import statement
+from vcfbench.procedures.shared.budget.statement import Statement, statement
 from vcfbench.procedures.shared.budget.turntable import table_values
 from vcfbench.procedures.shared.sweep.window_noise import OutputSum, WindowNoise
 from vcfbench.procedures.shared.sweep.windows import sweep_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.procedures.shared.budget.known_levels import KnownLevels
-    from vcfbench.procedures.shared.budget.statement import Statement
-    from vcfbench.procedures.virtual_coriolis.matching import Matching
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
+from vcfbench.procedures.virtual_coriolis.matching import Matching
+from vcfbench.records.schema import Point
+from vcfbench.station.settings import ProcedureSettings
 
 MEANINGS = MappingProxyType(
     {

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from msgspec import Struct
 
 from vcfbench.errors import MeasurementError
+from vcfbench.records.schema import Point
 from vcfbench.station.settings import Match
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from vcfbench.records.schema import Point
 
 _CLOSE_ENOUGH = 5e-4
 """Residual of the output over its span at which the rest is interpolated. The chord is within some per cent of the
@@ -127,11 +123,8 @@ class Matching(Struct, frozen=True):
     def slope(self) -> float:
         """Output over V_Vc (V/V) along the chord from the zero to the best try, whose V_Vc may differ from 0 V itself.
 
-        The chord, not the secant through the last two tries: those lie within each other's noise once the outputs
-        are equal.
-
-        Raises:
-            MeasurementError: the output does not answer to V_Vc.
+        The chord, not the secant through the last two tries: those lie within each other's noise once the outputs are
+        equal. MeasurementError: the output does not answer to V_Vc.
         """
         best = self.best
         answer_v, level_v = best.output_v - self.zero_virtual.output_v, best.v_vc_v - self.zero_virtual.v_vc_v
@@ -158,8 +151,7 @@ class Matching(Struct, frozen=True):
     def k_vc(self) -> float:
         """K_Vc = rate / V_Vc at equality, (deg/s)/V (the factor of the paper's equation (16), in deg/s).
 
-        Raises:
-            MeasurementError: the outputs are equal without any V_Vc, so there is nothing to divide by.
+        MeasurementError: the outputs are equal without any V_Vc, so there is nothing to divide by.
         """
         v_vc_v = self.level_v
         if v_vc_v == 0.0:

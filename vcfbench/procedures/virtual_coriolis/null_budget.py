@@ -3,31 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.budget import line as lines
-from vcfbench.procedures.shared.budget.known_levels import known_levels
+from vcfbench.procedures.shared.budget.known_levels import KnownLevels, known_levels
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, with_nonlinearity
-from vcfbench.procedures.shared.budget.statement import statement
+from vcfbench.procedures.shared.budget.statement import Statement, statement
 from vcfbench.procedures.shared.budget.turntable import table_values
 from vcfbench.procedures.shared.sweep.window_noise import OutputSum, WindowNoise
 from vcfbench.procedures.shared.sweep.windows import sweep_of
 from vcfbench.procedures.virtual_coriolis.budget import MEANINGS, four_step_values
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.procedures.shared.budget.known_levels import KnownLevels
-    from vcfbench.procedures.shared.budget.statement import Statement
-    from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings, Sources
+from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
+from vcfbench.records.schema import Point
+from vcfbench.station.settings import ProcedureSettings, Sources
 
 _OF_PAIR = {"k_vc": "rates over V_Vc at the match rate and its opposite, half the difference: no even order in it"}
 

@@ -7,25 +7,20 @@ K_Vc, out of which the half difference keeps the modulator's even order. What a 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, DIFFERENCES
-from vcfbench.analysis.k_vc_curve import coefficient_weights, fit_k_vc_curve
+from vcfbench.analysis.k_vc_curve import KVcCurve, coefficient_weights, fit_k_vc_curve
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.null_comparison.blocks import block_covariance, blocks_of, noise_of, nulled_levels
 from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.procedures.shared.sweep.schedule import KvcBy
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.analysis.k_vc_curve import KVcCurve
-    from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
-    from vcfbench.records.schema import Point
+from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
+from vcfbench.records.schema import Point
 
 TABLE, DRIVEN = 1, 2
 """The steps of the four whose windows are blocks; the search has a number of its own."""
@@ -94,8 +89,7 @@ class NullMatching:
     def level_for(self, rate_deg_s: float) -> float:
         """Return the V_Vc that stands for a rate, V, by Newton's method: the curve is nearly straight.
 
-        Raises:
-            ConfigError: it is not.
+        ConfigError: it is not.
         """
         level_v = rate_deg_s / self.k_vc
         for _ in range(50):
@@ -117,11 +111,7 @@ class NullMatching:
 
 
 def null_matching(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> NullMatching:
-    """Do the arithmetic of the null comparisons.
-
-    Raises:
-        ConfigError: they are no whole blocks, or do not determine a curve.
-    """
+    """Do the arithmetic of the null comparisons; ConfigError: they are no whole blocks, or do not determine a curve."""
     magnitudes, cycles = settings.magnitudes_deg_s, settings.null_cycles
     rate = np.array([sign * size for size in magnitudes for sign in (1.0, -1.0)])
     table, driven = (_differences(points, step, len(magnitudes), cycles) for step in (TABLE, DRIVEN))

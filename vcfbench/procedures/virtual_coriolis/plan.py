@@ -7,6 +7,7 @@ holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under serv
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -25,15 +26,13 @@ from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.report import virtual_coriolis_report
 from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult, null_results, virtual_coriolis_results
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
+from vcfbench.records.schema import Point
 from vcfbench.station.settings import V_VC_RANGE_V
 from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
+from vcfbench.steps.step import Routine
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
-    from vcfbench.records.schema import Point
-    from vcfbench.steps.step import Routine
 
 
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 from vcfbench.procedures.shared.column.report import (
     RATE,
@@ -14,14 +14,13 @@ from vcfbench.procedures.shared.column.report import (
     sweep_text,
 )
 from vcfbench.procedures.shared.known.levels import at_measured_levels, standing_for
-from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, SweptVirtualCoriolisResult
+from vcfbench.procedures.virtual_coriolis.results import (
+    NullVirtualCoriolisResult,
+    SweptVirtualCoriolisResult,
+    VirtualCoriolisResult,
+)
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult
-    from vcfbench.records.schema import Point
 
 
 def virtual_coriolis_report(_settings: object, points: Sequence[Point], results: VirtualCoriolisResult) -> Report:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
@@ -10,20 +11,17 @@ from msgspec import Struct
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.procedures.shared.column import results as columns
 from vcfbench.procedures.shared.known.levels import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
+from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
 from vcfbench.procedures.virtual_coriolis.matching import Matching
-from vcfbench.station.settings import ProcedureSettings
+from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
+from vcfbench.records.schema import Point
+from vcfbench.station.settings import Match, ProcedureSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
     from vcfbench.procedures.shared.budget.statement import Statement
     from vcfbench.procedures.shared.sweep.found import SweepFound
-    from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
     from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
-    from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import Match
 
 
 class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):

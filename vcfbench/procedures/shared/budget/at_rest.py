@@ -7,25 +7,18 @@ so a short run tells little of that mean however well it is read; how little fol
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, METER_OFFSET, away_from_warm_k, meter_error
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.shared.sweep.window_noise import ENOUGH_DOF, Flicker
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from vcfbench.station.settings import ProcedureSettings, Sources
-
-Floats: TypeAlias = "NDArray[np.float64]"
+from vcfbench.station.settings import ProcedureSettings, Sources
 
 _CONTRADICTS = 1.645
 """Excess of the observed flicker, in its own uncertainties, from which it replaces the stated one."""
@@ -42,11 +35,7 @@ def flicker_stated(known: Sources) -> Flicker | None:
 def flicker_counted(stated: Flicker | None, square: float, u_square: float, where: str) -> Flicker:
     """Return the flicker that counts: the stated one, or that of `where`, if it is larger by more than chance.
 
-    Args:
-        stated: by static record or bench file.
-        square: B squared as it was found, (deg/h)^2, 0 where the noise hides it.
-        u_square: its standard uncertainty.
-        where: what it was found in, for the words.
+    `square` is B squared as it was found, (deg/h)^2, 0 where the noise hides it, `u_square` its standard uncertainty.
     """
     if stated is not None and square - _CONTRADICTS * u_square <= stated.deg_h**2:
         return stated
@@ -82,13 +71,7 @@ def flicker_part(flicker: Flicker, per_deg_h: float) -> UncertaintyPart:
 
 
 def as_rate(output: Measurand, scale_factor: float, u_scale_factor: float | None) -> Measurand:
-    """Return an output at rest (V) as a rate (deg/s); without a `u_scale_factor` it is incomplete.
-
-    Args:
-        output: V.
-        scale_factor: of the gyroscope, V/(deg/s).
-        u_scale_factor: its standard uncertainty, None where nobody states it.
-    """
+    """Return an output at rest (V) as a rate (deg/s); without a `u_scale_factor`, V/(deg/s), it is incomplete."""
     value, per_v = output.value / scale_factor, 1.0 / abs(scale_factor)
     parts = [replace(part, u=per_v * part.u) for part in output.parts]
     if u_scale_factor is None:
@@ -100,12 +83,8 @@ def as_rate(output: Measurand, scale_factor: float, u_scale_factor: float | None
 def about_horizon(begin_s: ArrayLike, end_s: ArrayLike, horizon_h: float) -> float:
     """Return the standard uncertainty that a flicker of B = 1 leaves the mean of windows, in the unit of B.
 
-    It is that of the windows' mean as a statement about the mean over the horizon around them.
-
-    Args:
-        begin_s: of the windows, (n,), s.
-        end_s: likewise.
-        horizon_h: length of the horizon, h.
+    It is that of the windows' mean, from `begin_s` to `end_s`, (n,), as a statement about the mean over the horizon
+    around them.
     """
     begin, end = np.asarray(begin_s, dtype=np.float64), np.asarray(end_s, dtype=np.float64)
     middle = 0.5 * float(begin.min() + end.max())
@@ -122,11 +101,7 @@ def parts_at_rest(
 ) -> Iterator[UncertaintyPart]:
     """Yield the contributions of meter, temperature, warm-up and phases to an output at rest, V.
 
-    Args:
-        settings: of the run.
-        output_v: the output, V.
-        scale_factor: of the gyroscope, V/(deg/s).
-        lasted_s: how long it was averaged, s.
+    The `scale_factor` is in V/(deg/s); the output was averaged for `lasted_s`.
     """
     if "multimeter" in settings.station.instruments:
         meter = meter_error(settings, "multimeter")

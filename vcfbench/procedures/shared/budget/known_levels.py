@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.budget.line import limited
-from vcfbench.station.settings import V_VC_RANGE_V
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.analysis.budget import Source
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import Sources
+from vcfbench.records.schema import Point
+from vcfbench.station.settings import V_VC_RANGE_V, Sources
 
 _ONE_LEVEL = 0.02
 """Levels that differ by no more of themselves are taken to be on one range, wherever the ranges are."""
@@ -60,10 +54,7 @@ class KnownLevels(Struct, frozen=True):
     def shared(self, kind: str, volts: Floats, weights: Floats) -> list[tuple[str, NDArray[np.bool_], float]]:
         """Return the shared errors of levels: the ranges by name, the levels on each, and the limit of the error there.
 
-        Args:
-            kind: ``"gain"`` or ``"offset"``.
-            volts: the levels.
-            weights: what a unit of the error adds, by level.
+        `kind` is ``"gain"`` or ``"offset"``; a unit of the error adds `weights`, by level.
         """
         limit = self.offset_limit_v if kind == "offset" else lambda _low_v: self.gain or 0.0
         if self.ranges_v:
@@ -98,8 +89,7 @@ class KnownLevels(Struct, frozen=True):
     def errors(self, moved: Mapping[str, tuple[Floats, Floats]]) -> tuple[list[Source], dict[str, dict[str, float]]]:
         """Return the sources of errors that levels share, and the effect of one unit of each on each value.
 
-        Args:
-            moved: of each value the levels, V, and what a volt of error of each of them adds to it.
+        `moved` holds of each value the levels, V, and what a volt of error of each of them adds to it.
         """
         sources: dict[str, Source] = {}
         effects: dict[str, dict[str, float]] = {value: {} for value in moved}
@@ -115,10 +105,8 @@ class KnownLevels(Struct, frozen=True):
     def covariances(self, volts: Floats, per_v: Floats, counts: int) -> Iterator[tuple[str, str, Floats]]:
         """Yield the covariance of several values by errors that levels share, by kind and range.
 
-        Args:
-            volts: the levels, V.
-            per_v: (values, levels): what a volt of error of each level adds to each value.
-            counts: place of the value whose worst ranges count where none are known.
+        `per_v`, (values, levels), is what a volt of error of each level adds to each value; where no ranges are known,
+        those that are worst for the value at the place `counts` count.
         """
         for kind, effects in (("gain", per_v * volts), ("offset", per_v)):
             for where, here, limit in self.shared(kind, volts, effects[counts]):

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
 from vcfbench.procedures.shared.sweep.window_noise import OutputSum
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.procedures.shared.sweep.windows import Sweep
-    from vcfbench.station.settings import ProcedureSettings, Sources
+from vcfbench.procedures.shared.sweep.windows import Sweep
+from vcfbench.station.settings import ProcedureSettings, Sources
 
 TILT = "Earth's rate by the axis' tilt"
 

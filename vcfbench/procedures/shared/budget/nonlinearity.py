@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from msgspec import Struct, structs
 
-from vcfbench.analysis.budget import Distribution, Source, evaluate
-from vcfbench.procedures.shared.budget.line import noises_of
-from vcfbench.procedures.shared.budget.statement import Circumstances, stated_value
-from vcfbench.procedures.shared.budget.worst_residual import Residuals, ResidualSpread
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.budget import Distribution, Model, Source, evaluate
+from vcfbench.procedures.shared.budget.known_levels import KnownLevels
+from vcfbench.procedures.shared.budget.line import Line, noises_of
+from vcfbench.procedures.shared.budget.statement import Circumstances, StatedValue, Statement, stated_value
+from vcfbench.procedures.shared.budget.worst_residual import LargestResidual, Residuals, ResidualSpread
 from vcfbench.procedures.shared.sweep.window_noise import OutputSum, WindowNoise
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.analysis.budget import Model
-    from vcfbench.procedures.shared.budget.known_levels import KnownLevels
-    from vcfbench.procedures.shared.budget.line import Line
-    from vcfbench.procedures.shared.budget.statement import StatedValue, Statement
-    from vcfbench.procedures.shared.budget.worst_residual import LargestResidual
-    from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.settings import ProcedureSettings
 
 _RANGES_UNKNOWN = "nobody knows where the generator's ranges end, whose steps stand out of a line too"
 

@@ -7,16 +7,13 @@ what V_Vc does, and with it K_Vc; one of the demodulator's changes both columns 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from msgspec import Struct
 
 from vcfbench.analysis.budget import Source
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.station.settings import Sources
+from vcfbench.station.settings import Sources
 
 CARRIER_PHASE, DEMODULATOR_PHASE = "carrier phase", "demodulator phase"
 

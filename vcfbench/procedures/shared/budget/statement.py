@@ -8,21 +8,17 @@ the rest is a model for :mod:`~vcfbench.analysis.budget`.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from msgspec import Struct
 
-from vcfbench.analysis.budget import Distribution, Source, evaluate
+from vcfbench.analysis.budget import Budget, Distribution, Model, Result, Source, evaluate
 from vcfbench.analysis.convolution import convolved_coverage_factor
 from vcfbench.procedures.shared.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
 from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from vcfbench.analysis.budget import Budget, Model, Result
-    from vcfbench.procedures.shared.sweep.window_noise import Flicker
-    from vcfbench.station.settings import ProcedureSettings
+from vcfbench.procedures.shared.sweep.window_noise import Flicker
+from vcfbench.station.settings import ProcedureSettings, Sources
 
 _NEARLY_NORMAL = 0.05
 """Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""
@@ -97,17 +93,10 @@ def statement(
     levels_by: str = "",
     flicker: Flicker | None = None,
 ) -> Statement:
-    """Return the statement of the values that `model` makes of `sources`.
+    """Return the statement of the values that `model` makes of `sources`, whose `correlations` are by their names.
 
-    Args:
-        settings: those of the run.
-        sources: what is not known exactly.
-        model: the values of these.
-        correlations: between sources, by their names.
-        meanings: unit of each value, and which value it is.
-        difference: value over whose expanded uncertainty E_n is.
-        levels_by: what V_Vc is known by, where there is any.
-        flicker: that which the sources hold.
+    `meanings` are unit and meaning of each value; E_n is over the expanded uncertainty of `difference`; V_Vc is known
+    by `levels_by`, where there is any; `flicker` is that which the sources hold.
     """
     around = Circumstances.of(settings)
     budget = evaluate([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
@@ -124,8 +113,11 @@ def statement(
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
-    not_in_u, known_from = _not_in_u(settings), _known_from(settings, levels_by, flicker)
-    return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from), not missing, missing)
+    not_in_u = [*(f"MISSING {gap.words}" for gap in known.gaps()), *_OUTSIDE]
+    if earth_left_deg_s(settings) is None:
+        not_in_u.append("Earth's rate: it is in the bias")
+    known_from = tuple(_known_from(known, levels_by, flicker))
+    return Statement(values, correlation, ratio, tuple(not_in_u), known_from, not missing, missing)
 
 
 class Circumstances(Struct, frozen=True):
@@ -226,17 +218,8 @@ _OUTSIDE = (
 )
 
 
-def _not_in_u(settings: ProcedureSettings) -> Iterable[str]:
-    """Name the omissions of the uncertainties."""
-    yield from (f"MISSING {gap.words}" for gap in settings.station.sources.gaps())
-    yield from _OUTSIDE
-    if earth_left_deg_s(settings) is None:
-        yield "Earth's rate: it is in the bias"
-
-
-def _known_from(settings: ProcedureSettings, levels_by: str, flicker: Flicker | None) -> Iterable[str]:
+def _known_from(known: Sources, levels_by: str, flicker: Flicker | None) -> Iterable[str]:
     """Name the origin of quantities taken for known."""
-    known = settings.station.sources
     yield f"multimeter: {known.meter_age_days:g} days after calibration ({known.meter_age_from})"
     if levels_by == "V_Vc meter":
         age_days, whence = known.v_vc_meter_age_days, known.v_vc_meter_age_from

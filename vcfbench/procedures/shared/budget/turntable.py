@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, with_nonlinearity
-from vcfbench.procedures.shared.budget.statement import statement
+from vcfbench.procedures.shared.budget.statement import Statement, statement
 from vcfbench.procedures.shared.sweep.window_noise import WindowNoise
 from vcfbench.procedures.shared.sweep.windows import sweep_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.procedures.shared.budget.statement import Statement
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
+from vcfbench.records.schema import Point
+from vcfbench.station.settings import ProcedureSettings
 
 _MEANINGS = MappingProxyType(
     {

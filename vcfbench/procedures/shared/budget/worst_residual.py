@@ -8,16 +8,14 @@ what is left is the scatter of the trials about their own mean.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.procedures.shared.budget.line import Line
+from vcfbench.analysis.arrays import Floats
+from vcfbench.procedures.shared.budget.line import Line
 
 Places: TypeAlias = "NDArray[np.intp]"
 
@@ -104,24 +102,18 @@ class ResidualSpread(Struct, frozen=True):
 
     def largest(self) -> LargestResidual:
         """Return how far the largest of all moves, by trials (JCGM 101) of a fixed seed."""
-        errors = self._drawn(np.random.default_rng(0))
-        moved = np.abs(self.residuals - errors).max(axis=1) - np.abs(self.residuals).max()
-        off = np.abs(moved - moved.mean())
-        return LargestResidual(float(moved.std()), _quantile_95(off), _quantile_95(np.abs(errors).max(axis=1)))
-
-    def _drawn(self, rng: np.random.Generator) -> Floats:
-        """Return errors of the residuals, a row a trial."""
+        rng = np.random.default_rng(0)
         errors = _normal(rng, self.scattered) * np.sqrt(self.dof / rng.chisquare(self.dof, (_TRIALS, 1)))
         errors += _normal(rng, self.normal)
         sizes = rng.standard_normal((_TRIALS, self.rectangular.size))
         flat = rng.uniform(-np.sqrt(3.0), np.sqrt(3.0), sizes.shape)
-        return np.asarray(errors + np.where(self.rectangular, flat, sizes) @ self.common)
+        errors = errors + np.where(self.rectangular, flat, sizes) @ self.common
+        moved = np.abs(self.residuals - errors).max(axis=1) - np.abs(self.residuals).max()
+        off = np.abs(moved - moved.mean())
+        u95, by_errors = (float(np.quantile(each, 0.95)) for each in (off, np.abs(errors).max(axis=1)))
+        return LargestResidual(float(moved.std()), u95, by_errors)
 
 
 def _normal(rng: np.random.Generator, covariance: Floats) -> Floats:
     sizes, axes = np.linalg.eigh(covariance)
     return np.asarray(rng.standard_normal((_TRIALS, sizes.size)) @ (axes * np.sqrt(np.maximum(sizes, 0.0))).T)
-
-
-def _quantile_95(sizes: Floats) -> float:
-    return float(np.quantile(sizes, 0.95))

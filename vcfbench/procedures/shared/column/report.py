@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from vcfbench.analysis.column import CalibrationColumn
+from vcfbench.records.schema import Point
 from vcfbench.reports.digits import incomplete, stated_cells
 from vcfbench.reports.document import Axis, Column, Figure, Series, Table, Text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from vcfbench.analysis.column import CalibrationColumn
     from vcfbench.procedures.shared.budget.statement import Statement
     from vcfbench.procedures.shared.sweep.found import SweepFound
-    from vcfbench.records.schema import Point
+
 
 RATE = Axis("Omega_z", "deg/s")
 
@@ -21,28 +21,25 @@ RATE = Axis("Omega_z", "deg/s")
 def sweep_text(name: str, sweep: SweepFound) -> Text:
     """Describe order, zeros and repeats, where the rates were not visited as the paper does."""
     times = f", {sweep.repeat} times" if sweep.repeat > 1 else ""
-    visited = f"order {sweep.order.value}, zeros {sweep.zeros.value}{times}; {sweep.windows} windows"
-    return Text("\n".join([f"{name}: {visited}", *_lines_of(sweep)]))
-
-
-def _lines_of(sweep: SweepFound) -> Iterator[str]:
+    said = [f"{name}: order {sweep.order.value}, zeros {sweep.zeros.value}{times}; {sweep.windows} windows"]
     if sweep.zero_drift_v is not None:
-        yield f"  the zero drifted by {1e3 * sweep.zero_drift_v:+.4g} mV from first to last; it is taken off"
-    if sweep.earth_rate_deg_s:
-        yield f"  the Earth's rate about the table's axis, {sweep.earth_rate_deg_s:+.6f} deg/s, is added to the rates"
-    yield from (f"  no whole turns at {each}" for each in sweep.no_whole_turns)
-    for each in sweep.repeatability:
-        known = (
-            f"s {each.sd:.2g} {each.unit} (u {each.u:.1g}, {each.dof} degrees of freedom; noise alone {each.noise:.2g})"
-        )
-        yield f"  repeatability of the {each.name.replace('_', ' ')} within this run: {known}"
+        said.append(f"  the zero drifted by {1e3 * sweep.zero_drift_v:+.4g} mV from first to last; it is taken off")
+    if earth_deg_s := sweep.earth_rate_deg_s:
+        said.append(f"  the Earth's rate about the table's axis, {earth_deg_s:+.6f} deg/s, is added to the rates")
+    said += [f"  no whole turns at {each}" for each in sweep.no_whole_turns]
+    said += [
+        f"  repeatability of the {each.name.replace('_', ' ')} within this run: s {each.sd:.2g} {each.unit} "
+        f"(u {each.u:.1g}, {each.dof} degrees of freedom; noise alone {each.noise:.2g})"
+        for each in sweep.repeatability
+    ]
     if (loop := sweep.hysteresis) is not None:
         verdict = "seen" if loop.seen else "not more than noise"
-        yield (
+        said.append(
             f"  hysteresis {loop.difference.value:+.2g} % of full scale at {loop.rate_deg_s:+g} deg/s, "
             f"u {loop.difference.u:.1g}: {verdict} (noise alone stays below {loop.by_noise_percent:.2g} with 95 %)"
         )
-        yield from (f"    not in it: {each}" for each in loop.holds_not)
+        said += [f"    not in it: {each}" for each in loop.holds_not]
+    return Text("\n".join(said))
 
 
 _LEAST_SHARE = 0.001
@@ -73,41 +70,28 @@ def statement_tables(statement: Statement | None) -> list[Table | Text]:
         if f"{value.name}_deg_s" not in names
         for place, each in enumerate(each for each in value.contributions if each.share >= _LEAST_SHARE)
     ]
-    ratio = [] if statement.e_n is None else [f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)"]
+    ratio = "" if statement.e_n is None else f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)\n"
     return [
         Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),
         Table(shares, lines, "Largest contributions"),
-        Text("\n".join([*ratio, *_listed("what they are taken from:", statement.known_from)])),
-        Text("\n".join(_listed("not in these uncertainties:", statement.not_in_u))),
+        Text(ratio + "\n  ".join(["what they are taken from:", *statement.known_from])),
+        Text("\n  ".join(["not in these uncertainties:", *statement.not_in_u])),
     ]
-
-
-def _listed(title: str, lines: Sequence[str]) -> list[str]:
-    return [title, *(f"  {each}" for each in lines)]
 
 
 def line_words(name: str, column: CalibrationColumn) -> str:
     """Describe the line of a column, and its non-linearity."""
     scale_factor, bias, ppm = column.scale_factor, column.bias, column.nonlinearity_ppm
     u_fit_mv = [1e3 * (each.u_fit or 0.0) for each in (scale_factor, bias)]
-    return "\n".join(
-        [
-            f"{name}: V = {scale_factor.value:+.8f} Omega_z {bias.value:+.6f}",
-            (
-                f"  scale factor {1e3 * scale_factor.value:.5f} mV/(deg/s), u of the fit {u_fit_mv[0]:.1g}; "
-                f"bias {1e3 * bias.value:.3f} mV, u of the fit {u_fit_mv[1]:.1g}"
-            ),
-            (
-                f"  non-linearity {_ppm(ppm.max_span)} ppm of the span (max_span), "
-                f"{_ppm(ppm.max_span_rounded)} the paper's way (max_span_rounded), "
-                f"{_ppm(ppm.max_fs)} of full scale (max_fs)"
-            ),
-        ]
+    kinds = (ppm.max_span, ppm.max_span_rounded, ppm.max_fs)
+    span, rounded, full_scale = ("-" if each is None else f"{each:.1f}" for each in kinds)
+    return (
+        f"{name}: V = {scale_factor.value:+.8f} Omega_z {bias.value:+.6f}\n"
+        f"  scale factor {1e3 * scale_factor.value:.5f} mV/(deg/s), u of the fit {u_fit_mv[0]:.1g}; "
+        f"bias {1e3 * bias.value:.3f} mV, u of the fit {u_fit_mv[1]:.1g}\n"
+        f"  non-linearity {span} ppm of the span (max_span), {rounded} the paper's way (max_span_rounded), "
+        f"{full_scale} of full scale (max_fs)"
     )
-
-
-def _ppm(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"
 
 
 def outputs_figure(title: str, lines: Sequence[tuple[str, Sequence[Point], CalibrationColumn]]) -> Figure:

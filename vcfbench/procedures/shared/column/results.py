@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeGuard
 
 from msgspec.structs import replace
 
+from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
-from vcfbench.records.schema import pooled_std_v
+from vcfbench.records.schema import Point, pooled_std_v
+from vcfbench.station.settings import ProcedureSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.analysis.column import CalibrationColumn, Quantity
     from vcfbench.analysis.scale_factor import ScaleFactorResult
     from vcfbench.procedures.shared.budget.statement import Statement
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
 
 
 def acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
@@ -80,7 +78,7 @@ def u_output_v(points: Sequence[Point], meter_resolution_v: float) -> float:
     to dither it, averaging does not make it smaller. The meter's gain and the table's rate are common to all points and
     belong to a budget.
     """
-    type_a_v = noise_std_v(points) / math.sqrt(_shortest(points))
+    type_a_v = noise_std_v(points) / math.sqrt(min(point.n for point in points))
     return math.hypot(type_a_v, u_resolution_v(meter_resolution_v))
 
 
@@ -90,11 +88,7 @@ def noise_std_v(points: Sequence[Point]) -> float:
     Where windows were taken again it is their scatter, since that holds the flicker that readings within a window do
     not see; it is never less than the readings' own.
     """
-    return max(pooled_std_v(points), repeat_std_v(points) * math.sqrt(_shortest(points)))
-
-
-def _shortest(points: Sequence[Point]) -> int:
-    return min(point.n for point in points)
+    return max(pooled_std_v(points), repeat_std_v(points) * math.sqrt(min(point.n for point in points)))
 
 
 def repeat_std_v(points: Sequence[Point]) -> float:

@@ -7,25 +7,22 @@ run hides in its noise by the cumulative sum over all entries.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.control_chart import cusum, recursive_residuals
+from vcfbench.procedures.shared.known.device import KnownDevice, Reference
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.records.devices import KvcCurve, Measured
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Text
 from vcfbench.station.acceptance import Acceptance, Verdict
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.procedures.shared.known.device import KnownDevice, Reference
-    from vcfbench.records.devices import KvcCurve, Measured
-    from vcfbench.station.settings import Limit
+from vcfbench.station.settings import Limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,21 +54,10 @@ class Drift(Change):
     """Limits of its verdict."""
 
     def acceptance_values(self) -> dict[str, float | None]:
-        """Return the judged values of the drift, by the keys of :func:`drift_limits`."""
-        return _values(self, self.last, self.cusum, self.failed_before)
-
-
-def _values(
-    since_certificate: Change, last: Change | None, summed: float, failed: Sequence[str]
-) -> dict[str, float | None]:
-    of_last = {} if last is None else {"e_n_since_last": last.e_n}
-    return {
-        "drift_ppm": since_certificate.change_ppm.value,
-        "e_n": since_certificate.e_n,
-        **of_last,
-        "cusum": summed,
-        "failed_before": float(len(failed)),
-    }
+        """Return the judged values of the drift, by the keys of its limits."""
+        of_last = {} if self.last is None else {"e_n_since_last": self.last.e_n}
+        values = {"drift_ppm": self.change_ppm.value, "e_n": self.e_n, **of_last, "cusum": self.cusum}
+        return {**values, "failed_before": float(len(self.failed_before))}
 
 
 def shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floats]]:
@@ -96,7 +82,8 @@ def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit
     parts = [*(_relative_kept(each) for each in earlier), _relative(scale_factor)]
     residuals = recursive_residuals(1e6 * (np.array(now) / base - 1.0), _covariance(parts))
     summed = float(cusum(residuals)[-1])
-    values = _values(first, last, summed, known.failed_before)
+    seen = first.since, first.change_ppm, first.cancelled, first.e_n, last, summed, known.failed_before
+    values = Drift(*seen, "pass", ()).acceptance_values()
     judged = tuple(
         Verdict(
             *(limit.key, values[limit.key], limit.low, limit.high),
@@ -105,21 +92,31 @@ def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit
         for limit in limits
         if limit.key in values
     )
-    return Drift(
-        *(first.since, first.change_ppm, first.cancelled, first.e_n, last, summed, known.failed_before),
-        Acceptance(judged).word,
-        judged,
-    )
+    return Drift(*seen, Acceptance(judged).word, judged)
 
 
 def _change(scale_factor: Measurand, reference: Reference) -> Change:
     """Return how far `scale_factor` is from that of an earlier entry."""
     change = 1e6 * (scale_factor.value / reference.scale_factor_v_per_deg_s.value - 1.0)
-    parts, cancelled = _difference(_relative(scale_factor), _relative_kept(reference))
+    then = _relative_kept(reference)
+    owners: dict[str, list[UncertaintyPart]] = {}
+    for part in then:
+        if part.of is not None:
+            owners.setdefault(_key(part), []).append(part)
+    parts: list[UncertaintyPart] = [part for part in then if part.of is None]
+    cancelled = []
+    for part in _relative(scale_factor):
+        same = owners.pop(_key(part), None) if part.of is not None else None
+        if same is None:
+            parts.append(part)
+            continue
+        parts.append(replace(part, u=part.u - math.fsum(each.u for each in same), dof=None))
+        cancelled.append(f"{part.source} ({part.of})")
+    parts += [part for left in owners.values() for part in left]
     missing = (*reference.scale_factor_v_per_deg_s.missing, *scale_factor.missing)
     found = measurand(change, "ppm", parts, missing)
     since = f"{reference.kind} {reference.name} of {reference.done[:10]}"
-    return Change(since, found, cancelled, e_n(0.0, 0.0, change, found.expanded_u))
+    return Change(since, found, tuple(cancelled), e_n(0.0, 0.0, change, found.expanded_u))
 
 
 def _covariance(results: Sequence[Sequence[UncertaintyPart]]) -> Floats:
@@ -157,27 +154,6 @@ def _relative_kept(reference: Reference) -> list[UncertaintyPart]:
     ]
 
 
-def _difference(
-    now: Sequence[UncertaintyPart], then: Sequence[UncertaintyPart]
-) -> tuple[list[UncertaintyPart], tuple[str, ...]]:
-    """Return the parts of the difference, and the cancelled ones."""
-    owners: dict[str, list[UncertaintyPart]] = {}
-    for part in then:
-        if part.of is not None:
-            owners.setdefault(_key(part), []).append(part)
-    left: list[UncertaintyPart] = [part for part in then if part.of is None]
-    cancelled = []
-    for part in now:
-        same = owners.pop(_key(part), None) if part.of is not None else None
-        if same is None:
-            left.append(part)
-            continue
-        left.append(replace(part, u=part.u - math.fsum(each.u for each in same), dof=None))
-        cancelled.append(f"{part.source} ({part.of})")
-    left += [part for parts in owners.values() for part in parts]
-    return left, tuple(cancelled)
-
-
 def _key(part: UncertaintyPart) -> str:
     """Return the identity of a part: the owner, and its gain or offset."""
     return f"{part.of}: {part.source.rsplit(': ', maxsplit=1)[-1]}"
@@ -187,12 +163,21 @@ def drift_parts(drift: Drift | None) -> list[Any]:
     """Return the report of the drift since the certificate, and of the entries since then."""
     if drift is None:
         return [Text("drift: nothing earlier is known of the device")]
-    words = [
-        *_said("drift", drift),
-        *(_said("and", drift.last) if drift.last is not None else []),
-        f"creep (CUSUM, k 0.5): {drift.cusum:.1f} standard uncertainties",
-        f"drift: {drift.verdict.upper()} ({_judged_by(drift)})",
-    ]
+    words = []
+    for name, change in (("drift", drift), ("and", drift.last)):
+        if change is not None:
+            found = change.change_ppm
+            value = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}{incomplete(found.missing)}"
+            words.append(f"{name} since {change.since}: {value}; E_n {change.e_n:.2f}")
+            words += [f"  cancels: {each}" for each in change.cancelled]
+    judged_by = ", ".join(
+        f"{each.key} {each.low:g} to {each.high:g}"
+        + ("" if each.u95 is None else ", guard band U95")
+        + ("" if each.word == "pass" else f": {each.word}")
+        for each in drift.limits
+    )
+    words.append(f"creep (CUSUM, k 0.5): {drift.cusum:.1f} standard uncertainties")
+    words.append(f"drift: {drift.verdict.upper()} ({judged_by})")
     if drift.verdict != "fail" and drift.e_n > 1.0:
         words.append("  beyond its U95, which chance does once in 20: the next runs tell")
     if drift.failed_before:
@@ -206,22 +191,4 @@ def drift_parts(drift: Drift | None) -> list[Any]:
 def lists_of_omissions(holds_not: Sequence[str], unseen: Sequence[str]) -> list[Text]:
     """Return as texts the sources in no uncertainty, and the errors that the method cannot see, if any."""
     named = {"in no uncertainty:": holds_not, "what this method cannot see:": unseen}
-    return [Text("\n".join([name, *(f"  {each}" for each in lines)])) for name, lines in named.items() if lines]
-
-
-def _said(name: str, change: Change) -> list[str]:
-    found = change.change_ppm
-    value = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}{incomplete(found.missing)}"
-    return [
-        f"{name} since {change.since}: {value}; E_n {change.e_n:.2f}",
-        *(f"  cancels: {each}" for each in change.cancelled),
-    ]
-
-
-def _judged_by(drift: Drift) -> str:
-    return ", ".join(
-        f"{each.key} {each.low:g} to {each.high:g}"
-        + ("" if each.u95 is None else ", guard band U95")
-        + ("" if each.word == "pass" else f": {each.word}")
-        for each in drift.limits
-    )
+    return [Text("\n  ".join([name, *lines])) for name, lines in named.items() if lines]

@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar, Self, cast
 
 from msgspec import Meta, Struct, field, structs
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
-from vcfbench.procedures.shared.known.drift_limits import drift_limits
+from vcfbench.procedures.shared.flicker import with_flicker
 from vcfbench.procedures.shared.known.k_vc_change import require_characterised
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.records import devices
-from vcfbench.station.settings import Station
+from vcfbench.station.settings import Gap, Limit, Station
 from vcfbench.station.strict import refusal, words
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from datetime import datetime
-    from typing import Self
-
-    from vcfbench.station.settings import Gap, Limit
 
 UNSEEN = (
     "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",
@@ -32,6 +26,11 @@ UNSEEN = (
     "masses and their shares in the modes",
 )
 """Causes that a self-calibration by K_Vc cannot see: all quantities within K_Vc itself (equation 16 of the paper)."""
+
+E_N_ACTION = 1.5
+"""E_n beyond which a drift fails: three standard uncertainties, the action limit of Shewhart charts (ISO 7870-2)."""
+CUSUM_ACTION = 5.0
+"""Cumulative sum beyond which a creep fails, with k = 0.5 (NIST/SEMATECH e-Handbook 6.3.2.3): by chance 1 in 465."""
 
 _AS_STATED = (
     "the modulator's curve and how long K_Vc is valid, which a certificate has and a number has not",
@@ -109,17 +108,23 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         known = self.station.known
         if known is None or known.reference is None:
             return stated
-        of_drift = drift_limits(stated, self.max_drift_ppm)
-        return (*stated, *(each for each in of_drift if each.key != "e_n_since_last" or known.history))
+        keys, never_again = {limit.key for limit in stated}, Limit("failed_before", 0.0, 0.0)
+        if (most := self.max_drift_ppm) is not None:  # how much there may be: by it alone a drift is judged then
+            return (*stated, Limit("drift_ppm", -most, most, guarded=True), never_again)
+        if "drift_ppm" in keys:
+            return (*stated, never_again)
+        since_last = [Limit("e_n_since_last", 0.0, E_N_ACTION)] if known.history else []
+        seen = [] if "e_n" in keys else [Limit("e_n", 0.0, E_N_ACTION)]
+        return (*stated, *seen, *since_last, Limit("cusum", 0.0, CUSUM_ACTION), never_again)
 
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:
         """The virtual rates that are asked for, without sign, each once, rising."""
         raise NotImplementedError
 
-    def own_gaps(self) -> Iterator[Gap]:
-        """Yield the unknown quantities that do not concern a table."""
-        yield from (gap for gap in self.station.sources.gaps() if gap.name not in {"table rate", "misalignment"})
+    def own_gaps(self) -> list[Gap]:
+        """Return the unknown quantities that do not concern a table."""
+        return [gap for gap in self.station.sources.gaps() if gap.name not in {"table rate", "misalignment"}]
 
     @property
     def missing_without_table(self) -> tuple[str, ...]:
@@ -129,11 +134,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
 
     @property
     def known(self) -> KnownDevice:
-        """Known device.
-
-        Raises:
-            ConfigError: it was not looked up.
-        """
+        """Known device; ConfigError: it was not looked up."""
         if self.station.known is None:
             raise ConfigError("K_Vc is not known: name the device (--dut) or K_Vc itself (--k-vc)")
         return self.station.known
@@ -141,36 +142,29 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
     def recalled(self) -> Self:
         """Return these settings with the known device.
 
-        Raises:
-            ConfigError: no K_Vc is known, its certificate is out of date, or the V_Vc of a rate is beyond the curve,
-                the bench's limit or the range of the meter on V_Vc.
+        ConfigError: no K_Vc is known, its certificate is out of date, or the V_Vc of a rate is beyond the curve, the
+        bench's limit or the range of the meter on V_Vc.
         """
-        known = _known(self, utc_now())
+        known = _known(self)
         require_characterised(known.characteristics, self.temperature_c)
-        station = DeviceStation(**{**structs.asdict(self.with_flicker().station), "known": known})
-        recalled = structs.replace(self, station=station)
-        for rate_deg_s in recalled.magnitudes_deg_s:
-            for sign in (1.0, -1.0):
-                signed = sign * rate_deg_s
-                _require_level(recalled, level_for(known.k_vc, signed, self.rates_key), signed)
+        station = structs.asdict(with_flicker(self, outdated=self.outdated).station)
+        recalled = structs.replace(self, station=DeviceStation(**{**station, "known": known}))
+        most_v = self.station.limits.max_v_vc_v
+        for rate_deg_s in (sign * rate for rate in recalled.magnitudes_deg_s for sign in (1.0, -1.0)):
+            level_v = level_for(known.k_vc, rate_deg_s, self.rates_key)
+            if most_v is not None and abs(level_v) > most_v:
+                raise ConfigError(
+                    f"{self.rates_key}: {rate_deg_s:g} deg/s needs {abs(level_v):.4g} V of V_Vc, the bench allows "
+                    f"{most_v:g} V (limits.max_v_vc_v)"
+                )
+            for wrong in recalled.beyond_range(level_v, rate_deg_s):
+                raise refusal(wrong.path, wrong.expected, words(wrong.came))
         return recalled
 
 
-def _require_level(settings: KnownDeviceSettings, level_v: float, rate_deg_s: float) -> None:
-    """Hold the V_Vc of a rate against the limit of the bench and the range of the meter that measures it."""
-    most_v = settings.station.limits.max_v_vc_v
-    if most_v is not None and abs(level_v) > most_v:
-        raise ConfigError(
-            f"{settings.rates_key}: {rate_deg_s:g} deg/s needs {abs(level_v):.4g} V of V_Vc, the bench allows "
-            f"{most_v:g} V (limits.max_v_vc_v)"
-        )
-    for wrong in settings.beyond_range(level_v, rate_deg_s):
-        raise refusal(wrong.path, wrong.expected, words(wrong.came))
-
-
-def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
-    """Look up the known device, `now`."""
-    entries = () if settings.dut is None else settings.store.entries(settings.dut)
+def _known(settings: KnownDeviceSettings) -> KnownDevice:
+    """Look up the known device, now."""
+    now, entries = utc_now(), () if settings.dut is None else settings.store.entries(settings.dut)
     if settings.k_vc is not None:
         return _given(settings, settings.k_vc, entries, now)
     if settings.dut is None:
@@ -179,8 +173,7 @@ def _known(settings: KnownDeviceSettings, now: datetime) -> KnownDevice:
             hint="vcfbench run kvc --dut SERIAL makes a certificate on a rate table",
         )
     found = settings.store.certificate(settings.dut)
-    record = found.record
-    assert isinstance(record, devices.Certificate)  # noqa: S101  # the store says so
+    record = cast("devices.Certificate", found.record)
     _require_valid(record, shown(found.path), settings, now)
     return _of_certificate(record, found.name, entries, now)
 
@@ -268,8 +261,7 @@ def _reference(name: str, record: devices.DeviceRecord) -> Reference | None:
 def level_for(curve: devices.KvcCurve, rate_deg_s: float, key: str) -> float:
     """Return the V_Vc that stands for a rate, by bisection; 0 V for none. `key` is where the rate was asked for.
 
-    Raises:
-        ConfigError: the curve does not go so far.
+    ConfigError: the curve does not go so far.
     """
     low_v, high_v = curve.v_vc_min_v, curve.v_vc_max_v
     if rate_deg_s == 0.0:

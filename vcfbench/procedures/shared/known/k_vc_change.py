@@ -7,8 +7,8 @@ assumed as wide as the class of silicon tuning forks has it, and named; what is 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from msgspec import structs
 
@@ -17,31 +17,32 @@ from vcfbench.errors import ConfigError
 from vcfbench.records.devices import Characteristics, Measured, Sensitivity
 from vcfbench.reports.document import Column, Table
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-
 
 def _within(value: float, limit: float) -> Measured:
     """Return a value that is as likely anywhere within a limit either way."""
     return Measured(value=value, u=limit / math.sqrt(3.0))
 
 
-ASSUMED: Mapping[str, Measured] = {
-    "drive_hz": _within(3500.0, 0.0),
-    "split_hz": _within(25.0, 15.0),
-    "q_anti_phase": _within(1200.0, 600.0),
-    "in_phase_split_hz": _within(150.0, 75.0),
-    "q_in_phase": _within(1200.0, 600.0),
-    "in_phase_share": _within(0.1, 0.1),
-    "carrier_phase_deg": _within(0.0, 3.0),
-    "demodulator_phase_deg": _within(0.0, 3.0),
-    "comb_mismatch": _within(0.0, 0.01),
-    "v_vc_feedthrough": _within(0.0, 1e-3),
-    "drive_amplitude_v": _within(1.0, 0.0),
-    "carrier_amplitude_v": _within(1.0, 0.0),
+_QUANTITIES: Mapping[str, tuple[str, float, float]] = {
+    "drive_hz": ("Hz", 3500.0, 0.0),
+    "split_hz": ("Hz", 25.0, 15.0),
+    "q_anti_phase": ("", 1200.0, 600.0),
+    "in_phase_split_hz": ("Hz", 150.0, 75.0),
+    "q_in_phase": ("", 1200.0, 600.0),
+    "in_phase_share": ("", 0.1, 0.1),
+    "carrier_phase_deg": ("deg", 0.0, 3.0),
+    "demodulator_phase_deg": ("deg", 0.0, 3.0),
+    "comb_mismatch": ("", 0.0, 0.01),
+    "v_vc_feedthrough": ("", 0.0, 1e-3),
+    "drive_amplitude_v": ("V", 1.0, 0.0),
+    "carrier_amplitude_v": ("V", 1.0, 0.0),
 }
-"""Assumed values where nobody measured them. Frequencies and Q are those of the paper's class; both amplitudes count
-as a ratio alone, so that their size is free; combs of one mask differ by 1 % at most; the limits are assumed."""
+"""Units of the quantities that K_Vc depends on, and what is assumed where nobody measured them: value and limit.
+
+Frequencies and Q are those of the paper's class; both amplitudes count as a ratio alone, so that their size is free;
+combs of one mask differ by 1 % at most; the limits are assumed."""
+ASSUMED = {name: _within(value, limit) for name, (_, value, limit) in _QUANTITIES.items()}
+UNITS = {name: unit for name, (unit, _, _) in _QUANTITIES.items()} | {"temperature_c": "K", "rails_v": "V"}
 
 ASSUMED_DRIVE_PPM_K = _within(-30.0, 15.0)
 """Coefficient of the drive frequency: silicon's stiffness falls by some 60 ppm/K; K_Vc is as 1/frequency."""
@@ -54,24 +55,6 @@ ASSUMED_Q_PER_K = _within(-2e-3, 2e-3)
 temperature, -0.17 %/K; supports lose less of it, thermoelastic losses more (assumed, without a source: unverified)."""
 ASSUMED_PPM_V = Measured(value=0.0, u=200.0 / math.sqrt(3.0))
 """Coefficient of K_Vc by the rails, where nobody measured it: the drive may follow them and the carrier not."""
-
-UNITS: Mapping[str, str] = {
-    "drive_hz": "Hz",
-    "split_hz": "Hz",
-    "q_anti_phase": "",
-    "in_phase_split_hz": "Hz",
-    "q_in_phase": "",
-    "in_phase_share": "",
-    "carrier_phase_deg": "deg",
-    "demodulator_phase_deg": "deg",
-    "comb_mismatch": "",
-    "v_vc_feedthrough": "",
-    "drive_amplitude_v": "V",
-    "carrier_amplitude_v": "V",
-    "temperature_c": "K",
-    "rails_v": "V",
-}
-"""Units of the quantities that K_Vc depends on, and of the changes of temperature and rails."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +88,7 @@ _Inputs = dict[str, Measured]
 
 def _inputs(known: Characteristics) -> _Inputs:
     """Return the inputs of the closed form; amplitudes that were not both measured count as equal."""
-    found: _Inputs = {name: getattr(known, name) or ASSUMED[name] for name in QUANTITIES}
-    return found
+    return {name: getattr(known, name) or ASSUMED[name] for name in QUANTITIES}
 
 
 def _gyroscope(values: Mapping[str, float]) -> Gyroscope:
@@ -197,19 +179,16 @@ def at_temperature(known: Characteristics, at_c: Measured | None) -> Characteris
     moved: dict[str, Measured] = {"temperature_c": at_c}
     if known.temperature_c is not None:
         rise_k = at_c.value - known.temperature_c.value
-        for name, per_k in (("drive_hz", _drive_hz_k(known)), ("split_hz", known.split_hz_k)):
+        drive_hz_k = None
+        if known.drive_hz is not None and known.drive_ppm_k is not None:
+            per_ppm = 1e-6 * known.drive_hz.value
+            drive_hz_k = Measured(value=per_ppm * known.drive_ppm_k.value, u=per_ppm * known.drive_ppm_k.u)
+        for name, per_k in (("drive_hz", drive_hz_k), ("split_hz", known.split_hz_k)):
             found: Measured | None = getattr(known, name)
             if found is not None and per_k is not None and rise_k:
                 u = math.hypot(found.u, per_k.u * rise_k)
                 moved[name] = Measured(value=found.value + per_k.value * rise_k, u=u)
     return structs.replace(known, **moved)
-
-
-def _drive_hz_k(known: Characteristics) -> Measured | None:
-    if known.drive_hz is None or known.drive_ppm_k is None:
-        return None
-    per_ppm = 1e-6 * known.drive_hz.value
-    return Measured(value=per_ppm * known.drive_ppm_k.value, u=per_ppm * known.drive_ppm_k.u)
 
 
 def sensitivity_table(found: Sequence[Sensitivity]) -> Table:
@@ -226,11 +205,7 @@ def sensitivity_table(found: Sequence[Sensitivity]) -> Table:
 
 
 def require_characterised(seen: Characteristics | None, now_c: float | None) -> None:
-    """See that K_Vc is known at the temperature of now.
-
-    Raises:
-        ConfigError: it was measured at others alone.
-    """
+    """See that K_Vc is known at the temperature of now; ConfigError: it was measured at others alone."""
     if seen is None or seen.temperature_c is None or now_c is None:
         return
     then_c = seen.temperature_c.value
@@ -257,7 +232,14 @@ def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
     seen = {name: found for name in QUANTITIES if getattr(then, name) and (found := getattr(now, name))}
     if any(name not in seen for name in _AMPLITUDES):  # one of them alone says nothing of their ratio
         seen = {name: each for name, each in seen.items() if name not in _AMPLITUDES}
-    steps = list(_coefficients(then, now, seen))
+    # Temperature and rails, where the quantities that they act by were not measured
+    steps = []
+    if "drive_hz" not in seen and then.temperature_c and now.temperature_c:
+        per_k, _ = temperature_coefficient(then, seen)
+        steps.append(_step("temperature_c", per_k, then.temperature_c, now.temperature_c))
+    if "drive_amplitude_v" not in seen and then.positive_rail_v and now.positive_rail_v:
+        per_v = then.k_vc_ppm_v or ASSUMED_PPM_V
+        steps.append(_step("rails_v", per_v, then.positive_rail_v, now.positive_rail_v))
 
     def total(before: Mapping[str, float], after: Mapping[str, float]) -> float:
         return change_ppm(_gyroscope(before), after)
@@ -275,15 +257,6 @@ def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
     whole = total(before, after) + math.fsum(each.ppm for each in steps)
     beyond = whole - math.fsum(part.ppm for part in parts)
     return KvcChange(whole, u, tuple(sorted(parts, key=lambda part: -abs(part.ppm))), beyond)
-
-
-def _coefficients(then: Characteristics, now: Characteristics, seen: _Inputs) -> Iterator[KvcPart]:
-    """Yield the effects of temperature and rails, where the quantities that they act by were not measured."""
-    if "drive_hz" not in seen and then.temperature_c and now.temperature_c:
-        per_k, _ = temperature_coefficient(then, seen)
-        yield _step("temperature_c", per_k, then.temperature_c, now.temperature_c)
-    if "drive_amplitude_v" not in seen and then.positive_rail_v and now.positive_rail_v:
-        yield _step("rails_v", then.k_vc_ppm_v or ASSUMED_PPM_V, then.positive_rail_v, now.positive_rail_v)
 
 
 def _step(name: str, per_unit: Measured, then: Measured, now: Measured) -> KvcPart:
@@ -314,20 +287,15 @@ def _u_of(
     found = []
     for name, each in first.items():
         other = second.get(name)
-        common = {} if other is None else _common(each, other)
-        own = _left(each, [u for u, _ in common.values()])
-        found.append(half(name, own, 0.0))
+        # The errors that both have in common, by owner and source
+        earlier = {(share.of, share.source): share.u for share in each.shares if share.of}
+        later = {(share.of, share.source): share.u for share in (other.shares if other else ()) if share.of}
+        common = [(earlier[owner], u) for owner, u in later.items() if owner in earlier]
+        found.append(half(name, _left(each, [u for u, _ in common]), 0.0))
         if other is not None:
-            found.append(half(name, 0.0, _left(other, [u for _, u in common.values()])))
-        found += [half(name, u_then, u_now) for u_then, u_now in common.values()]
+            found.append(half(name, 0.0, _left(other, [u for _, u in common])))
+        found += [half(name, u_then, u_now) for u_then, u_now in common]
     return math.hypot(*found)
-
-
-def _common(then: Measured, now: Measured) -> dict[tuple[str, str], tuple[float, float]]:
-    """Return the common errors of both, by owner and source."""
-    earlier = {(share.of, share.source): share.u for share in then.shares if share.of}
-    keys = [(share.of, share.source, share.u) for share in now.shares if share.of]
-    return {(of, source): (earlier[of, source], u) for of, source, u in keys if (of, source) in earlier}
 
 
 def _left(found: Measured, common: list[float]) -> float:

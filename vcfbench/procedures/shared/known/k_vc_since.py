@@ -7,19 +7,14 @@ time, so its limit grows in proportion to the time since the certificate, and an
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from vcfbench.procedures.shared.known.k_vc_change import temperature_coefficient
+from vcfbench.procedures.shared.known.device import KnownDevice, KnownDeviceSettings
+from vcfbench.procedures.shared.known.k_vc_change import KvcChange, temperature_coefficient
 from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
 from vcfbench.records.devices import Characteristics
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from vcfbench.procedures.shared.known.device import KnownDevice, KnownDeviceSettings
-    from vcfbench.procedures.shared.known.k_vc_change import KvcChange
-    from vcfbench.station.settings import Sources
+from vcfbench.station.settings import Sources
 
 K_VC_HEALTH = "what was measured of K_Vc's causes"
 K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperature since the certificate, in K_Vc"
@@ -46,33 +41,25 @@ def k_vc_since(settings: KnownDeviceSettings, seen: KvcChange | None = None) -> 
 
     Then temperature is one of them.
     """
-    known = settings.known
-    drift = list(_drifted(settings, known))
-    ppm, warmed, said = _warmed(settings, known) if seen is None else _measured(seen)
-    since = f"{known.days_since or 0.0:.0f} days since the certificate ({drift_words(settings.station.sources)})"
-    words = [f"K_Vc: {each.u * 1e6:.3g} ppm (u) for its drift in {since}" for each in drift]
-    return KvcSince(1.0 + 1e-6 * ppm, (*drift, *warmed), (*words, *said))
-
-
-def _drifted(settings: KnownDeviceSettings, known: KnownDevice) -> Iterator[UncertaintyPart]:
-    if known.days_since is None:
-        return
-    limit = 1e-6 * settings.station.sources.k_vc_drift_ppm_per_year * known.days_since / YEAR_DAYS
-    if limit:
-        whose = f"{known.source}: {K_VC_DRIFT}"
-        yield UncertaintyPart(K_VC_DRIFT, limit / math.sqrt(3.0), None, whose, rectangular=True)
+    known, sources = settings.known, settings.station.sources
+    if seen is None:
+        ppm, parts, said = _warmed(settings, known)
+    else:
+        ppm, parts = seen.ppm, [UncertaintyPart(K_VC_HEALTH, 1e-6 * seen.u_ppm)]
+        said = [f"K_Vc corrected by {ppm:+.1f} ppm, u {seen.u_ppm:.2g}, for what was measured of its causes (health)"]
+    days = known.days_since or 0.0
+    if limit := 1e-6 * sources.k_vc_drift_ppm_per_year * days / YEAR_DAYS:
+        u, whose = limit / math.sqrt(3.0), f"{known.source}: {K_VC_DRIFT}"
+        parts = [UncertaintyPart(K_VC_DRIFT, u, None, whose, rectangular=True), *parts]
+        since = f"{days:.0f} days since the certificate ({drift_words(sources)})"
+        said = [f"K_Vc: {u * 1e6:.3g} ppm (u) for its drift in {since}", *said]
+    return KvcSince(1.0 + 1e-6 * ppm, tuple(parts), tuple(said))
 
 
 def drift_words(known: Sources) -> str:
     """Say how far K_Vc may drift, and where that is from."""
     key = "k_vc_drift_ppm_per_year"
     return known.assumed.get(key, f"uncertainty.{key}: {known.k_vc_drift_ppm_per_year:g} ppm a year")
-
-
-def _measured(seen: KvcChange) -> tuple[float, list[UncertaintyPart], list[str]]:
-    """Return the change of K_Vc, ppm, its uncertainty, and both in words."""
-    said = f"K_Vc corrected by {seen.ppm:+.1f} ppm, u {seen.u_ppm:.2g}, for what was measured of its causes (health)"
-    return seen.ppm, [UncertaintyPart(K_VC_HEALTH, 1e-6 * seen.u_ppm)], [said]
 
 
 def _warmed(settings: KnownDeviceSettings, known: KnownDevice) -> tuple[float, list[UncertaintyPart], list[str]]:
@@ -82,8 +69,7 @@ def _warmed(settings: KnownDeviceSettings, known: KnownDevice) -> tuple[float, l
     within_k = settings.station.sources.temperature_k
     by_reading = math.hypot(per_k.value, per_k.u) * (within_k or 0.0) / math.sqrt(3.0)
     if seen.temperature_c is None or now_c is None:
-        part = [UncertaintyPart(K_VC_TEMPERATURE, 1e-6 * by_reading)] if by_reading else []
-        return 0.0, part, []
+        return 0.0, [UncertaintyPart(K_VC_TEMPERATURE, 1e-6 * by_reading)] if by_reading else [], []
     rise_k = now_c - seen.temperature_c.value
     ppm = per_k.value * rise_k
     u = math.hypot(per_k.u * rise_k, per_k.value * seen.temperature_c.u, by_reading)

@@ -6,23 +6,18 @@ A generator reads back its setting to the last digit, however far its level is o
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 from msgspec.structs import replace
 
 from vcfbench.models import data_sheet_of
 from vcfbench.procedures.shared.routines import set_v_vc, take, window_of
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
+from vcfbench.records.schema import Point
 from vcfbench.specifications import AGILENT_33220A, LevelSpecification
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter, Window
-from vcfbench.steps.step import answer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine, answer
 
 K_VC_UNIT = "(deg/s)/V"
 """Unit of the rate that a volt of V_Vc stands for."""

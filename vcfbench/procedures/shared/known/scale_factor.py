@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta, Struct
@@ -14,15 +15,10 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.procedures.shared.kept_characteristics import KeptSettings
 from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import DeviceSettings
-from vcfbench.steps.step import Step, StepResult
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Context, Routine
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Context, Routine, Step, StepResult
 
 
 class ScaleFactorBy(Enum):
@@ -126,8 +122,7 @@ class ReadScaleFactor(Step, Struct, frozen=True):
 def scale_factor_of(record: Path) -> ScaleFactorRead:
     """Return the scale factor that stands in the record of a calibration, that on the table first.
 
-    Raises:
-        ConfigError: there is no such record, or no scale factor in it.
+    ConfigError: there is no such record, or no scale factor in it.
     """
     path = record / "result.json" if record.is_dir() else record
     text = read_file(path, "the result of a calibration", MOST_TABLE)

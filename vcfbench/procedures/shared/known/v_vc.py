@@ -7,33 +7,25 @@ says that the setting is believed, and then the generator's accuracy is the unce
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from msgspec import Meta, structs
+from msgspec import Meta
 
-from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.flicker import flicker_sources, with_flicker
-from vcfbench.procedures.shared.kept_characteristics import conditions_of
+from vcfbench.procedures.shared.flicker import with_flicker
 from vcfbench.procedures.shared.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
 from vcfbench.procedures.shared.routines import set_v_vc, take
-from vcfbench.records.devices import Conditions, DeviceStore
+from vcfbench.records.devices import DeviceStore
+from vcfbench.records.schema import Point
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.settings import DeviceSettings
+from vcfbench.station.settings import DeviceSettings, ProcedureSettings
 from vcfbench.steps import MeasureVvc, VvcMeasured, move_leads
 from vcfbench.steps.measured import Measured
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-    from typing import Self
-
-    from vcfbench.procedures.procedure import Provenance
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import PlacedInstrument, ProcedureSettings
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine
 
 READINGS = "readings"
 METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
@@ -82,19 +74,7 @@ class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
         if self.dut is not None:
             self.store.entries(self.dut)
             self.store.require_room(self.dut)
-        return self.with_flicker()
-
-    def with_flicker(self) -> Self:
-        """Return these settings with the flicker of the device, where a static record has told it.
-
-        Raises:
-            ConfigError: it is out of date, or what is known of the device cannot be read.
-        """
-        if self.dut is None:
-            return self
-        found = flicker_sources(self.store, self.dut, utc_now(), outdated=self.outdated)
-        sources = with_flicker(self.station.sources, found)
-        return structs.replace(self, station=structs.replace(self.station, sources=sources))
+        return with_flicker(self, outdated=self.outdated)
 
     @property
     def v_vc_role(self) -> Literal["v_vc_meter", "multimeter"] | None:
@@ -123,25 +103,16 @@ class InstrumentAccuracy:
     u_offset_v: float
 
 
-def conditions(settings: KnownVvcSettings, made: Provenance) -> Conditions:
-    """Return the conditions of the measurement, for the device store."""
-    return conditions_of(settings, made, settings.temperature_c)
-
-
 def meter_error(settings: ProcedureSettings, role: str) -> InstrumentAccuracy:
-    """Return how far the meter of `role` may be off, on its range and so long after its calibration."""
+    """Return how far meter or generator of `role` may be off, on its range and so long after its calibration."""
+    short = "v_vc" if role == "v_vc_meter" else "generator" if role == "rate_source" else "meter"
     known, placed = settings.station.sources, settings.station.instruments[role]
-    if role == "v_vc_meter":
-        return _accuracy(placed, known.v_vc_gain, known.v_vc_offset_v, known.v_vc_sigmas)
-    return _accuracy(placed, known.meter_gain, known.meter_offset_v, known.meter_sigmas)
-
-
-def _accuracy(
-    placed: PlacedInstrument, gain: float | None, offset_v: float | None, sigmas: float | None
-) -> InstrumentAccuracy:
-    """Return limits as standard uncertainties: of so many sigmas, else rectangular."""
-    of_limit = math.sqrt(3.0) if sigmas is None else sigmas
-    return InstrumentAccuracy(placed.name, placed.owner, (gain or 0.0) / of_limit, (offset_v or 0.0) / of_limit)
+    sigmas = getattr(known, f"{short}_sigmas", None)  # limits of so many, else rectangular
+    u_gain, u_offset_v = (
+        (getattr(known, f"{short}_{kind}") or 0.0) / (math.sqrt(3.0) if sigmas is None else sigmas)
+        for kind in ("gain", "offset_v")
+    )
+    return InstrumentAccuracy(placed.name, placed.owner, u_gain, u_offset_v)
 
 
 def known_words(settings: KnownVvcSettings, *keys: str) -> list[str]:
@@ -197,10 +168,7 @@ def away_from_warm_k(settings: ProcedureSettings, lasted_s: float) -> dict[str, 
 
 def v_vc_error(settings: KnownVvcSettings) -> InstrumentAccuracy:
     """Return how far V_Vc may be off: by the meter that measured it, or by the generator that it was set on."""
-    if settings.v_vc_role is not None:
-        return meter_error(settings, settings.v_vc_role)
-    known, placed = settings.station.sources, settings.station.instruments["rate_source"]
-    return _accuracy(placed, known.generator_gain, known.generator_offset_v, None)
+    return meter_error(settings, settings.v_vc_role or "rate_source")
 
 
 def ready_meters(settings: KnownVvcSettings) -> Routine[None]:
@@ -245,8 +213,7 @@ def measured_level(points: Sequence[Point], by_hand: Mapping[float, float]) -> f
 def levels_by_hand(settings: KnownVvcSettings, points: Sequence[Point]) -> Mapping[float, float]:
     """Return V_Vc as the one multimeter measured it, V, by its setting; empty where it was known otherwise.
 
-    Raises:
-        ConfigError: it was not measured.
+    ConfigError: it was not measured.
     """
     if settings.v_vc_role != "multimeter":
         return {}

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Sequence
 
 import numpy as np
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, polynomial_through_zero
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.budget.at_rest import (
@@ -16,35 +17,20 @@ from vcfbench.procedures.shared.budget.at_rest import (
     flicker_stated,
     parts_at_rest,
 )
-from vcfbench.procedures.shared.known.v_vc import levels_by_hand, measured_level
+from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings, levels_by_hand, measured_level
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.shared.sweep.window_noise import Flicker
 from vcfbench.procedures.shared.sweep.windows import window_times
-from vcfbench.records.schema import pooled_std_v
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
-
-Floats: TypeAlias = "NDArray[np.float64]"
+from vcfbench.records.schema import Point, pooled_std_v
+from vcfbench.station.settings import ProcedureSettings
 
 
 def nulled_levels(v_vc_v: Floats, zero_v_vc_v: float, driven_v: Floats, left_v: Floats) -> tuple[Floats, Floats]:
     """Return the V_Vc of the null, V, and the slope of the output there, V/V.
 
     Along a smooth curve through all outputs, with its slope halfway: what was left is a thousandth, or some per cent
-    where a generator changes its range, and the slope is good to some parts in a thousand.
-
-    Args:
-        v_vc_v: V_Vc of each window, V.
-        zero_v_vc_v: V_Vc of the zeros, V.
-        driven_v: what V_Vc moved the output by, from the zeros, V.
-        left_v: that less what the table moved it by, V.
+    where a generator changes its range, and the slope is good to some parts in a thousand. V_Vc moved the output by
+    `driven_v` from the zeros; `left_v` is that less what the table moved it by.
     """
     at = v_vc_v - zero_v_vc_v
     response, _, _ = polynomial_through_zero(at, driven_v, np.eye(at.size), min(5, at.size - 1))
@@ -71,12 +57,7 @@ def bias_at_rest(
 ) -> Measurand:
     """Return the mean output of the windows at `places`, at rest with the generator off, V, as that of the horizon.
 
-    Args:
-        settings: of the run.
-        points: all of it, in the order of time.
-        places: where the windows at rest are among them.
-        noise: of the run.
-        scale_factor: of the gyroscope, V/(deg/s).
+    `points` are all of the run, in the order of time; the `scale_factor` is in V/(deg/s).
     """
     begin, end = (each[list(places)] for each in window_times(settings, points))
     zeros = np.array([points[place].output_v for place in places])
@@ -101,11 +82,7 @@ def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:
 
 
 def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
-    """Return the points in blocks.
-
-    Raises:
-        ConfigError: they are no whole blocks.
-    """
+    """Return the points in blocks; ConfigError: they are no whole blocks."""
     size = len(CHOPPED)
     blocks = [points[at : at + size] for at in range(0, len(points), size)]
     if not blocks or len(blocks[-1]) != size:
@@ -118,8 +95,7 @@ def levels_of(
 ) -> tuple[Floats, float]:
     """Return V_Vc of the `driven` blocks of a run, V: at the zeros, then at each rate, +, -; and its u by scatter, V.
 
-    Raises:
-        ConfigError: V_Vc was not measured, and its setting was not said to be believed.
+    ConfigError: V_Vc was not measured, and its setting was not said to be believed.
     """
     by_hand = levels_by_hand(settings, points)
     levels_v = [measured_level([point for each in driven for point in (each[0], each[-1])], by_hand)]

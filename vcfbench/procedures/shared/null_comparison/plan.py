@@ -8,24 +8,20 @@ zeros.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.routines import go_to_rate, set_v_vc, take, v_vc_on
 from vcfbench.procedures.shared.sweep.agreement import require_expected_k_vc
+from vcfbench.records.schema import Point
 from vcfbench.station.bounds import LEAST_V_VC_V
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.settings import rate_words
+from vcfbench.station.settings import ProcedureSettings, rate_words
 from vcfbench.steps import DisableVvc, Note, Settle
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine
 
 _CLOSE = 1e-3
 """Largest residual of the search, relative to the output's span; it is interpolated, with a slope good to 1e-3."""

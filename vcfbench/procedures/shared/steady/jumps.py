@@ -11,22 +11,17 @@ in linear systems*); the largest decides.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.known.levels import has_v_vc_meter
-from vcfbench.procedures.shared.steady.walk import sigmas
+from vcfbench.procedures.shared.steady.walk import Seen, Walk, sigmas
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.procedures.shared.steady.walk import Seen, Walk
 
 _ORDERS = 3
 """The curve's orders that are as large as they like."""
@@ -63,8 +58,7 @@ class Jump(Struct, frozen=True):
 def require_no_jump(walk: Walk) -> None:
     """See that the output moves by settings alone: of all windows on the same rails, generator on, or off.
 
-    Raises:
-        MeasurementError: it stepped, read too much for a while, walked away, or does not answer to what is set.
+    MeasurementError: it stepped, read too much for a while, walked away, or does not answer to what is set.
     """
     for driven, rails_v in dict.fromkeys((each.driven, each.rails_v) for each in walk.windows):
         windows = [each for each in walk.windows if (each.driven, each.rails_v) == (driven, rails_v)]

@@ -6,21 +6,16 @@ That is within the uncertainty of the difference: noise of the readings, flicker
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from msgspec import Struct, field
 
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.sweep.schedule import Order, SweepSettings
+from vcfbench.records.schema import Point
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Acquire, DisableVvc, EnableVvc, VerifyZero, Window
-from vcfbench.steps.step import LOOK_AT_SIGNALS
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.step import Step, StepResult
+from vcfbench.steps.step import LOOK_AT_SIGNALS, Step, StepResult
 
 _SIGMAS = 6.0
 """Two means of one setting may differ by so many standard uncertainties: 1000 runs of 100 comparisons, one in 5000."""
@@ -140,11 +135,7 @@ class Walk(Struct):
         return self._dof
 
     def note(self, step: Step, result: StepResult) -> None:
-        """Take notice of a performed step.
-
-        Raises:
-            MeasurementError: a setting did not give what it gave before.
-        """
+        """Take notice of a performed step; MeasurementError: a setting did not give what it gave before."""
         if isinstance(step, EnableVvc | DisableVvc):
             self.driven = isinstance(step, EnableVvc)
         elif isinstance(step, Acquire) and isinstance(result, Window):
@@ -220,8 +211,7 @@ class Walk(Struct):
 def require_answer(settings: ProcedureSettings, points: Sequence[Point]) -> None:
     """See that the means at rest and at a rate (or V_Vc) of both signs are farther apart than noise puts them.
 
-    Raises:
-        MeasurementError: they are not.
+    MeasurementError: they are not.
     """
     outputs, dof = [point.output_v for point in points], sum(point.n - 1 for point in points)
     if not any(point.std_v for point in points):  # a plan that is only looked at, or a bench without noise

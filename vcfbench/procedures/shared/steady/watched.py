@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from vcfbench.procedures.shared.steady.walk import Limits, Walk
-
-if TYPE_CHECKING:
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.step import Routine
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.steps.step import Routine
 
 T = TypeVar("T")
 
@@ -16,9 +14,8 @@ T = TypeVar("T")
 def watched(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     """Do `work`, see each of its windows, and see at its end that the output stood still and answered.
 
-    Raises:
-        MeasurementError: a setting did not give what it gave before, there was a step, a pulse or a walk of the output,
-            or the output did not answer to what was set.
+    MeasurementError: a setting did not give what it gave before, there was a step, a pulse or a walk of the output, or
+    the output did not answer to what was set.
     """
     walk = Walk(settings, Limits.of(settings))
     try:

@@ -9,17 +9,12 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Callable, Sequence
 from itertools import pairwise, starmap
-from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from vcfbench.records.schema import Point
-    from vcfbench.station.parts import Expected
+from vcfbench.records.schema import Point
+from vcfbench.station.parts import Expected
 
 _NOISES = 8.0
 """Allowance for noise, in standard uncertainties: readings are not independent (flicker)."""
@@ -33,20 +28,12 @@ _ZEROS_APART = 2.0
 _ROUGHLY = 10.0
 """Factor by which K_Vc may differ from the guess of the bench file, either way."""
 
-_STATIONARY_DEG_S = 1e-9
-
-
-def _driven(point: Point) -> bool:
-    """Tell whether the generator was on: in steps 2 and 4 and the zeros between, where the table is at rest."""
-    return point.step in {2, 4, 6, 7}
+_DRIVEN = frozenset({2, 4, 6, 7})
+"""Steps with the generator on: 2 and 4 and the zeros between, where the table is at rest."""
 
 
 def require_same_zero(zero_table: Point, zero_virtual: Point, turning: Point) -> None:
-    """See that the generator, coming on at 0 V, does not move the zero by more than the match can bear.
-
-    Raises:
-        MeasurementError: it does: V_Vc has an offset.
-    """
+    """Raise MeasurementError if the generator, coming on at 0 V, moves the zero by more than the match can bear."""
     span_v = abs(turning.output_v - zero_table.output_v)
     moved_v = zero_virtual.output_v - zero_table.output_v
     if abs(moved_v) > _ZEROS_APART * span_v:
@@ -72,7 +59,7 @@ def require_steady_slope(
     Raises:
         MeasurementError: between two rates the slope is not within 0.5 to 1.5 of that of the whole.
     """
-    ordered = sorted(_distinct(points), key=_x)
+    ordered = _distinct(points)
     if len(ordered) < 2:
         return
     slope = _slope(*reference) if reference else statistics.median(starmap(_slope, pairwise(ordered)))
@@ -97,11 +84,12 @@ def require_steady_slope(
 
 
 def _distinct(points: Sequence[Point]) -> list[Point]:
-    return list({_x(point): point for point in points}.values())
+    """Return the last point of each setting, by rising settings."""
+    return sorted({_x(point): point for point in points}.values(), key=_x)
 
 
 def _x(point: Point) -> float:
-    return point.v_vc_v if _driven(point) else point.rate_deg_s
+    return point.v_vc_v if point.step in _DRIVEN else point.rate_deg_s
 
 
 def _slope(left: Point, right: Point) -> float:
@@ -109,26 +97,17 @@ def _slope(left: Point, right: Point) -> float:
 
 
 def require_expected_column(points: Sequence[Point], expected: Expected) -> None:
-    """Raise MeasurementError unless scale factor and bias on the table are those that the bench file expects.
-
-    Raises:
-        MeasurementError: they are not.
-    """
-    ordered = sorted(_distinct(points), key=_x)
+    """Raise MeasurementError unless scale factor and bias on the table are those that the bench file expects."""
+    ordered = _distinct(points)
     scale_factor = _slope(ordered[0], ordered[-1])
     zero = min(ordered, key=lambda point: abs(point.rate_deg_s))
     bias_v = zero.output_v - scale_factor * zero.rate_deg_s
-    step = points[-1].step
-    _require("scale_factor_v_per_deg_s", expected.scale_factor_v_per_deg_s, scale_factor, step)
-    _require("bias_v", expected.bias_v, bias_v, step)
+    for key, value in (("scale_factor_v_per_deg_s", scale_factor), ("bias_v", bias_v)):
+        _require(key, getattr(expected, key), value, points[-1].step)
 
 
 def require_expected_k_vc(k_vc: float, guess: float, expected: Expected) -> None:
-    """Raise MeasurementError unless K_Vc, (deg/s)/V, has the guess's sign and rough size, or the expected value.
-
-    Raises:
-        MeasurementError: it is not.
-    """
+    """Raise MeasurementError unless K_Vc, (deg/s)/V, has the guess's sign and rough size, or the expected value."""
     _require("k_vc_deg_s_per_v", expected.k_vc_deg_s_per_v, k_vc, 2)
     if expected.k_vc_deg_s_per_v is None and not 1.0 / _ROUGHLY <= k_vc / guess <= _ROUGHLY:
         raise MeasurementError(
@@ -140,20 +119,11 @@ def require_expected_k_vc(k_vc: float, guess: float, expected: Expected) -> None
         )
 
 
-_NAMES = MappingProxyType(
-    {
-        "scale_factor_v_per_deg_s": ("scale factor", "V/(deg/s)"),
-        "bias_v": ("bias", "V"),
-        "k_vc_deg_s_per_v": ("K_Vc", "(deg/s)/V"),
-    }
-)
-"""Names of the keys of ``[expected]``, and their units."""
-
-
 def _require(key: str, window: tuple[float, float] | None, value: float, step: int) -> None:
     if window is None or window[0] <= value <= window[1]:
         return
-    what, unit = _NAMES[key]
+    names = {"scale_factor_v_per_deg_s": ("scale factor", "V/(deg/s)"), "bias_v": ("bias", "V")}
+    what, unit = names.get(key, ("K_Vc", "(deg/s)/V"))
     raise MeasurementError(
         f"the {what} is {value:.6g} {unit}, the bench file expects {window[0]:g} to {window[1]:g} {unit} "
         f"(expected.{key})",
@@ -164,9 +134,7 @@ def _require(key: str, window: tuple[float, float] | None, value: float, step: i
 
 
 def _words(point: Point) -> str:
-    if _driven(point):
-        return f"V_Vc of {point.v_vc_v:+.6g} V"
-    return f"{point.rate_deg_s:+g} deg/s"
+    return f"V_Vc of {point.v_vc_v:+.6g} V" if point.step in _DRIVEN else f"{point.rate_deg_s:+g} deg/s"
 
 
 def _disagreement(point: Point, what: str, hint: str) -> MeasurementError:

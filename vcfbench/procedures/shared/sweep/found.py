@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.shared.sweep import schedule
 from vcfbench.procedures.shared.sweep.window_noise import WindowNoise
 from vcfbench.procedures.shared.sweep.windows import Sweep, zero_places
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.records.schema import Point
+from vcfbench.records.schema import Point
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +102,9 @@ def _repeatability(settings: schedule.SweepSettings, points: Sequence[Point], sw
     outputs = np.array([point.output_v for point in points])
     made = [_line_weights(each) for each in rates]
     mixing = sweep.mixing.reshape(settings.repeat, size, len(points))
-    slopes = np.array([slope @ through for (slope, _), through in zip(made, mixing, strict=True)])
-    biases = np.array([bias @ through for (_, bias), through in zip(made, mixing, strict=True)])
+    slopes, biases = (
+        np.array([each[kind] @ through for each, through in zip(made, mixing, strict=True)]) for kind in (0, 1)
+    )
     noises = WindowNoise.of(settings, points, float((slopes @ outputs).mean()))
     for name, unit, weights in (("scale_factor", "V/(deg/s)", slopes), ("bias", "V", biases)):
         values, dof = weights @ outputs, settings.repeat - 1
@@ -125,7 +120,9 @@ def _hysteresis(settings: schedule.SweepSettings, points: Sequence[Point], sweep
     ways = np.tile(schedule.loop_directions(settings.rates_deg_s), settings.repeat)
     nominal = np.tile(settings.series_deg_s, settings.repeat)
     rates = sorted(set(settings.rates_deg_s), reverse=True)
-    weights = np.array([_up_less_down(nominal == rate, ways) for rate in rates]) @ sweep.mixing
+    up, down = ([(nominal == rate) & (sign * ways > 0) for rate in rates] for sign in (1, -1))
+    weights = np.array([plus / plus.sum() - minus / minus.sum() for plus, minus in zip(up, down, strict=True)])
+    weights = weights @ sweep.mixing
     slope, _ = _line_weights(np.array([point.rate_deg_s for point in sweep.points]))
     outputs = np.array([point.output_v for point in points])
     scale_factor = float(slope @ sweep.mixing @ outputs)
@@ -142,26 +139,22 @@ def _hysteresis(settings: schedule.SweepSettings, points: Sequence[Point], sweep
     ]
     largest = measurand(float(differences[most]), "%", parts)
     by_noise = t_of_largest(len(rates), math.inf) * float(u.max())
+    holds_not = list(_DRIFT_IN_HYSTERESIS[settings.zeros])
+    if noise.flicker is None:
+        holds_not.append("flicker: no zero record is known (uncertainty.bias_instability_deg_h)")
+    holds_not.append("hysteresis that is over before the averaging begins (settle_s)")
     return Hysteresis(
         largest,
         rates[most],
         by_noise,
         abs(largest.value) > by_noise,
         tuple(zip(rates, differences.tolist(), strict=True)),
-        tuple(_not_in_hysteresis(settings, noise)),
+        tuple(holds_not),
     )
 
 
-def _up_less_down(here: NDArray[np.bool_], ways: NDArray[np.int_]) -> Floats:
-    up, down = here & (ways > 0), here & (ways < 0)
-    return np.asarray(up / up.sum() - down / down.sum())
-
-
-def _not_in_hysteresis(settings: schedule.SweepSettings, noise: WindowNoise) -> Iterator[str]:
-    if settings.zeros is schedule.Zeros.NONE:
-        yield "drift between the ways up and down reads as hysteresis: no zeros were taken (zeros)"
-    elif settings.zeros is schedule.Zeros.ENDS:
-        yield "drift that is not linear in time between the zeros reads as hysteresis"
-    if noise.flicker is None:
-        yield "flicker: no zero record is known (uncertainty.bias_instability_deg_h)"
-    yield "hysteresis that is over before the averaging begins (settle_s)"
+_DRIFT_IN_HYSTERESIS = {
+    schedule.Zeros.NONE: ["drift between the ways up and down reads as hysteresis: no zeros were taken (zeros)"],
+    schedule.Zeros.ENDS: ["drift that is not linear in time between the zeros reads as hysteresis"],
+    schedule.Zeros.BRACKET: [],
+}

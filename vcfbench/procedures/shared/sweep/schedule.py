@@ -29,7 +29,7 @@ those of a search for V_Vc.
 
 
 class Order(Enum):
-    """In which order the rates are visited.
+    """Order of the rates.
 
     `PAPER`: as they are given. `ALTERNATE`: by size, + before -. `ABBA`: by size, each pair +, -, -, +. `LOOP`: from 0
     up to the largest, down to the smallest, back to 0.
@@ -100,8 +100,8 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
     @property
     def as_in_the_paper(self) -> bool:
         """True if the rates are visited as the paper does it."""
-        plain = (Order.PAPER, Zeros.NONE, 1, False, Earth.BIAS)
-        return (self.order, self.zeros, self.repeat, self.whole_turns, self.earth) == plain
+        asked = (self.order, self.zeros, self.repeat, self.whole_turns, self.earth)
+        return asked == (Order.PAPER, Zeros.NONE, 1, False, Earth.BIAS)
 
     @property
     def series_deg_s(self) -> tuple[float, ...]:
@@ -143,21 +143,18 @@ def ordered(rates_deg_s: Sequence[float], order: Order) -> tuple[float, ...]:
         at_rest = [0.0] * (2 * sum(rate == 0.0 for rate in rates_deg_s))
         return (*at_rest, *(sign * rate for rate in plus for sign in (1.0, -1.0, -1.0, 1.0)))
     if order is Order.LOOP:
-        up, down, back = _loop(rates_deg_s)
-        return (*up, *down, *back)
+        return tuple(rate for _, way in _loop(rates_deg_s) for rate in way)
     return tuple(rates_deg_s)
 
 
 def loop_directions(rates_deg_s: Sequence[float]) -> tuple[int, ...]:
     """Return how each window of a loop is reached: 1 on a way up, -1 on the way down."""
-    up, down, back = _loop(rates_deg_s)
-    return (*(1,) * len(up), *(-1,) * len(down), *(1,) * len(back))
+    return tuple(direction for direction, way in _loop(rates_deg_s) for _ in way)
 
 
-def _loop(rates_deg_s: Sequence[float]) -> tuple[list[float], list[float], list[float]]:
+def _loop(rates_deg_s: Sequence[float]) -> list[tuple[int, list[float]]]:
     rising = sorted({rate + 0.0 for rate in rates_deg_s})
-    up = [rate for rate in rising if rate >= 0.0]
-    return up, rising[::-1], [rate for rate in rising if rate <= 0.0]
+    return [(1, [rate for rate in rising if rate >= 0.0]), (-1, rising[::-1]), (1, [r for r in rising if r <= 0.0])]
 
 
 def visits(series_deg_s: Sequence[float], zeros: Zeros, repeat: int) -> tuple[float | None, ...]:

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import combinations, pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Source
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.procedures.shared.sweep.schedule import ZERO_DRIVEN, ZERO_TABLE
 from vcfbench.procedures.shared.sweep.windows import window_times
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
+from vcfbench.records.schema import Point
+from vcfbench.station.settings import ProcedureSettings
 
 ENOUGH_DOF = 10.0
 """Degrees of freedom of B by a run's own zeros from which it replaces the stated one: Student's factor is within 14 %
@@ -70,8 +66,14 @@ class WindowNoise(Struct, frozen=True):
         readings = np.array([point.n for point in points])
         dof = sum(point.n - 1 for point in points)
         pooled = math.fsum((point.n - 1) * point.std_v**2 for point in points) / dof
-        pooled = _resolved(pooled, settings.meter_resolution_v, int(readings.max()))
-        white = cls(readings, pooled, float(dof), np.empty(0), None, referred_v2=_by_references(points))
+        if pooled < 0.25 * settings.meter_resolution_v**2:
+            # Readings that scatter by less than half a digit are alike, and their mean is no better than one of them
+            pooled = max(pooled, int(readings.max()) * settings.meter_resolution_v**2 / 12.0)
+        referred = None  # two windows that are counted from references share those before the earlier one
+        if any(point.moved_u_v for point in points):
+            squares = np.square([point.moved_u_v for point in points])
+            referred = np.minimum.outer(squares, squares)
+        white = cls(readings, pooled, float(dof), np.empty(0), None, referred_v2=referred)
         # The weights (k, n) of the differences between each zero and the next one of the same kind
         pairs = [
             pair
@@ -147,25 +149,6 @@ class WindowNoise(Struct, frozen=True):
         flicker = self.by_flicker(weights, [each.steady for each in sums])
         more, also = _jointly("flicker", sums, flicker, self.flicker_dof)
         return sources + more, correlations | also
-
-
-def _resolved(variance_v2: float, resolution_v: float, readings: int) -> float:
-    """Return the variance of one reading such that means have no less than the last digit leaves them.
-
-    Readings that scatter by less than half a digit are alike, and their mean is no better than one of them. Those that
-    scatter by more average the digit out.
-    """
-    if variance_v2 >= 0.25 * resolution_v**2:
-        return variance_v2
-    return max(variance_v2, readings * resolution_v**2 / 12.0)
-
-
-def _by_references(points: Sequence[Point]) -> Floats | None:
-    """Return the covariances of windows that are counted from references: two share those before the earlier one."""
-    if not any(point.moved_u_v for point in points):
-        return None
-    squares = np.square([point.moved_u_v for point in points])
-    return np.minimum.outer(squares, squares)
 
 
 _LEAST_DOF = 2.0

@@ -7,21 +7,17 @@ weights go with it, and noise and flicker go through them with all their correla
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.sweep.schedule import ZERO_DRIVEN, ZERO_TABLE, SweepSettings, window_grid
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.analysis.arrays import Floats
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import ProcedureSettings
+from vcfbench.records.schema import Point
+from vcfbench.station.settings import ProcedureSettings
 
 
 class Sweep(Struct, frozen=True):
@@ -43,18 +39,14 @@ class Sweep(Struct, frozen=True):
 
     def u_v(self, u_output_v: float) -> float | list[float]:
         """Return the standard uncertainty of the outputs, V, one for all if they agree; `u_output_v` is a window's."""
-        gains = self.noise_gains
-        return u_output_v if set(gains) == {1.0} else [gain * u_output_v for gain in gains]
+        return u_output_v if set(gains := self.noise_gains) == {1.0} else [gain * u_output_v for gain in gains]
 
 
 def drift_weights(at_s: Floats, zeros_at_s: Floats) -> Floats:
     """Return the weights of the zeros, (m,), in the drift at the times `at_s`, (n,): (n, m), each row adds up to 0.
 
     The zero is interpolated in time between those before and after, and its mean over all of them taken off, so that
-    what is subtracted is the drift and not the bias.
-
-    Raises:
-        ConfigError: a time does not lie between two zeros.
+    what is subtracted is the drift and not the bias. ConfigError: a time does not lie between two zeros.
     """
     if zeros_at_s.size < 2 or at_s.min() < zeros_at_s[0] or at_s.max() > zeros_at_s[-1]:
         raise ConfigError("a window has no zero before or after it")
