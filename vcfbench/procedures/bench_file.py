@@ -1,7 +1,5 @@
 """Bench files with every check: the station's own, those of the simulation, and the settings of the procedures."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Procedures of one's own: a file read as one, and mistakes in its code told with file and line."""
 
-from __future__ import annotations
-
 import sys
 import traceback
 from collections.abc import Callable

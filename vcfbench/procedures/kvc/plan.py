@@ -8,8 +8,6 @@ out of K_Vc (one point at +10 deg/s: +0.094 %), and several rates its odd order 
 V_Vc is measured; the paper takes the generator's setting, which is good to 2 % and 4 mV.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 from vcfbench.interfaces import ReadsVoltage

@@ -1,7 +1,5 @@
 """K_Vc from the points of its calibration: curve, covariance, budget; the certificate and the report of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ after window. The true rate is the output with the sine taken out, and is compar
 before and after. Neither a table nor an oscilloscope is needed; where there is a table it may turn meanwhile.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 from vcfbench import steps

@@ -1,7 +1,5 @@
 """Report of a calibration by a modulation: scale factor of every window and of the run, its budget, figures."""
 
-from __future__ import annotations
-
 from vcfbench.procedures.online.results import OnlineResult, WindowFactor
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.shared.known.certificate import drift_parts, lists_of_omissions

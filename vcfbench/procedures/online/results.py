@@ -5,8 +5,6 @@ as much of the fundamental as of the third harmonic, and moves the mean by as mu
 the record and taken out, so that of the curve of K_Vc its slope at 0 V is all that is needed.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Mapping, Sequence

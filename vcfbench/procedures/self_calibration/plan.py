@@ -5,8 +5,6 @@ chopped at each level, 0, +, -, -, + and 0, the bias taken with the generator of
 needed: supply, generator, a multimeter, and where there is one a second on V_Vc.
 """
 
-from __future__ import annotations
-
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN

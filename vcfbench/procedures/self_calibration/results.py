@@ -5,8 +5,6 @@ through the function's derivatives. Two results of one device share much: the ce
 share has the same effect on both, so it cancels in their difference; a part says with `of` whose it is.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -5,8 +5,6 @@ against V_Vc. On the table the output's was measured, and it is the smaller by f
 within `OUTPUT_LIMIT` of itself, and what has changed of the whole is the modulator's.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Characteristics that K_Vc depends on, kept under the device's name for its next certificate."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self

@@ -1,7 +1,5 @@
 """Measured values as they are reported: one combined uncertainty, its contributions, and its omissions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Corrections of a voltmeter's readings on a range by its certificate."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any

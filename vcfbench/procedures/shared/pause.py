@@ -4,8 +4,6 @@ Between pause and going on the rails stay on, so that the gyroscope stays warm. 
 before and after: by what it moved everything later is counted from a new reference.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet

@@ -3,8 +3,6 @@
 Both channels are sampled at the same instants, so nothing has to be known of when the generator or a meter began.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

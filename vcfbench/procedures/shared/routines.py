@@ -1,7 +1,5 @@
 """Common parts of work instructions: power up, check the drive, go to a rate, take a point, shut down."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, TypeVar
 

@@ -1,7 +1,5 @@
 """Sampling of sines: common parts of `bandwidth`, `vibration` and others."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from statistics import pstdev
 

@@ -1,11 +1,9 @@
 """The uncertainty budget of a four-step calibration: K_Vc from one match, both lines, and how they differ."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from msgspec import Struct
@@ -128,7 +126,7 @@ class _Levels(Struct, frozen=True):
     """Effect of each source on each value, per unit of the source."""
 
     @classmethod
-    def of(cls, line: Line, k_vc: float, matching: Matching, known: KnownLevels) -> _Levels:
+    def of(cls, line: Line, k_vc: float, matching: Matching, known: KnownLevels) -> Self:
         level_v, absolute = line.rate_deg_s / k_vc, matching.match.value == "absolute"
         sloping, shifting = line.slope_weights * line.derivative, line.bias_weights * line.derivative
         # each output is taken from its own zero, which the generator's 0 V makes

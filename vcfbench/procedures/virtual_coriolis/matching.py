@@ -1,9 +1,8 @@
 """Step 2 of the paper as arithmetic: which V_Vc gives the output that the table gave at 10 deg/s, hence K_Vc."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
+from typing import Self
 
 from msgspec import Struct
 
@@ -37,7 +36,7 @@ class Mean(Struct, frozen=True):
         return self.std_v / math.sqrt(self.n)
 
     @classmethod
-    def of(cls, points: Iterable[Point]) -> Mean:
+    def of(cls, points: Iterable[Point]) -> Self:
         """Return the mean of windows that were taken at the same setting."""
         windows = tuple(points)
         count = sum(point.n for point in windows)
@@ -62,7 +61,7 @@ class Matching(Struct, frozen=True):
     tries: tuple[Mean, ...]
 
     @classmethod
-    def of(cls, points: Iterable[Point], match: Match, rate_deg_s: float) -> Matching:
+    def of(cls, points: Iterable[Point], match: Match, rate_deg_s: float) -> Self:
         """Do the arithmetic of steps 1 and 2 on their points.
 
         Step 1 holds the zero and the output at the matching rate, step 2 the zero with the generator on and at least

@@ -1,11 +1,9 @@
 """The uncertainty budget of a four-step calibration whose K_Vc is from null comparisons at rates of both signs."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from msgspec.structs import replace
@@ -91,7 +89,7 @@ class _NullLevels:
     @classmethod
     def of(
         cls, line: lines.Line, level_v: Floats, matching: NullMatching, points: Sequence[Point], known: Sources
-    ) -> _NullLevels:
+    ) -> Self:
         levels = known_levels(points, known)
         sloping, shifting = line.slope_weights * line.derivative, line.bias_weights * line.derivative
         powers = level_v[:, None] ** np.arange(1, matching.coefficients.size + 1)

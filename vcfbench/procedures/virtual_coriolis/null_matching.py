@@ -4,8 +4,6 @@ Rates are those relative to V_Vc = 0: ``rate = sum of c_p V^p`` for p from 1. Fr
 K_Vc, out of which the half difference keeps the modulator's even order. What a curve calls k0 is not used.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Report of a four-step calibration: the paper's Table 1 and its figures, both lines, and their comparison."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

@@ -4,8 +4,6 @@ A bias is the mean over the horizon (`horizon_h`, a day) about the run. Flicker 
 so a short run tells little of that mean however well it is read; how little follows from B alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Uncertainty of V_Vc: of the meter that measured it, else of the generator that it was set on."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 

@@ -1,9 +1,7 @@
 """A least-squares line of outputs against rates, and the sources of its errors: readings, meter, table, Earth."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from msgspec import Struct
@@ -32,7 +30,7 @@ class Line(Struct, frozen=True):
     """Weights of all windows' outputs in the outputs of the line: the windows' own, less a drift of zeros."""
 
     @classmethod
-    def of(cls, sweep: Sweep) -> Line:
+    def of(cls, sweep: Sweep) -> Self:
         """Return the line of the windows of a sweep."""
         rate = np.array([point.rate_deg_s for point in sweep.points])
         output = np.array([point.output_v for point in sweep.points])

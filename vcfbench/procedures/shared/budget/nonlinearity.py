@@ -1,10 +1,8 @@
 """The non-linearity of lines with its uncertainty: the largest residual, or a bound where errors alone may make it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from msgspec import Struct, structs
@@ -38,19 +36,17 @@ class CurvedLine(Struct, frozen=True):
     """Reason for having a bound only, whatever is found; empty where there may be a value."""
 
     @classmethod
-    def of(cls, name: str, line: Line) -> CurvedLine:
+    def of(cls, name: str, line: Line) -> Self:
         """Return that of a line whose rates are known but for a common factor, which cancels."""
         residuals = Residuals.of(line)
         return cls(name, residuals, line.rate_deg_s, line.derivative, residuals.of_outputs @ line.mixing, {}, {})
 
-    def with_levels(self, k_vc: float, known: KnownLevels) -> CurvedLine:
+    def with_levels(self, k_vc: float, known: KnownLevels) -> Self:
         """Return it with errors of V_Vc; that of the one match scales all rates and cancels."""
         through = self.residuals.of_outputs * self.derivative * k_vc
         return self.with_errors(known, self.rate_deg_s / k_vc, through)
 
-    def with_errors(
-        self, known: KnownLevels, volts: Floats, through: Floats, u_before: Sequence[float] = ()
-    ) -> CurvedLine:
+    def with_errors(self, known: KnownLevels, volts: Floats, through: Floats, u_before: Sequence[float] = ()) -> Self:
         """Return it with errors of the levels `volts`, which move the residuals by `through`, ppm/V.
 
         The first levels have a standard uncertainty of their own, `u_before`, V.
@@ -135,7 +131,7 @@ class WorstResidual(Struct, frozen=True):
     only_bound: str
 
     @classmethod
-    def of(cls, curved: CurvedLine, sources: Mapping[str, Source], noise: WindowNoise) -> WorstResidual:
+    def of(cls, curved: CurvedLine, sources: Mapping[str, Source], noise: WindowNoise) -> Self:
         """Return that of a line."""
         steady = [False] * len(curved.weights)
         normal = noise.by_flicker(curved.weights, steady) + sum(each @ each.T for each in curved.own.values())

@@ -4,11 +4,9 @@ The demodulator sees a signal with the cosine of its angle to the reference, so 
 what V_Vc does, and with it K_Vc; one of the demodulator's changes both columns alike, and lets quadrature through.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 from msgspec import Struct
 
@@ -29,7 +27,7 @@ class PhaseErrors(Struct, frozen=True):
     bias_deg_s_per_demodulator_deg: float
 
     @classmethod
-    def of(cls, known: Sources) -> PhaseErrors:
+    def of(cls, known: Sources) -> Self:
         """Return the known errors of the phases: no source without a limit."""
         limits = {CARRIER_PHASE: known.carrier_phase_deg, DEMODULATOR_PHASE: known.demodulator_phase_deg}
         sources = [Source.within(name, 0.0, limit, "deg") for name, limit in limits.items() if limit]

@@ -5,11 +5,9 @@ intercepts, the match of step 2) are weights; readings' scatter and flicker go t
 the rest is a model for :mod:`~vcfbench.analysis.budget`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 from msgspec import Struct
 
@@ -129,7 +127,7 @@ class Circumstances(Struct, frozen=True):
     phases: PhaseErrors
 
     @classmethod
-    def of(cls, settings: ProcedureSettings) -> Circumstances:
+    def of(cls, settings: ProcedureSettings) -> Self:
         """Return the known effects; the warm-up as far as it is to go when the first window begins."""
         known, sources = settings.station.sources, []
         if known.scale_factor_ppm_k is not None and known.bias_deg_h_k is not None:

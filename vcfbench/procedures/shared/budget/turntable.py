@@ -1,7 +1,5 @@
 """The uncertainty budget of a calibration on the rate table: scale factor, bias and non-linearity of its line."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any

@@ -6,9 +6,7 @@ another the largest; what was found lies higher than the truth for the same reas
 what is left is the scatter of the trials about their own mean.
 """
 
-from __future__ import annotations
-
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 from msgspec import Struct
@@ -42,7 +40,7 @@ class Residuals(Struct, frozen=True):
     """(m, n): change of each residual by 1 deg/s of each rate, outputs as they were, ppm/(deg/s)."""
 
     @classmethod
-    def of(cls, line: Line) -> Residuals:
+    def of(cls, line: Line) -> Self:
         """Return those of a line."""
         rate, slope = line.rate_deg_s, line.scale_factor
         to_ppm = 1e6 / (abs(slope) * float(np.ptp(rate)))

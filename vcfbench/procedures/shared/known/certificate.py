@@ -4,8 +4,6 @@ The certificate is what a drift is counted from. A step is seen against it and a
 run hides in its noise by the cumulative sum over all entries.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Prior knowledge of a device: its K_Vc from a certificate, a file or a number, and its history."""
 
-from __future__ import annotations
-
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, ClassVar, Self, cast

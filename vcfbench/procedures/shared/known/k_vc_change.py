@@ -4,8 +4,6 @@ The closed form is that of :mod:`vcfbench.analysis.k_vc_model`. What a certifica
 assumed as wide as the class of silicon tuning forks has it, and named; what is not known makes no uncertainty smaller.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ What cannot be seen without a table (combs, their gap and charges, masses) may h
 time, so its limit grows in proportion to the time since the certificate, and any drift within is as likely.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 A generator reads back its setting to the last digit, however far its level is off; a second meter sees the level.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,5 @@
 """The scale factor that turns the output at rest into a rate: told, read from a record, or expected."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum

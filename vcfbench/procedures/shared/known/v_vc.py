@@ -4,8 +4,6 @@ What a generator was set to it reads back to the last digit, however far it is o
 says that the setting is believed, and then the generator's accuracy is the uncertainty.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

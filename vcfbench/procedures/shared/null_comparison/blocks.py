@@ -1,7 +1,5 @@
 """Chopped blocks as results see them: their noise, the V_Vc at which nothing is left, the output at rest."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

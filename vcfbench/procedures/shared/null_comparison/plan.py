@@ -5,8 +5,6 @@ V_Vc on: what drifts linearly cancels in each block, what is added to the output
 zeros.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ for each pattern (Willsky and Jones 1976, *A generalized likelihood ratio approa
 in linear systems*); the largest decides.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

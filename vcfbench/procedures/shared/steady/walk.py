@@ -3,10 +3,9 @@
 That is within the uncertainty of the difference: noise of the readings, flicker, warm-up, temperature.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
+from typing import Self
 
 from msgspec import Struct, field
 
@@ -89,7 +88,7 @@ class Limits(Struct, frozen=True):
     """Relative, of the rate of one window."""
 
     @classmethod
-    def of(cls, settings: ProcedureSettings) -> Limits:
+    def of(cls, settings: ProcedureSettings) -> Self:
         """Return the limits that the bench file knows, the worst of the class where it does not."""
         known, expected = settings.station.sources, settings.expected
         per_deg_h = abs(settings.expected_gyro().scale_factor) / 3600.0

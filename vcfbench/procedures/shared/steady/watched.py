@@ -1,7 +1,5 @@
 """A part of a plan whose windows are seen as they are taken, and asked together at its end."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 from vcfbench.procedures.shared.steady.walk import Limits, Walk

@@ -5,8 +5,6 @@ swapped leave behind in the middle of a run is refused here; what is wrong from 
 known from the run, and is what `[expected]` is for.
 """
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Results of the order of rates in a sweep: repeatability, hysteresis, drift of the zero."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,10 +1,9 @@
 """Joint variation of the outputs of all windows of a run, and its contribution to weighted sums of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import combinations, pairwise
+from typing import Self
 
 import numpy as np
 from msgspec import Struct
@@ -58,7 +57,7 @@ class WindowNoise(Struct, frozen=True):
     """(n, n): covariances by the references after pauses, which all windows after them share; None without a pause."""
 
     @classmethod
-    def of(cls, settings: ProcedureSettings, points: Sequence[Point], scale_factor: float) -> WindowNoise:
+    def of(cls, settings: ProcedureSettings, points: Sequence[Point], scale_factor: float) -> Self:
         """Return that of the windows of a run; the flicker is a rate, seen by `scale_factor`, V/(deg/s).
 
         Its B is that of the run's own zeros where they are many enough, else what is told, else theirs all the same.

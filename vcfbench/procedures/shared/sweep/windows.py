@@ -4,8 +4,6 @@ What is taken off is a weighted sum of zeros, so a corrected output is a weighte
 weights go with it, and noise and flicker go through them with all their correlations: neighbours share a zero.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
