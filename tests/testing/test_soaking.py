@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
 from vcfbench.clock import VirtualClock
-from vcfbench.testing.soaking import shrunk, soak, trial, tried
+from vcfbench.testing.soaking import cleaned, shrunk, soak, trial, tried
 from vcfbench.testing.soaking.draw import Happening, drawn
 
 LATE = Happening(0, 0.5, "fault", fault=Fault("rate_table", "late", count=2, delay_s=3.64))
@@ -92,6 +92,16 @@ def test_seeds_in_a_row_have_the_same_work_and_happenings_of_their_own() -> None
     assert {replace(each, seed=0, happenings=()).describe()[1] for each in draws} == {draws[0].describe()[1]}
     assert len({each.happenings for each in draws}) > 7
     assert drawn(30).describe()[:2] != draws[0].describe()[:2]
+
+
+def test_an_offset_before_the_first_window_is_a_bias_that_no_reading_contradicts_and_a_later_one_is_found() -> None:
+    draw = replace(drawn(404363), happenings=())
+    clean = cleaned(draw)
+    offset = Fault("multimeter", "offset", offset=0.1)
+    for at, found in ((0.12, False), (0.5, True)):
+        verdict = tried(replace(draw, happenings=(Happening(0, at, "fault", fault=offset),)), clean)
+        assert verdict.wrong == ()
+        assert verdict.ends[0].startswith("MeasurementError" if found else "complete")
 
 
 @pytest.mark.exhaustive

@@ -114,7 +114,11 @@ class _Lives:
             return self._refused(ended, before)
         made = [each for each in self._folder.iterdir() if each not in known and (each / "journal.jsonl").exists()]
         record = self._read(made[0]) if made else None
-        wrong = [*wrong_of(ended, self._clean, spoilt=self._spoilt), *wrong_values(ended, self._clean.values)]
+        taken_over = before is not None and bool(before.points)
+        wrong = [
+            *wrong_of(ended, self._clean, spoilt=self._spoilt),
+            *wrong_values(ended, self._clean.values, taken_over=taken_over),
+        ]
         if made and record is not None and record.header and not _is_short(record):
             if before is not None:
                 ended.points[:0] = [each.as_json() for each in before.points]

@@ -25,7 +25,7 @@ from vcfbench.runs.request import Request, prepare
 from vcfbench.runs.resumed import broken_off
 from vcfbench.safety.signals import StopSignals
 from vcfbench.sim.builder import SimulatedBench
-from vcfbench.steps.executor import StepFinished
+from vcfbench.steps.executor import StepFinished, StepStarted
 from vcfbench.testing.disk import Disk, DiskState
 
 if TYPE_CHECKING:
@@ -78,6 +78,8 @@ class Ended(Struct):
     wrong: list[str] = field(default_factory=list)
     points: list[dict[str, Any]] = field(default_factory=list)
     """Those that were shown."""
+    measured_s: tuple[float, float] | None = None
+    """From the first window of these to the end of the last."""
     rate_deg_s: float = 0.0
     v_vc_v: float = 0.0
     rails_v: tuple[float, float] = (0.0, 0.0)
@@ -124,6 +126,8 @@ class _Stage:
         self._written = [(1 + round(each.at * clean.operations), each) for each in happenings if each.by_writes]
         self._world: Any = None
         self._clock: Any = None
+        self._begun_s = 0.0
+        """When the step under way began."""
 
     def build(self, description: BenchDescription, seed: int, clock: Clock, /) -> SimulatedBench:
         """Build the bench with its faults."""
@@ -145,10 +149,14 @@ class _Stage:
 
     def handle(self, event: Event) -> None:
         """Keep the points that were shown."""
-        self.ended.last_event_s = self._clock.now()
+        ended, now_s = self.ended, self._clock.now()
+        ended.last_event_s = now_s
+        if isinstance(event, StepStarted):
+            self._begun_s = now_s
         point = event.result.recorded_point if isinstance(event, StepFinished) else None
-        if point is not None and not self.ended.died:
-            self.ended.points.append(point.as_json())
+        if point is not None and not ended.died:
+            ended.points.append(point.as_json())
+            ended.measured_s = (self._begun_s if ended.measured_s is None else ended.measured_s[0]), now_s
 
     def act(self, happening: Happening) -> None:
         """Let something happen at an instant."""
