@@ -283,7 +283,7 @@ def _perform(course: _Course, signals: StopSignals) -> None:
             record.perform(bench, watchers, signals)
     except BaseException as error:
         course.take_error(_as_bench_error(error))
-        if not isinstance(error, BenchError | KeyboardInterrupt):
+        if not isinstance(error, BenchError | KeyboardInterrupt | OSError | ImportError):
             raise  # a mistake of ours; the record is closed all the same
     finally:
         signals.close()
@@ -317,6 +317,10 @@ def _as_bench_error(error: BaseException) -> BenchError:
             return Aborted.behind(error) or error
         case KeyboardInterrupt():
             return Aborted("stopped by the operator")
+        case OSError() | ImportError():  # files, memory, a package that was changed meanwhile
+            failed = BenchError(f"this computer ended the run: {type(error).__name__}: {error}")
+            failed.__cause__ = error
+            return failed
     return BenchError(f"the program has a mistake: {type(error).__name__}: {error}")
 
 

@@ -235,11 +235,11 @@ def prepare(request: Request, checked: Checked) -> Prepared:
 @contextmanager
 def blamed_on(procedure: AnyProcedure) -> Iterator[None]:
     """Raise mistakes in the code of a procedure that did not come along as PlanError, with file and line."""
+    from vcfbench.procedures.own_code import mistake_of  # noqa: PLC0415  # now: later there may be no file left
+
     try:
         yield
     except Exception as error:
-        from vcfbench.procedures.own_code import mistake_of  # noqa: PLC0415
-
         if (mistake := mistake_of(procedure, error)) is not None:
             raise mistake from error
         raise
