@@ -17,6 +17,7 @@ from simrack_tests.cells import few
 
 import vcfbench
 from tests import warm
+from vcfbench.records.journal import read_journal
 from vcfbench.station.file import embedded_text, template
 from vcfbench.steps import SetRate, Settle
 
@@ -277,6 +278,26 @@ def test_an_error_of_the_bench_is_raised_with_the_run_that_it_ended(kind: type, 
     assert (type(again.error), str(again.error)) == (vcfbench.Aborted, str(caught.value))
     assert again.error is not None
     assert again.error.run is again
+
+
+@pytest.mark.parametrize("kind", [OSError, ImportError])
+def test_what_the_computer_refuses_in_mid_run_is_an_error_of_the_bench_and_the_record_is_closed(
+    kind: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No file descriptor is left, or the package was changed: a module that is loaded late cannot be."""
+
+    def refuse(_walk: object) -> None:
+        raise kind("too many open files")
+
+    monkeypatch.setattr("vcfbench.procedures.shared.steady.jumps.require_no_jump", refuse)
+    with pytest.raises(
+        vcfbench.BenchError, match=rf"this computer ended the run: {kind.__name__}: too many open"
+    ) as caught:
+        vcfbench.run("turntable", settings=QUICK, runs=tmp_path)
+    assert isinstance(caught.value.__cause__, kind)
+    assert caught.value.run is not None
+    footer = read_journal(caught.value.run.directory / "journal.jsonl").footer  # type: ignore[operator]
+    assert all(each["safe"] for each in footer["safe"])  # type: ignore[index]
 
 
 def test_a_failed_limit_is_a_verdict_and_no_error(tmp_path: Path) -> None:

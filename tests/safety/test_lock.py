@@ -8,23 +8,25 @@ import socket
 import stat
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from msgspec import structs
 
 from vcfbench.bench.ground import station
+from vcfbench.clock import WallClock
 from vcfbench.errors import BenchError
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.safety.lock import InUse, LockUnusable, instrument_locks, lock_directory, lock_path
+from vcfbench.safety.lock import InUse, LockUnusable, instrument_locks, lock_directory, lock_path, owners_of
 from vcfbench.station.file import template
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 METER = "GPIB0::22::INSTR"
 SUPPLY = "GPIB0::5::INSTR"
+OPEN_FILES = Path("/dev/fd")
 HOLD = """
 import sys
 from vcfbench.safety.lock import instrument_locks
@@ -88,6 +90,36 @@ def test_a_killed_process_leaves_its_instruments_free(holder: subprocess.Popen[s
         assert left_by["multimeter"].startswith(f"process {holder.pid} of ")
     with instrument_locks("lab-1", {"multimeter": METER}) as left_by:
         assert left_by == {}
+
+
+def test_the_owners_of_resources_are_told_by_number_while_they_live(holder: subprocess.Popen[str]) -> None:
+    owners = owners_of(["GPIB::22", SUPPLY, "GPIB0::10::INSTR"])
+    assert {pid: owner.station for pid, owner in owners.items()} == {holder.pid: "lab-1"}
+    holder.kill()
+    holder.wait()
+    assert owners_of([METER, SUPPLY]) == {}
+
+
+def test_the_end_of_an_owner_is_waited_for_and_of_one_elsewhere_never_known(holder: subprocess.Popen[str]) -> None:
+    (owner,) = owners_of([METER]).values()
+    clock = WallClock()
+    assert not owner.ended_within(0.1)
+    assert clock.now() >= 0.1
+    assert not structs.replace(owner, host="elsewhere").ended_within(600.0)
+    assert clock.now() < 300.0
+    holder.kill()
+    holder.wait()
+    assert owner.ended_within(600.0)
+    assert not structs.replace(owner, host="elsewhere").ended_within(0.0)
+
+
+@pytest.mark.skipif(not OPEN_FILES.is_dir(), reason="open files are counted there")
+def test_a_lock_that_is_given_back_leaves_no_file_open() -> None:
+    before = len(list(OPEN_FILES.iterdir()))
+    for _ in range(5):
+        with instrument_locks("lab-1", {"power": SUPPLY}):
+            pass
+    assert len(list(OPEN_FILES.iterdir())) == before
 
 
 @posix
