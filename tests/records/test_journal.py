@@ -13,7 +13,14 @@ from hypothesis import strategies as st
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records import journal as journal_module
-from vcfbench.records.journal import Journal, SimulatedJournal, read_journal
+from vcfbench.records.journal import (
+    Journal,
+    SimulatedJournal,
+    append_line,
+    being_written,
+    read_header,
+    read_journal,
+)
 from vcfbench.records.outline import outline_of
 from vcfbench.records.schema import Point, Status
 
@@ -242,3 +249,58 @@ def test_a_killed_process_loses_no_point(tmp_path: Path) -> None:
     assert len(record.points) >= len(printed)
     assert [point.rate_deg_s for point in record.points] == list(range(len(record.points)))
     assert record.status is Status.INCOMPLETE
+
+
+def test_a_line_is_added_whole_or_not_at_all_and_never_while_a_run_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "j"
+    journal = Journal(path)
+    journal.header({"run": "r", "procedure": "turntable"})
+    assert being_written(path)
+    assert read_journal(path).status is Status.RUNNING
+    with pytest.raises(BenchError, match="is being written: its run goes on"):
+        append_line(path, {"type": "watchdog"})
+    journal.close()
+    assert not being_written(path)
+    before, write_whole = path.read_bytes(), os.write
+    monkeypatch.setattr(journal_module.os, "write", lambda file, data: write_whole(file, data[:7]))
+    with pytest.raises(BenchError, match=r"the disk took 7 of \d+ bytes"):
+        append_line(path, {"type": "watchdog"})
+    monkeypatch.undo()
+    assert path.read_bytes() == before
+    append_line(path, {"type": "watchdog"})
+    assert path.read_bytes().startswith(before)
+    assert read_journal(path).damage is None
+
+
+def test_a_torn_line_after_the_last_one_leaves_the_record_incomplete(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    whole = write(path)
+    path.write_bytes(whole + b'{"type":"amend')
+    assert read_journal(path).footer is not None
+    assert read_journal(path).status is Status.INCOMPLETE
+
+
+def test_readings_are_those_of_chunks_and_of_the_step_and_a_step_that_is_done_has_none_unfinished(
+    tmp_path: Path,
+) -> None:
+    readings = [{"t_s": float(number), "voltage_v": 0.1 * number} for number in range(4)]
+    journal = Journal(tmp_path / "j")
+    journal.header({"run": "r", "procedure": "zero"})
+    journal.readings({"n": 1, "readings": readings[:1]})
+    journal.readings({"n": 1, "readings": readings[1:3]})
+    assert read_journal(tmp_path / "j").unfinished == read_journal(tmp_path / "j").chunks[-1]
+    journal.step({"n": 1, "result": {"readings": readings[3:]}})
+    journal.close()
+    record = read_journal(tmp_path / "j")
+    assert record.unfinished is None
+    assert record.readings_of(record.chunks[-1]) == tuple(readings[:3])
+    assert record.readings_of(record.steps[0]) == tuple(readings)
+
+
+def test_a_header_is_read_by_itself_and_is_empty_where_there_is_none(tmp_path: Path) -> None:
+    write(tmp_path / "j")
+    assert read_header(tmp_path / "j")["procedure"] == "turntable"
+    (tmp_path / "none").write_bytes(b'{"type":"step"}\n')
+    assert read_header(tmp_path / "none") == {}
