@@ -302,6 +302,9 @@ def test_a_header_of_another_shape_is_one_sentence(whole: Run, tmp_path: Path, k
     (broken / "journal.jsonl").write_bytes(sealed(b"".join([changed, *rest])))
     with pytest.raises(ConfigError, match=rf"{key}: expected "):
         vcfbench.resume(broken)
+    if key == "resumed_from":
+        with pytest.raises(ConfigError, match=rf"{key}: expected "):
+            vcfbench.load_run(broken)
 
 
 def test_other_versions_are_said(whole: Run, tmp_path: Path) -> None:

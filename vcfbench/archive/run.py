@@ -211,12 +211,15 @@ def breaks(header: Mapping[str, Any], points: int) -> tuple[str, ...]:
     resumed_from = header.get("resumed_from")
     if not isinstance(resumed_from, dict):
         return ()
+    earlier = resumed_from.get("before", [])
+    if not isinstance(earlier, list) or not all(isinstance(each, dict) for each in earlier):
+        raise ConfigError(f"resumed_from: expected the earlier breaks as a list, came {str(earlier)[:60]}")
     in_process = header.get("simulated") and header.get("bench", {}).get("served") is None
     anew = "; the simulated world began anew" if in_process else ""
     return tuple(
         f"{_measured(each, points)} before the break of {_clock(each, 'ended_utc')}, in {each.get('run')}; "
         f"the bench was started up again at {_clock(each, 'resumed_utc')}{anew}"
-        for each in (*resumed_from.get("before", ()), resumed_from)
+        for each in (*earlier, resumed_from)
     )
 
 
