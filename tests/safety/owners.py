@@ -18,7 +18,7 @@ RUN, DOG, SAFE, SECOND = range(4)
 NAMES = ("run", "watchdog", "safe", "second run")
 
 MISTAKES = {
-    "no look at the path": "a lock on a file that was taken away meanwhile counts (lock._is_at)",
+    "no look at the path": "a lock on a file that was taken away meanwhile counts (lock._locked)",
     "on before it watches": "outputs go on before the watchdog is ready (open_bench, Watchdog.require_ready)",
     "let go too early": "the watchdog is let go before the bench is safe (Holding.leave)",
     "hung and left alive": "the watchdog does not end a program that hangs (cli.watchdog.Watch._ended)",

@@ -186,8 +186,10 @@ def _locked(path: Path, role: str, resource: str) -> int:
         except OSError as error:  # a file system without locks
             os.close(file)
             raise LockUnusable(f"lock file {path} cannot be locked: {error.strerror}") from None
-        if taken and _is_at(file, path):
-            return file
+        if taken:
+            with suppress(FileNotFoundError):
+                if os.path.samestat(os.fstat(file), path.stat(follow_symlinks=False)):
+                    return file
         os.close(file)
         if not taken:
             owner = _signed(path)
@@ -195,13 +197,6 @@ def _locked(path: Path, role: str, resource: str) -> int:
             in_use = InUse(f"in use by {who}", instrument=role, resource=resource, hint=f"lock file {path}")
             in_use.owner = owner
             raise in_use
-
-
-def _is_at(file: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(file), path.stat(follow_symlinks=False))
-    except FileNotFoundError:
-        return False
 
 
 def _opened(path: Path) -> int:
@@ -235,18 +230,15 @@ def _opened_or_made(path: Path) -> int:
 
 def _sign(file: int, station: str, resource: str) -> None:
     pid, now = os.getpid(), utc_now().isoformat(timespec="seconds")
-    owner = Owner(pid, _user(), socket.gethostname(), now, station, resource, mark_of(pid))
+    try:
+        user = getpass.getuser()
+    except (OSError, KeyError, ImportError):  # a number without a name
+        user = str(getattr(os, "getuid", lambda: "somebody")())
+    owner = Owner(pid, user, socket.gethostname(), now, station, resource, mark_of(pid))
     with suppress(OSError):  # the lock holds without it
         os.ftruncate(file, 0)
         os.lseek(file, 0, os.SEEK_SET)
         os.write(file, json.dumps(to_builtins(owner)).encode())
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError, ImportError):  # a number without a name
-        return str(getattr(os, "getuid", lambda: "somebody")())
 
 
 def _signed(path: Path) -> Owner | None:

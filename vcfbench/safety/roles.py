@@ -12,7 +12,7 @@ from vcfbench.safety.stack import SafeAction, Stage
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    from vcfbench.interfaces import FunctionGenerator, Instrument, PowerSupply, RateTable, TemperatureChamber
+    from vcfbench.interfaces import FunctionGenerator, Instrument, RateTable
     from vcfbench.station.description import BenchDescription
 
 STILL_DEG_S = 0.05
@@ -90,26 +90,14 @@ def _drives(generator: FunctionGenerator) -> str | None:
     return "its output is on" if generator.output_enabled() else None
 
 
-def _feeds(supply: PowerSupply) -> str | None:
-    return "its outputs are on" if supply.outputs_enabled() else None
-
-
-def _blows(chamber: TemperatureChamber) -> str | None:
-    return "its air flows" if chamber.flow_enabled() else None
-
-
-def _harmless(_instrument: Instrument) -> None:
-    """Find nothing wrong with an instrument that only listens."""
-
-
 ROLES = (
-    Role("power", Stage.POWER, _feeds),
+    Role("power", Stage.POWER, lambda supply: "its outputs are on" if supply.outputs_enabled() else None),
     Role("rate_source", Stage.STIMULUS, _drives),
     Role("vibration_source", Stage.STIMULUS, _drives),
-    Role("multimeter", Stage.REST, _harmless),
-    Role("v_vc_meter", Stage.REST, _harmless),
-    Role("oscilloscope", Stage.REST, _harmless),
-    Role("chamber", Stage.STIMULUS, _blows),
+    Role("multimeter", Stage.REST, lambda _: None),
+    Role("v_vc_meter", Stage.REST, lambda _: None),
+    Role("oscilloscope", Stage.REST, lambda _: None),
+    Role("chamber", Stage.STIMULUS, lambda chamber: "its air flows" if chamber.flow_enabled() else None),
     Role("rate_table", Stage.MOTION, _turns),
 )
 """All roles in the order of opening; the table comes last, so that nothing can move before all else is there."""

@@ -25,12 +25,8 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 
-_WATCHED = (
-    "SIGINT",
-    "SIGTERM",
-    "SIGHUP",
-    "SIGBREAK",
-)  # a closed terminal stops the bench as well; the last is Windows'
+_WATCHED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+"""A closed terminal stops the bench as well; the last is Windows'."""
 
 _HEARD_S = 0.1
 """Wall time after which a wait looks whether another thread has stopped the bench."""
@@ -111,17 +107,9 @@ class StopSignals:
         self._wait(clock, instant_s)
 
     def _wait(self, clock: Clock, instant_s: float) -> None:
-        if getattr(clock, "asleep", None) is self.asleep:
-            self._wait_asleep(clock, instant_s)
+        if getattr(clock, "asleep", None) is not self.asleep:
+            self.attend(lambda: clock.sleep_until(instant_s))
             return
-        before, self._at_safe_point = self._at_safe_point, True  # it may be part of a longer one
-        try:
-            self.safe_point()
-            clock.sleep_until(instant_s)
-        finally:
-            self._at_safe_point = before
-
-    def _wait_asleep(self, clock: Clock, instant_s: float) -> None:
         before, self.asleep.waiting = self.asleep.waiting, True
         try:
             self.safe_point()
@@ -131,8 +119,8 @@ class StopSignals:
             self.asleep.waiting = before
 
     def attend(self, act: Callable[[], _T]) -> _T:
-        """Wait for a person's action; the wait as a whole is a safe point."""
-        before, self._at_safe_point = self._at_safe_point, True
+        """Wait for what `act` waits for, such as a person; the wait as a whole is a safe point."""
+        before, self._at_safe_point = self._at_safe_point, True  # it may be part of a longer one
         try:
             self.safe_point()
             return act()

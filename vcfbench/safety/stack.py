@@ -198,9 +198,7 @@ def _with_last_words(
 
 
 def _close(instrument: Instrument) -> None:
-    with suppress(
-        BaseException
-    ):  # it is safe already, or was said not to be; a connection that will not close is no news
+    with suppress(BaseException):  # it was said whether it is safe; a connection that will not close is no news
         instrument.close()
 
 

@@ -72,18 +72,14 @@ class Watchdog:
 
     def require_ready(self) -> None:
         """Wait until it watches; BenchError if it does not come to that."""
-        ready: list[bytes] = []
-        reader = threading.Thread(target=lambda: ready.append(self._ready()), daemon=True)
+        assert self._process.stdout is not None  # noqa: S101  # it was asked for
+        said, ready = self._process.stdout, list[bytes]()
+        reader = threading.Thread(target=lambda: ready.append(said.readline()), daemon=True)
         reader.start()
         reader.join(_STARTING_S)
         if ready != [b"ready\n"]:
             self._process.kill()
             raise BenchError("the watchdog did not start: nobody would make the bench safe if this program died")
-
-    def _ready(self) -> bytes:
-        assert self._process.stdout is not None  # noqa: S101  # it was asked for
-        with self._process.stdout as said:
-            return said.readline()
 
     def keep_in(self, journal: Path) -> None:
         """Name the journal in which it writes down its actions."""
