@@ -14,8 +14,8 @@ make it, so those that stand by chance are all wrong: where none is stated, the 
 against the truth. With --watchdog-first nobody is left who makes the bench safe: the next run must say so, and leave
 it safe. What stands in the file of --lines is not run again.
 
-A case is mostly waiting. So there are many workers, each with a bench of its own language, and a program is forked from
-a process that has loaded everything; its watchdog is not. Benches are drawn by the case's number, within the accuracy
+A case is mostly waiting. So there may be many workers, each with benches of its own, and a program is forked from a
+process that has loaded everything; its watchdog is not. Benches are drawn by the case's number, within the accuracy
 of their instruments. Instruments must answer within TIMEOUT_S: on a computer that does other work too, begin with
 `chrt --rr 1`.
 """
@@ -77,6 +77,8 @@ STRUCK_S = dict.fromkeys(LANGUAGES, 9.0) | {"ruya": 50.0, "aaaa": 20.0}
 """From when the bench is live, at most: about as long as a run takes."""
 SHARE = {"ruya": 3, "aaaa": 4}
 """Workers of a language for each of another: their cases take longer."""
+TRIES = 6
+"""To resume: on a busy computer an answer may come too late."""
 JITTERY = {"aaaa"}
 """Languages without a rate or a flag of it."""
 LOOK_S = 0.1
@@ -297,7 +299,7 @@ def resumed(station: Station, folder: Path) -> dict[str, Any]:
     journal = next((folder / "runs").glob("*/journal.jsonl"), None)
     if journal is None:
         return line | {"lost": len(shown), "record": "none"}
-    for _ in range(4):
+    for _ in range(TRIES):
         kept = vcfbench.load_run(journal.parent)
         points = [point.as_json() for point in kept.points]
         line["lost"] += int(points[: len(shown)] != shown)
@@ -389,31 +391,31 @@ def watchdog_first(number: int, station: Station, folder: Path) -> dict[str, Any
     return line
 
 
-def work(language: str, numbers: list[int], place: Path, lines: Path, one: Case) -> None:
-    """Do the cases of `language` among `numbers` that no other worker has begun."""
-    station = None
+def work(languages: tuple[str, ...], numbers: list[int], place: Path, lines: Path, one: Case) -> None:
+    """Do the cases of `languages` among `numbers` that no other worker has begun."""
+    stations: dict[str, Station] = {}
     for number in numbers:
-        folder = place / str(number)
-        if LANGUAGES[number % len(LANGUAGES)] != language:
+        folder, language = place / str(number), LANGUAGES[number % len(LANGUAGES)]
+        if language not in languages:
             continue
         try:
             folder.mkdir()
         except FileExistsError:
             continue
         try:
-            station = station or Station(language, place / f"{language}-{os.getpid()}-{number}")
-            line = one(number, station, folder)
+            if language not in stations:
+                stations[language] = Station(language, place / f"{language}-{number}")
+            line = one(number, stations[language], folder)
         except Exception as error:  # noqa: BLE001  # the next case may do better, with another bench
             line = {"case": number, "wrong": [f"{type(error).__name__}: {error}"]}
-            if station is not None:
-                station.close()
-                station = None
+            if language in stations:
+                stations.pop(language).close()
         with lines.open("a", encoding="utf-8") as file:
             file.write(json.dumps(line) + "\n")  # at once, so that lines of several workers stay whole
         if line["wrong"]:
             shutil.copytree(folder, lines.parent / f"{lines.stem}-{number}", dirs_exist_ok=True)
         shutil.rmtree(folder / "runs", ignore_errors=True)
-    if station is not None:
+    for station in stations.values():
         station.close()
 
 
@@ -421,22 +423,20 @@ def run_cases(numbers: list[int], lines: Path, workers: int, one: Case) -> None:
     """Run `numbers` in their order, as many at once as there are workers, more of those that take longer."""
     done = {json.loads(each)["case"] for each in lines.read_text().splitlines()} if lines.exists() else set()
     todo = [number for number in numbers if number not in done]
-    shares = [SHARE.get(language, 1) for language in LANGUAGES]
+    shares = sum(SHARE.get(language, 1) for language in LANGUAGES)
     vcfbench.run("virtual-coriolis", "paper", runs=None)  # what is loaded once is loaded
     gc.freeze()
     fork = multiprocessing.get_context("fork")
     with tempfile.TemporaryDirectory() as name:
         os.environ["VCFBENCH_LOCKS"] = f"{name}/locks"
-        spread = [
-            language
-            for language, share in zip(LANGUAGES, shares, strict=True)
-            for _ in range(max(1, round(workers * share / sum(shares))))
-        ]
-        each = [fork.Process(target=work, args=(one_of, todo, Path(name), lines, one)) for one_of in spread]
-        for process in each:
+        ways: list[tuple[str, ...]] = [LANGUAGES] * workers
+        if workers >= shares:
+            ways = [(each,) for each in LANGUAGES for _ in range(round(workers * SHARE.get(each, 1) / shares))]
+        processes = [fork.Process(target=work, args=(way, todo, Path(name), lines, one)) for way in ways]
+        for process in processes:
             process.start()
             time.sleep(BEGIN_S)
-        for process in each:
+        for process in processes:
             process.join()
 
 
