@@ -140,17 +140,17 @@ def _trueform(name: str, sine_hz: float) -> Model:
     )
 
 
-def _truevolt(name: str, *makers: str) -> Model:
-    """Return the row of a 34461A or 34465A."""
+def _truevolt(name: str, sheet: str, *, makers: tuple[str, ...] = ("KEYSIGHT",), **own: Any) -> Model:
+    """Return the row of a 34461A or 34465A, or of one with the numbers `own` and the data sheet `sheet`."""
     return Model(
         name,
         ("multimeter",),
         driver="vcfbench.drivers.truevolt:Truevolt",
         twin="simrack.instruments.truevolt:TruevoltTwin",
-        own={},
-        makers=("KEYSIGHT", *makers),
+        own={"makers": makers, **own},
+        makers=makers,
         wires=frozenset({"tcp", "vxi11", "hislip"}),
-        specifications=f"vcfbench.specifications:KEYSIGHT_{name}",
+        specifications=f"vcfbench.specifications:{sheet}",
         answers={"*IDN?": f"Keysight Technologies,{name},MY1,A.02.17-02.40-02.17-00.52-03-01"},
     )
 
@@ -222,8 +222,15 @@ MODELS: Final[tuple[Model, ...]] = (
         specifications="vcfbench.specifications:HP_34401A",
         answers={"*IDN?": "HEWLETT-PACKARD,34401A,0,10-5-2"},
     ),
-    _truevolt("34461A", "AGILENT"),
-    _truevolt("34465A"),
+    # Apertures that do not depend on the line: Truevolt guide p. 452; memory: p. 306
+    _truevolt("34461A", "KEYSIGHT_34461A", makers=("KEYSIGHT", "AGILENT"), fast_apertures_s={0.02: 0.3e-3, 0.2: 3e-3}),
+    # More integration times (guide p. 329); it refuses the three fastest without its option DIG
+    _truevolt(
+        "34465A",
+        "KEYSIGHT_34465A",
+        memory_readings=50_000,
+        integration_times_nplc=(0.001, 0.002, 0.006, 0.02, 0.06, 0.2, 1.0, 10.0, 100.0),
+    ),
     Model(
         "2000",
         ("multimeter",),

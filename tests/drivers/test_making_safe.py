@@ -13,7 +13,7 @@ from vcfbench.drivers.dso7104b import Dso7104B
 from vcfbench.drivers.e3631a import E3631A
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.drivers.session import Session
-from vcfbench.drivers.truevolt import Truevolt
+from vcfbench.models import driver_of, find_model
 from vcfbench.testing import Exchange, ScriptedWire
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ SAFE: list[tuple[Callable[..., Any], str, list[Exchange], list[Exchange], str]] 
     ),
     (Hp34401A, "HEWLETT-PACKARD,34401A,0,10-5-2", [], [("*OPC?", "1")], "idle"),
     (
-        Truevolt.of_model("34465A"),
+        driver_of(find_model("34465A")),
         "Keysight Technologies,34465A,MY54501234,A.02.17-02.40-02.17-00.52-03-01",
         [],
         [("ABOR", None), ("*OPC?", "1")],

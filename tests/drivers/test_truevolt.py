@@ -7,14 +7,14 @@ import pytest
 from tests.drivers.openings import NO_ERROR, opening
 from vcfbench.clock import Deadline
 from vcfbench.drivers.hp34401a import Hp34401A
-from vcfbench.drivers.truevolt import Truevolt
 from vcfbench.errors import InstrumentError, LimitError, WrongInstrument
+from vcfbench.models import driver_of, find_model
 from vcfbench.testing import Exchange, expected_exchange, over_visa
 
 FIRMWARE = "A.02.17-02.40-02.17-00.52-03-01"
 OPENING_34461A = opening(f"Keysight Technologies,34461A,MY53201234,{FIRMWARE}")
 OPENING_34465A = opening(f"Keysight Technologies,34465A,MY54501234,{FIRMWARE}")
-Keysight34461A, Keysight34465A = (Truevolt.of_model(model) for model in ("34461A", "34465A"))
+Keysight34461A, Keysight34465A = (driver_of(row) for row in map(find_model, ("34461A", "34465A")) if row is not None)
 OPEN_34461A = over_visa(Keysight34461A, name="multimeter")
 OPEN_34465A = over_visa(Keysight34465A, name="multimeter")
 

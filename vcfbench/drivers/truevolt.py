@@ -6,25 +6,13 @@ reading and may be asked again, for it stays in memory (users' drivers, after th
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 from vcfbench.drivers.hp34401a import Hp34401A
 
-_MODELS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
-    {
-        # Apertures that do not depend on the line: guide p. 452; memory: p. 306
-        "34461A": {"makers": ("KEYSIGHT", "AGILENT"), "fast_apertures_s": {0.02: 0.3e-3, 0.2: 3e-3}},
-        # More integration times (guide p. 329); it refuses the three fastest without its option DIG
-        "34465A": {
-            "memory_readings": 50_000,
-            "integration_times_nplc": (0.001, 0.002, 0.006, 0.02, 0.06, 0.2, 1.0, 10.0, 100.0),
-        },
-    }
-)
-
 
 class Truevolt(Hp34401A):
-    """A meter of the series, made by :meth:`of_model`: every function has an autozero of its own (guide p. 223)."""
+    """A meter of the series, made of its row's numbers: every function has an autozero of its own (guide p. 223)."""
 
     makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT",)
     dc_words: ClassVar[tuple[str, ...]] = (
@@ -39,8 +27,3 @@ class Truevolt(Hp34401A):
     memory_readings: ClassVar[int] = 10_000
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
     """A raw socket has no device clear, and *OPC? waits for a measurement that is under way."""
-
-    @classmethod
-    def of_model(cls, model: str, **own: Any) -> type[Self]:
-        """Return the driver of the 34461A or 34465A."""
-        return super().of_model(model, **_MODELS[model], **own)

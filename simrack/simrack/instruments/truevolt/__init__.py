@@ -1,8 +1,9 @@
 """The simulated 34461A and 34465A multimeters (Truevolt series)."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from typing import Self
+
+from msgspec.structs import replace
 
 from simrack.instruments.truevolt import calculation_commands, measuring_commands, range_commands, system_commands
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt, errors_of
@@ -16,9 +17,23 @@ class TruevoltTwin(SimulatedTruevolt):
     """A meter of the series with its commands, made by :meth:`of_model`."""
 
     @classmethod
-    def of_model(cls, model: str) -> type[Self]:
-        """Return the simulated model of the series, a row of :data:`.kinds.KINDS`."""
-        kind = KINDS[model]
+    def of_model(
+        cls,
+        model: str,
+        *,
+        like: str | None = None,
+        memory_readings: int | None = None,
+        fast_apertures_s: Mapping[float, float] | None = None,
+        **_of_its_driver: object,
+    ) -> type[Self]:
+        """Return the simulated model of the series.
+
+        It is a row of :data:`.kinds.KINDS`, or one `like` such a row but for the numbers given.
+        """
+        known = KINDS[like or model]
+        memory = known.memory if memory_readings is None else memory_readings
+        fast = known.fast_apertures_s if fast_apertures_s is None else fast_apertures_s
+        kind = replace(known, model=model, memory=memory, fast_apertures_s=fast)
         own = {
             "errors_class": errors_of(kind),
             "kind": kind,
