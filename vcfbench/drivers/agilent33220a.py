@@ -130,7 +130,7 @@ class Agilent33220A(ScpiInstrument):
 
     def _switched_on(self, deadline: Deadline | None) -> bool:
         on = self._session.query_bool(f"{self.output}?", deadline)
-        self._last_read.note(f"output {'on' if on else 'off'}")
+        self._session.note_read(f"output {'on' if on else 'off'}")
         return on
 
     def make_safe(self, deadline: Deadline) -> SafeReport:

@@ -113,7 +113,7 @@ class TemptronicATS545(ScpiInstrument):
 
     def _flows(self, deadline: Deadline | None) -> bool:
         on = bool(self._session.query_int("AUXC?", deadline) & _FLOW)
-        self._last_read.note(f"air {'on' if on else 'off'}")
+        self._session.note_read(f"air {'on' if on else 'off'}")
         return on
 
     def fault(self) -> str | None:

@@ -9,6 +9,7 @@ from vcfbench.clock import Clock, Deadline, WallClock, sleep, within
 from vcfbench.drivers.trace import attending, tapping
 from vcfbench.drivers.wire import Wire
 from vcfbench.errors import LinkLost, OutOfSync, TransportError
+from vcfbench.interfaces import UnprovedCommand
 
 _BLIND_S = 0.3
 """Wall time that sending words blind may take."""
@@ -42,6 +43,7 @@ class Conversation:
         self._lock = threading.RLock()
         self._received = b""
         self._closed_because: str | None = None
+        self._last_read: tuple[str, float] | None = None
 
     @classmethod
     def opened(
@@ -101,6 +103,21 @@ class Conversation:
         if isinstance(error, (LinkLost, OutOfSync)):
             self._give_up(error.what)
         return error
+
+    def note_read(self, what: str) -> None:
+        """Remember a read-back, in words, for messages when the instrument no longer answers."""
+        self._last_read = what, self.clock.now()
+
+    def unproved(self, words: str, *, sent: bool) -> UnprovedCommand:
+        """Return the command that nothing proved, beside the last read-back."""
+        if self._last_read is None:
+            return UnprovedCommand(words, sent)
+        what, at_s = self._last_read
+        try:
+            age_s = self.clock.now() - at_s
+        except Exception:  # noqa: BLE001 - a bench's clock may be gone with the bench; what was read is still known
+            return UnprovedCommand(words, sent, what)
+        return UnprovedCommand(words, sent, what, age_s)
 
     def _require_open(self) -> None:
         if self._closed_because is not None:

@@ -79,5 +79,5 @@ class E36312A(E3631A):
             raise self._error(FramingError, f"expected three states, came {answers}", command=self.switch_question)
         states = {output: bool(answer) for output, answer in zip(self.outputs, answers, strict=True)}
         on = [output for output, state in states.items() if state]
-        self._last_read.note(f"{', '.join(on)} on" if on else "outputs off")
+        self._session.note_read(f"{', '.join(on)} on" if on else "outputs off")
         return states

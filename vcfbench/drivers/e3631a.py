@@ -146,7 +146,7 @@ class E3631A(ScpiInstrument):
 
     def _switched_on(self, deadline: Deadline | None) -> bool:
         on = self._session.query_bool(self.switch_question, deadline)
-        self._last_read.note(f"outputs {'on' if on else 'off'}")
+        self._session.note_read(f"outputs {'on' if on else 'off'}")
         return on
 
     def measure_voltage_v(self, output: str) -> float:
@@ -154,7 +154,7 @@ class E3631A(ScpiInstrument):
         self._ratings(output)
         asked = self._question("MEAS:VOLT", output)
         voltage_v = self._signed(output, self._session.query_reading(asked, form=self.reading_form))
-        self._last_read.note(f"{output} at {voltage_v:.3g} V")
+        self._session.note_read(f"{output} at {voltage_v:.3g} V")
         return voltage_v
 
     def measure_current_a(self, output: str) -> float:

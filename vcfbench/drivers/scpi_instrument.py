@@ -6,7 +6,6 @@ from typing import Any, ClassVar, Protocol, Self, TypeVar
 from msgspec import Struct
 
 from vcfbench.clock import Clock, Deadline, WallClock, sleep
-from vcfbench.drivers.last_read import LastRead
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
 from vcfbench.drivers.session import Session
 from vcfbench.drivers.wire import SerialLine
@@ -59,7 +58,6 @@ class ScpiInstrument:
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         self._session = session
-        self._last_read = LastRead(session.clock)
         if self.error_question == "*ESR?":
             session.use_event_status()
         # Take over the instrument as it stands: end an earlier exchange, check the identity, drop old errors
@@ -136,7 +134,7 @@ class ScpiInstrument:
 
     def command_safe(self) -> UnprovedCommand:
         """Send the safe words at once, without waiting for an answer; return the last read-back."""
-        return self._last_read.unproved("to switch off" if self.safe_words else "", sent=self._session.command_safe())
+        return self._session.unproved("to switch off" if self.safe_words else "", sent=self._session.command_safe())
 
     def _identity(self, deadline: Deadline | None) -> Identity:
         return Identity(*self._session.identify(deadline))

@@ -128,23 +128,23 @@ class SocketWire:
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
         """Return the received bytes, waiting for the first."""
         try:
-            self._socket.settimeout(_left(deadline))
-            data = self._socket.recv(_CHUNK)
-        except TimeoutError as error:
+            return self._taken(_left(deadline)), False
+        except (TimeoutError, BlockingIOError, InterruptedError) as error:
             raise DeadlineExceeded("no answer") from error
-        except OSError as error:
-            raise LinkLost(f"the connection broke ({_reason(error)})") from error
-        if not data:
-            raise LinkLost("the instrument closed the connection")
-        return data, False
 
     def pending(self) -> bytes:
         """Take unasked bytes."""
         try:
-            self._socket.settimeout(0.0)
-            data = self._socket.recv(_CHUNK)
+            return self._taken(0.0)
         except (BlockingIOError, InterruptedError):
             return b""
+
+    def _taken(self, wait_s: float) -> bytes:
+        try:
+            self._socket.settimeout(wait_s)
+            data = self._socket.recv(_CHUNK)
+        except (TimeoutError, BlockingIOError, InterruptedError):
+            raise
         except OSError as error:
             raise LinkLost(f"the connection broke ({_reason(error)})") from error
         if not data:

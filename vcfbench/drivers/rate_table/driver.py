@@ -6,7 +6,6 @@ from contextlib import suppress
 from typing import Literal, TypeVar
 
 from vcfbench.clock import Clock, Deadline, sleep
-from vcfbench.drivers.last_read import LastRead
 from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.scpi_instrument import safely
@@ -67,7 +66,6 @@ class RateTableDriver:
         self._demanded_deg_s = 0.0
         self._fastest_deg_s = 0.0  # that it may be turning at, as far as is known
         self._acceleration_commanded = False
-        self._last_read = LastRead(line.clock)
         self._ask(dialect.identify)
 
     @property
@@ -145,18 +143,13 @@ class RateTableDriver:
 
     def _require_limits(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
         if not abs(rate_deg_s) <= self._limits.max_rate_deg_s:
-            raise self._limit(f"a rate of {rate_deg_s:g} deg/s", self._limits.max_rate_deg_s, "deg/s")
+            what = f"a rate of {rate_deg_s:g} deg/s is not within its limit of {self._limits.max_rate_deg_s:g} deg/s"
+            raise LimitError(f"{what}, nothing was sent", **self._line.where)
         highest = self._limits.max_acceleration_deg_s2
         # A table whose acceleration limit is zero could not be stopped any more.
         if not 0.0 < acceleration_deg_s2 <= highest or not math.isfinite(acceleration_deg_s2):
-            raise self._limit(f"an acceleration of {acceleration_deg_s2:g} deg/s2", highest, "deg/s2")
-
-    def _limit(self, what: str, highest: float, unit: str) -> LimitError:
-        return LimitError(
-            f"{what} is not within its limit of {highest:g} {unit}, nothing was sent",
-            instrument=self.name,
-            resource=self.resource,
-        )
+            what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not within its limit of {highest:g} deg/s2"
+            raise LimitError(f"{what}, nothing was sent", **self._line.where)
 
     def _demand(self, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         self._demanded_deg_s = rate_deg_s
@@ -177,7 +170,7 @@ class RateTableDriver:
 
     def _rate_deg_s(self, within: Deadline | None) -> float:
         rate_deg_s = self._sign * self._ask(self._dialect.rate_deg_s, within) + 0.0
-        self._last_read.note(f"{rate_deg_s:.4g} deg/s")
+        self._line.note_read(f"{rate_deg_s:.4g} deg/s")
         self._fastest_deg_s = max(abs(rate_deg_s), abs(self._demanded_deg_s))
         return rate_deg_s
 
@@ -221,7 +214,7 @@ class RateTableDriver:
     def command_safe(self) -> UnprovedCommand:
         """Tell the table to stop, at once and without waiting for an answer; return the last read-back."""
         sent = self._line.say_blind(self._stop_words(), self._dialect.gap_s)
-        return self._last_read.unproved("to stop", sent=sent)
+        return self._line.unproved("to stop", sent=sent)
 
     def _stop_words(self) -> tuple[bytes, ...]:
         """Return the words that stop it; with more acceleration than it has, within the limit, where that is slow."""
@@ -255,14 +248,13 @@ class RateTableDriver:
             self._dialect.open_servo(self._line, deadline)
             raise MeasurementError(
                 f"the table did not come to rest, last read at {self.rate_deg_s():g} deg/s; an abort was sent",
-                instrument=self.name,
-                resource=self.resource,
                 hint="use the hard-wired emergency stop",
+                **self._line.where,
             )
         self._dialect.hold(self._line, deadline)
         self._dialect.open_servo(self._line, deadline)
         if not self._wait_for_servo(deadline, "open"):
-            raise InstrumentError("at rest, but the servo did not open", instrument=self.name, resource=self.resource)
+            raise InstrumentError("at rest, but the servo did not open", **self._line.where)
         self._dialect.release(self._line, deadline)
         self._claimed = False
         return f"at rest (|rate| below {self._rest_tolerance_deg_s:g} deg/s), servo open"
@@ -304,7 +296,7 @@ class RateTableDriver:
                 raise self._interlock(words.format(rate=rate_deg_s))
 
     def _interlock(self, what: str, hint: str | None = None) -> InterlockError:
-        return InterlockError(what, instrument=self.name, resource=self.resource, hint=hint)
+        return InterlockError(what, hint=hint, **self._line.where)
 
     def _command(self, command: Callable[[TableLine, Deadline], None]) -> None:
         """Give a command once: whether a lost acknowledgement means a lost command cannot be known."""

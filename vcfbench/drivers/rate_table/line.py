@@ -78,27 +78,26 @@ def open_serial(
         except Exception as error:  # termios.error is no OSError, and the handler of a URL is anyone's code
             raise ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
         sleep(clock, link.open_delay_s)  # some tables begin anew when a port is opened
-        return SerialWire(port)
+        return SerialWire(port, serial.SerialTimeoutException)
 
     return TableLine.opened(connect, name=name, resource=resource or url, clock=clock, timeout_s=timeout_s)
 
 
 class SerialWire:
-    """A wire over an open pyserial port."""
+    """A wire over an open pyserial port, which raises `late` where writing takes too long."""
 
     interface: Interface = "serial"
 
-    def __init__(self, port: Any) -> None:
+    def __init__(self, port: Any, late: type[OSError]) -> None:
         self._port = port
+        self._late = late
 
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Write all of `data`."""
-        import serial  # noqa: PLC0415
-
         try:
             self._port.write_timeout = _left(deadline)
             self._port.write(data)
-        except serial.SerialTimeoutException as error:
+        except self._late as error:
             raise DeadlineExceeded("the table does not take the command") from error
         except OSError as error:
             raise _lost(error) from error
