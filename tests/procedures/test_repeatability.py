@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,11 @@ from scipy.stats import chi2
 
 import vcfbench
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.repeatability import _spread
+from vcfbench.sim.gyro import course
+from vcfbench.sim.simulation import true_output
 from vcfbench.steps import DisableSupply, EnableSupply, Settle
+from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,6 +54,39 @@ def test_noise_alone_is_expected_as_it_comes(run: Any) -> None:
     for found in (run.results.bias, run.results.scale_factor):
         assert (found.value / found.by_noise) ** 2 * 3 < chi2.ppf(0.9999, 3)
         assert (found.value / found.by_noise) ** 2 * 3 > chi2.ppf(0.0001, 3)
+
+
+@pytest.mark.parametrize("by", ["v-vc", "table"])
+def test_switch_ons_of_the_simulated_gyroscope_come_out_as_they_were_drawn(
+    by: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without noise and errors of instruments what was drawn is all that differs."""
+    drawn: list[course.SwitchOn] = []
+
+    def recorded(*arguments: Any) -> course.SwitchOn:
+        drawn.append(course.switch_on(*arguments))
+        return drawn[-1]
+
+    monkeypatch.setattr("vcfbench.sim.gyro.gyro.switch_on", recorded)
+    noise = {"switch_on_bias_deg_s": 0.02, "switch_on_scale_factor": 1e-4}
+    bench = simulated("ideal", overrides={"noise": noise})
+    found = vcfbench.run("repeatability", bench, seed=4, runs=None, settings={**QUICK, "by": by}).results
+    assert len(drawn) == 4
+    scale = physical_output(bench) / found.scale_factor_v_per_deg_s
+    assert found.bias.value == pytest.approx(scale * stdev(each.gain * each.bias_deg_s for each in drawn), rel=1e-3)
+    assert found.scale_factor.value == pytest.approx(1e6 * stdev(each.gain for each in drawn), rel=1e-3)
+
+
+def physical_output(bench: vcfbench.BenchDescription) -> float:
+    output = true_output(bench)
+    return (output(1.0, None) - output(-1.0, None)) / 2.0
+
+
+def test_true_spread_lies_between_the_limits() -> None:
+    """Of 400 samples of seven, drawn here: 95 %, and five standard deviations of that more or less."""
+    draw = random.Random(8)  # noqa: S311  # no secret
+    spreads = [_spread([draw.gauss(0.0, 2.0) for _ in range(7)], 0.0, "deg/s") for _ in range(400)]
+    assert 358 <= sum(each.low <= 2.0 <= each.high for each in spreads) <= 400
 
 
 def test_gyroscope_cools_without_power_before_each_switch_on_but_the_first() -> None:

@@ -20,11 +20,28 @@ from vcfbench.sim.gyro.electronics import Passage
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.parameters import BenchParameters, NoiseSources
 
+_SWITCHED_ON = 6
+"""Of the seed, with the number of the switch-on; 2, 4 and 5 are the gyroscope's."""
 FORGOTTEN_DEG_S = 1e-18
 FORGOTTEN_NEPERS = 36.0
 """What has decayed by so much, to 2e-16, is no more than the rounding of what came later."""
+
+
+class SwitchOn(Struct, frozen=True):
+    """Bias and gain that one switch-on has beside those of the device; both sense columns have the same gain."""
+
+    bias_deg_s: float = 0.0
+    gain: float = 1.0
+
+
+def switch_on(noise: NoiseSources, seed: int, number: int) -> SwitchOn:
+    """Draw the switch-on of this number, the first being 0."""
+    if not (noise.switch_on_bias_deg_s or noise.switch_on_scale_factor):
+        return SwitchOn()
+    bias, gain = np.random.default_rng((seed, _SWITCHED_ON, number)).standard_normal(2).tolist()
+    return SwitchOn(noise.switch_on_bias_deg_s * bias, 1.0 + noise.switch_on_scale_factor * gain)
 
 
 class Acting(Struct, frozen=True):
@@ -38,6 +55,7 @@ class Acting(Struct, frozen=True):
     rate: RateSegment
     warm_up: WarmUp
     passage: Passage
+    switched_on: SwitchOn
 
     @property
     def turn(self) -> complex:
@@ -63,12 +81,16 @@ class Acting(Struct, frozen=True):
         goal = thermal.bias_coefficient_deg_s_k * (warm_up.goal_c - thermal.reference_c)
         left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.since_s) - warm_up.goal_c)
         warm, drift = (goal, [(complex(left), complex(-1 / warm_up.time_constant_s))])
-        constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + earth + warm)
+        scale *= self.switched_on.gain
+        bias = earth + warm + self.switched_on.bias_deg_s
+        constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + bias)
         terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
         moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])
         virtual = self.passage.modulated(self.since_s)
-        pushed = real_terms(virtual.terms)
-        return Forcing(constant, scale * rate.slope_deg_s2, moving, virtual.constant_v, pushed, virtual.slope_v_s)
+        gain = self.switched_on.gain
+        pushed = real_terms([(gain * a, s) for a, s in virtual.terms])
+        slope_v_s = gain * virtual.slope_v_s
+        return Forcing(constant, scale * rate.slope_deg_s2, moving, gain * virtual.constant_v, pushed, slope_v_s)
 
 
 class _Noted(Struct, frozen=True):

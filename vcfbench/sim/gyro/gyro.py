@@ -19,7 +19,7 @@ from simrack.sources import NOTHING_V, Approach, Drive, Played, Ripple
 
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainDesign
-from vcfbench.sim.gyro.course import Acting, Answer, Course
+from vcfbench.sim.gyro.course import Acting, Answer, Course, SwitchOn, switch_on
 from vcfbench.sim.gyro.design import seen_share
 from vcfbench.sim.gyro.drive import DriveSegment, Supplied, locked, resting, ring_down, start_up
 from vcfbench.sim.gyro.electronic import ElectronicNoise
@@ -109,6 +109,7 @@ class Gyro:
         self._pins = (Pin(1.0, Approach(0.0)), Pin(-1.0, Approach(0.0)))
         self._held_v, self._rail_event_s = 0.0, math.inf
         self._running = False
+        self._switch_ons, self._switched_on = 0, SwitchOn()
         self._source: Drive | Played | None = None
         self._passage = passage(None, bench.virtual_path, now_s)
         self._phase = 0.0
@@ -160,6 +161,8 @@ class Gyro:
         if self._running != was_running:
             self._heat()
         if self._running and not was_running:
+            self._switched_on = switch_on(self._bench.noise, self._seed, self._switch_ons)
+            self._switch_ons += 1
             begun = _started(
                 self._bench,
                 self._drive_mode,
@@ -281,6 +284,7 @@ class Gyro:
                 self._seen or rate,
                 self._warm_up,
                 self._passage,
+                self._switched_on,
             )
             self._course.note(self._acting)
             self._next_event_s = self._event_ahead_s()
