@@ -138,16 +138,8 @@ def synthetic(rng: np.random.Generator, tau_s: float, amplitude: float, noise: f
         windows.append((t_s, 3.0 + amplitude * np.exp(-(t_s + 0.5) / tau_s) + noise * rng.standard_normal(60)))
     log = [(0.1 * n, 9.0 if n < 12 else 3.0) for n in range(50)]
     scale = ScaleFactor(0.0125, None, "test")
-    return warmup_results(
-        log,
-        windows,
-        interval_s=1.0,
-        scale=scale,
-        settings=WarmupSettings(),
-        tolerance_deg_s=1.0,
-        instability_deg_s=1e-6,
-        steady=True,
-    )
+    settings = WarmupSettings(bias_instability_deg_h=3.6e-3, station=Station(meter_resolution_v=1e-9))
+    return warmup_results(log, windows, settings, scale, steady=True)
 
 
 @pytest.mark.exhaustive

@@ -62,8 +62,8 @@ def broken_fit(patch: pytest.MonkeyPatch) -> None:
 
 
 def wrong_constant(patch: pytest.MonkeyPatch) -> None:
-    widths = vcfbench.analysis.budget._HALF_WIDTHS
-    patch.setattr(vcfbench.analysis.budget, "_HALF_WIDTHS", dict.fromkeys(widths, math.sqrt(6.0)))
+    widths = vcfbench.analysis.budget.HALF_WIDTHS
+    patch.setattr(vcfbench.analysis.budget, "HALF_WIDTHS", dict.fromkeys(widths, math.sqrt(6.0)))
 
 
 def wrong_allan(patch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ the tests check it by Monte Carlo (JCGM 101). Lack of fit is no uncertainty and 
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
 from typing import Any, Self, TypeAlias
 
@@ -38,11 +38,17 @@ class Distribution(Enum):
     """A sine of unknown phase."""
 
 
-_HALF_WIDTHS = {
+HALF_WIDTHS = {
     Distribution.RECTANGULAR: math.sqrt(3.0),
     Distribution.TRIANGULAR: math.sqrt(6.0),
     Distribution.ARCSINE: math.sqrt(2.0),
 }
+
+
+_CELLS = 3**8
+"""An odd number, so that one is in the middle, and one that suits the Fourier transform."""
+_LEFT_OUT = 1e-5
+"""Probability of the normal part that may lie outside the grid."""
 
 
 class Source(Struct, frozen=True):
@@ -69,9 +75,9 @@ class Source(Struct, frozen=True):
         Raises:
             ConfigError: a normal distribution has no half width.
         """
-        if distribution not in _HALF_WIDTHS:
+        if distribution not in HALF_WIDTHS:
             raise ConfigError(f"{name}: a {distribution.value} distribution has no half width")
-        return cls(name, value, half_width / _HALF_WIDTHS[distribution], unit, distribution=distribution)
+        return cls(name, value, half_width / HALF_WIDTHS[distribution], unit, distribution=distribution)
 
 
 class Contribution(Struct, frozen=True):
@@ -170,7 +176,12 @@ def evaluate(
         dof = 1.0 / terms if terms > 0.0 else math.inf
         value = float(output if isinstance(output, int | float) else output.nominal_value)
         results.append(Result(name, value, u, dof, confidence, coverage_factor(dof, confidence), lines))
-    return Budget(tuple(sources), tuple(results), _correlation(slopes @ covariance @ slopes.T))
+    of_results = slopes @ covariance @ slopes.T
+    root = np.sqrt(np.maximum(np.diag(of_results), 0.0))
+    product = np.outer(root, root)
+    correlation = np.divide(of_results, product, out=np.zeros_like(of_results), where=product > 0.0)
+    np.fill_diagonal(correlation, 1.0)  # a result without variance is correlated with itself only
+    return Budget(tuple(sources), tuple(results), correlation)
 
 
 def coverage_factor(dof: float, confidence: float = 0.95) -> float:
@@ -216,15 +227,6 @@ def correlated_groups(sources: Sequence[Source], correlations: Correlations) -> 
     return list(groups.values())
 
 
-def _correlation(covariance: Floats) -> Floats:
-    """Return the coefficients of a covariance; a result without variance is correlated with itself only."""
-    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    product = np.outer(u, u)
-    coefficients = np.divide(covariance, product, out=np.zeros_like(covariance), where=product > 0.0)
-    np.fill_diagonal(coefficients, 1.0)
-    return np.asarray(coefficients)
-
-
 def _contributions(
     sources: Sequence[Source], slopes: Floats, covariance: Floats
 ) -> tuple[float, tuple[Contribution, ...]]:
@@ -237,3 +239,70 @@ def _contributions(
         for source, slope, share in zip(sources, slopes, shares, strict=True)
     ]
     return math.sqrt(variance), tuple(sorted(lines, key=lambda line: -abs(line.u)))
+
+
+def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> float:
+    """Return the half width of the interval of ``result.confidence`` over its u, to 0.1 %.
+
+    The result is taken as its sensitivities say, a sum. Its sources within limits keep their distributions; the normal
+    ones make up the rest of its variance, as one Student's t with the degrees of freedom that remain. A result without
+    uncertainty keeps its factor.
+    """
+    kinds = {source.name: source.distribution for source in sources}
+    bounded = [line for line in result.contributions if kinds[line.source] is not Distribution.NORMAL and line.u]
+    if not bounded:
+        return result.coverage_factor
+    limits = [(kinds[line.source], _HALF_WIDTH[kinds[line.source]] * abs(line.u)) for line in bounded]
+    normal = (line.share for line in result.contributions if kinds[line.source] is Distribution.NORMAL)
+    rest_share = max(0.0, math.fsum(normal))
+    rest_u = result.u * math.sqrt(rest_share)
+    rest_dof = result.dof * rest_share**2 if rest_share else math.inf  # Welch and Satterthwaite backwards
+    reach = math.fsum(half_width for _, half_width in limits) + rest_u * t_quantile(_LEFT_OUT, rest_dof)
+    edges = np.linspace(-reach, reach, _CELLS + 1)
+    # The same of the normal or t part, by its density in the middles
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    if rest_u < edges[1] - edges[0]:  # narrower than a cell
+        density = (np.arange(middles.size) == middles.size // 2).astype(float)
+    elif math.isinf(rest_dof):
+        density = np.exp(-0.5 * (middles / rest_u) ** 2)
+    else:
+        density = np.exp(-0.5 * (rest_dof + 1.0) * np.log1p((middles / rest_u) ** 2 / rest_dof))
+    together = np.fft.rfft(np.asarray(np.fft.ifftshift(density / density.sum())))
+    half_a_cell = float(edges[_CELLS // 2 + 1])
+    for kind, half_width in limits:
+        if half_width > half_a_cell:  # what stays within the middle cell moves nothing
+            together = together * np.fft.rfft(_cells(kind, edges, half_width))
+    return _upper_end(np.fft.irfft(together, _CELLS), edges, result.confidence) / result.u
+
+
+_HALF_WIDTH: Mapping[Distribution, float] = {
+    Distribution.RECTANGULAR: math.sqrt(3.0),
+    Distribution.TRIANGULAR: math.sqrt(6.0),
+    Distribution.ARCSINE: math.sqrt(2.0),
+}
+"""In standard uncertainties."""
+
+
+def _cells(kind: Distribution, edges: Floats, half_width: float) -> Floats:
+    """Return the probability of each cell, the middle one first, of a source that goes beyond the middle cell."""
+    first = int(edges.searchsorted(-half_width, "right")) - 1
+    stop = int(edges.searchsorted(half_width)) + 1
+    x = np.clip(edges[first:stop] / half_width, -1.0, 1.0)
+    match kind:
+        case Distribution.TRIANGULAR:
+            below = 0.5 + x - 0.5 * x * np.abs(x)
+        case Distribution.ARCSINE:
+            below = np.arcsin(x) / math.pi
+        case _:
+            below = 0.5 * x
+    middle = edges.size // 2 - 1
+    inside, cells = np.diff(below), np.zeros(edges.size - 1)
+    cells[: stop - 1 - middle] = inside[middle - first :]
+    cells[first - middle :] = inside[: middle - first]
+    return cells
+
+
+def _upper_end(cells: Floats, edges: Floats, confidence: float) -> float:
+    """Return the upper end of the interval with equal tails about the middle."""
+    below = np.concatenate([[0.0], np.cumsum(np.fft.fftshift(cells))])
+    return float(np.interp(0.5 * (1.0 + confidence), below, edges))

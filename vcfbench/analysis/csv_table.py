@@ -9,7 +9,6 @@ import io
 import math
 import re
 from textwrap import shorten
-from typing import NoReturn
 
 from msgspec import Struct
 
@@ -137,23 +136,20 @@ def _values(line: int, row: list[str], header: tuple[str, ...], name: str) -> tu
 
 
 def _number(cell: str, where: str) -> float:
+    shown = shorten(cell, 40)
     if not _NUMBER.fullmatch(cell):
-        _refuse_cell(shorten(cell, 40), where)
+        if not cell:
+            raise ConfigError(f"{where}: the value is missing")
+        if cell.lower().lstrip("+-") in {"nan", "inf", "infinity"}:
+            raise ConfigError(f"{where}: {shown} is not a measured value")
+        if "\N{MINUS SIGN}" in cell or "\N{EN DASH}" in cell:
+            raise ConfigError(f"{where}: {shown!r} has a typographic minus sign; write it with a hyphen")
+        if _DECIMAL_COMMA.fullmatch(cell):
+            raise ConfigError(f"{where}: {shown!r} has a decimal comma; write it with a point")
+        raise ConfigError(f"{where}: {shown!r} is not a number")
     value = float(cell)
     if not math.isfinite(value):
-        raise ConfigError(f"{where}: {shorten(cell, 40)} is too large for a number")
+        raise ConfigError(f"{where}: {shown} is too large for a number")
     if math.isclose(abs(value), _OVERLOAD):
-        raise ConfigError(f"{where}: {shorten(cell, 40)} is an instrument's word for overload, not a measured value")
+        raise ConfigError(f"{where}: {shown} is an instrument's word for overload, not a measured value")
     return value
-
-
-def _refuse_cell(cell: str, where: str) -> NoReturn:
-    if not cell:
-        raise ConfigError(f"{where}: the value is missing")
-    if cell.lower().lstrip("+-") in {"nan", "inf", "infinity"}:
-        raise ConfigError(f"{where}: {cell} is not a measured value")
-    if "\N{MINUS SIGN}" in cell or "\N{EN DASH}" in cell:
-        raise ConfigError(f"{where}: {cell!r} has a typographic minus sign; write it with a hyphen")
-    if _DECIMAL_COMMA.fullmatch(cell):
-        raise ConfigError(f"{where}: {cell!r} has a decimal comma; write it with a point")
-    raise ConfigError(f"{where}: {cell!r} is not a number")

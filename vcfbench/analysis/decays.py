@@ -52,7 +52,8 @@ def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tupl
     second = _line(_left(parameters, mixed, times), times, [0.0, float(parameters[0])])
     if second is not None:
         parameters = _fitted(np.array([*parameters, second, parameters[1]]), mixed, times)
-    sizes = np.abs(_linear(parameters, mixed, times)[1:]) / _passed(parameters.reshape(-1, 2)[:, 0])
+    off = parameters.reshape(-1, 2)[:, 0] * _WINDOW_S  # the share of a line that passes the means of Hann's windows
+    sizes = np.abs(_linear(parameters, mixed, times)[1:]) / (np.sinc(off) / (1.0 - off**2))
     modes = [
         _decay(carrier_hz + float(offset_hz), float(rate), float(size))
         for (offset_hz, rate), size in zip(parameters.reshape(-1, 2), sizes, strict=True)
@@ -80,12 +81,6 @@ def _mixed(samples: ArrayLike, interval_s: float, carrier_hz: float, window_s: f
     phasors = 2.0 * turned.reshape(count, size) @ (shape / shape.sum())
     middles = interval_s * (size * np.arange(count) + (size - 1) / 2.0)
     return np.asarray(middles), np.asarray(phasors)
-
-
-def _passed(offset_hz: Floats) -> Floats:
-    """Return the share of a line that passes the means of Hann's windows, by its distance from the carrier."""
-    x = offset_hz * _WINDOW_S
-    return np.asarray(np.sinc(x) / (1.0 - x**2))
 
 
 def _line(signal: Complexes, times: Floats, known_hz: list[float]) -> float | None:

@@ -46,7 +46,15 @@ def fit_model(residuals: Callable[[Floats], Floats], start: Floats, what: str) -
     def scaled(parameters: Floats) -> Floats:
         return residuals(parameters * scale)
 
-    found, slopes = _by_gauss(scaled, start / scale) or _by_steps(scaled, start / scale, what)
+    at_rest = _by_gauss(scaled, start / scale)
+    if at_rest is None:  # Levenberg's and Marquardt's steps, from where Gauss's go astray
+        from scipy.optimize import least_squares  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
+        solved = least_squares(scaled, start / scale, method="lm", xtol=1e-14, ftol=1e-14, max_nfev=4000)
+        if not solved.success:
+            raise ConfigError(f"{what}: the points do not determine the model")
+        at_rest = np.asarray(solved.x), np.asarray(solved.jac)
+    found, slopes = at_rest
     _, sizes, directions = np.linalg.svd(slopes, full_matrices=False)
     if not sizes[-1] > _DETERMINED * sizes[0]:
         raise ConfigError(f"{what}: the points do not determine the model")
@@ -62,7 +70,12 @@ def _by_gauss(scaled: Callable[[Floats], Floats], start: Floats) -> tuple[Floats
     """
     found, left = start, scaled(start)
     for _ in range(_ROUNDS):
-        slopes = _slopes(scaled, found)
+        columns = []  # derivatives of the residuals by central differences
+        for place in range(found.size):
+            step = np.zeros_like(found)
+            step[place] = 1e-6 * max(1.0, abs(float(found[place])))
+            columns.append((scaled(found + step) - scaled(found - step)) / (2.0 * step[place]))
+        slopes = np.column_stack(columns)
         step, _, _, sizes = np.linalg.lstsq(slopes, -left, rcond=None)
         if not sizes[-1] > _DETERMINED * sizes[0]:
             return None
@@ -77,26 +90,6 @@ def _by_gauss(scaled: Callable[[Floats], Floats], start: Floats) -> tuple[Floats
             return None
         found, left = found + step, after
     return None
-
-
-def _slopes(scaled: Callable[[Floats], Floats], at: Floats) -> Floats:
-    """Return the derivatives of the residuals by central differences."""
-    columns = []
-    for place in range(at.size):
-        step = np.zeros_like(at)
-        step[place] = 1e-6 * max(1.0, abs(float(at[place])))
-        columns.append((scaled(at + step) - scaled(at - step)) / (2.0 * step[place]))
-    return np.column_stack(columns)
-
-
-def _by_steps(scaled: Callable[[Floats], Floats], start: Floats, what: str) -> tuple[Floats, Floats]:
-    """Return the same by Levenberg's and Marquardt's steps, from where Gauss's go astray."""
-    from scipy.optimize import least_squares  # noqa: PLC0415 - SciPy costs more to import than all the rest
-
-    solved = least_squares(scaled, start, method="lm", xtol=1e-14, ftol=1e-14, max_nfev=4000)
-    if not solved.success:
-        raise ConfigError(f"{what}: the points do not determine the model")
-    return np.asarray(solved.x), np.asarray(solved.jac)
 
 
 def not_negative(design: Floats, values: Floats) -> Floats:

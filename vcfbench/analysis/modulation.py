@@ -77,7 +77,17 @@ def demodulated(samples: ArrayLike, aperture_s: float, frequency_hz: float, wind
         part, *_ = np.linalg.lstsq(own, values[first : first + length], rcond=None)
         in_phase.append(float((_phasors(part)[0] / averaged[0] * cmath.exp(-1j * phase)).real))
     left = values - basis @ found
-    power, lines = zip(*(_noise(left, turns, order) for order in ORDERS), strict=True)
+    # The mean square of the lines about each order, halfway to its neighbours at most, and how many they are
+    cycles, power, lines = turns * left.size, [], []
+    steps = range(_NEAREST, min(_FARTHEST, int(cycles / 2.0)) + 1)
+    for order in ORDERS:
+        places = [order * cycles + sign * step for step in steps for sign in (-1.0, 1.0)]
+        kept = [each for each in places if 1.5 < each < 0.5 * left.size - 1.0]
+        if not kept:
+            raise ConfigError(f"{cycles:.3g} periods do not show the noise about a harmonic: at least 8 are needed")
+        turned = np.exp(-2j * math.pi * np.outer(np.array(kept) / left.size, np.arange(left.size))) @ left
+        power.append(float(np.mean(np.abs(turned) ** 2)))
+        lines.append(len(kept))
     aligned = [complex(each * cmath.exp(-1j * order * phase)) for order, each in zip(ORDERS, phasors, strict=True)]
     scale = tuple(float(each / one**2) for each, one in zip(power, averaged, strict=True))
     return Demodulated(
@@ -113,18 +123,6 @@ def _basis(count: int, turns: float) -> Floats:
 
 def _phasors(found: NDArray[np.floating]) -> NDArray[np.complex128]:
     return np.asarray(found[2:5] - 1j * found[5:8])
-
-
-def _noise(left: Floats, turns: float, order: int) -> tuple[float, int]:
-    """Return the mean square of the lines about an order, halfway to its neighbours at most, and how many they are."""
-    cycles = turns * left.size
-    farthest = min(_FARTHEST, int(cycles / 2.0))
-    places = [order * cycles + sign * step for step in range(_NEAREST, farthest + 1) for sign in (-1.0, 1.0)]
-    kept = [each for each in places if 1.5 < each < 0.5 * left.size - 1.0]
-    if not kept:
-        raise ConfigError(f"{cycles:.3g} periods do not show the noise about a harmonic: at least 8 are needed")
-    lines = np.exp(-2j * math.pi * np.outer(np.array(kept) / left.size, np.arange(left.size))) @ left
-    return float(np.mean(np.abs(lines) ** 2)), len(kept)
 
 
 def static_response(frequency_hz: float, split_hz: float, in_phase_split_hz: float, in_phase_share: float) -> float:

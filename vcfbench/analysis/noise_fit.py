@@ -134,7 +134,13 @@ def fit_noise(
     """
     chosen = [term for term in Term if term in set(terms)]
     factors = [round(point.tau_s / sampling.interval_s) for point in curve]
-    _check(curve, factors, sampling, chosen)
+    if not chosen or len(curve) < len(chosen):
+        raise ConfigError(f"{len(curve)} points of an Allan curve do not determine {len(chosen)} terms")
+    for point, factor in zip(curve, factors, strict=True):
+        if factor < 1 or abs(factor * sampling.interval_s - point.tau_s) > 1e-6 * point.tau_s:
+            raise ConfigError(f"{point.tau_s:g} s is no multiple of the interval of {sampling.interval_s:g} s")
+        if point.deviation <= 0.0:
+            raise ConfigError(f"the Allan deviation at {point.tau_s:g} s is 0: the record has no noise to fit")
     places = [list(Term).index(term) for term in chosen]
     design = _design(factors, sampling)[:, places]
     variance = np.array([point.deviation**2 for point in curve])
@@ -192,16 +198,6 @@ def fit_shown_noise(
         left.remove(best)
         fit = wider[best]
     return fit
-
-
-def _check(curve: Sequence[AllanPoint], factors: list[int], sampling: Sampling, chosen: list[Term]) -> None:
-    if not chosen or len(curve) < len(chosen):
-        raise ConfigError(f"{len(curve)} points of an Allan curve do not determine {len(chosen)} terms")
-    for point, factor in zip(curve, factors, strict=True):
-        if factor < 1 or abs(factor * sampling.interval_s - point.tau_s) > 1e-6 * point.tau_s:
-            raise ConfigError(f"{point.tau_s:g} s is no multiple of the interval of {sampling.interval_s:g} s")
-        if point.deviation <= 0.0:
-            raise ConfigError(f"the Allan deviation at {point.tau_s:g} s is 0: the record has no noise to fit")
 
 
 def _weighted(design: Floats, variance: Floats, weight: Floats) -> Floats:

@@ -47,6 +47,16 @@ def nonlinearity_ppm(rate_deg_s: ArrayLike, output_v: ArrayLike, fit: LineFit) -
     reading = float((np.abs(residuals[counted]) / np.abs(rate[counted])).max()) if counted.any() else None
     rounded = round(fit.scale_factor, PAPER_DECIMALS)
     rounded_v = float(np.abs(output - rounded * rate - round(fit.bias, PAPER_DECIMALS)).max())
+    sides = rate >= 0.0, rate <= 0.0  # the zero belongs to both
+    two = all(len(set(rate[side].tolist())) > 1 for side in sides)
+    own = [slope(rate[side], output[side]) for side in sides] if two else None
+    kinked = np.column_stack([np.maximum(rate, 0.0), np.minimum(rate, 0.0), np.ones_like(rate)])
+    found, _, rank, _ = np.linalg.lstsq(kinked, output, rcond=None)
+    common = found[:2].tolist() if rank == 3 else None
+    first, last = int(rate.argmin()), int(rate.argmax())
+    span = float(rate[last] - rate[first])
+    chord = float(output[last] - output[first]) / span
+    chord_v = float(np.abs(output - output[first] - chord * (rate - rate[first])).max())
     best_gain, _, half_band = best_straight_line(rate, output)
     ratios: dict[str, tuple[float | None, float | None]] = {
         "max_span": (largest, gain * float(np.ptp(rate))),
@@ -57,20 +67,12 @@ def nonlinearity_ppm(rate_deg_s: ArrayLike, output_v: ArrayLike, fit: LineFit) -
         "sd_fs": (fit.s_v, full_scale),
         "pp_fs": (float(np.ptp(residuals)), full_scale),
         "bsl_fs": (half_band, abs(best_gain) * float(np.abs(rate).max())),
-        "endpoint_span": _chord(rate, output),
+        "endpoint_span": (chord_v, abs(chord) * span),
         "reading": (reading, gain),
-        "asym": _asymmetry(_own_slopes(rate, output)),
-        "asym_common": _asymmetry(_common_slopes(rate, output)),
+        "asym": _asymmetry(own),
+        "asym_common": _asymmetry(common),
     }
     return {name: None if part is None or not whole else 1e6 * part / whole for name, (part, whole) in ratios.items()}
-
-
-def _chord(rate: Floats, output: Floats) -> tuple[float, float]:
-    """Return the largest deviation from the line through the lowest and the highest rate, and that line's span."""
-    first, last = int(rate.argmin()), int(rate.argmax())
-    span = float(rate[last] - rate[first])
-    gain = float(output[last] - output[first]) / span
-    return float(np.abs(output - output[first] - gain * (rate - rate[first])).max()), abs(gain) * span
 
 
 def best_straight_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> tuple[float, float, float]:
@@ -114,23 +116,7 @@ def _least_offset(hull: Floats, slope: Floats) -> Floats:
     return np.asarray(corner[:, 1] - slope * corner[:, 0])
 
 
-def _own_slopes(rate: Floats, output: Floats) -> tuple[float, float] | None:
-    """Return the slopes at rates >= 0 and <= 0; the zero belongs to both."""
-    sides = rate >= 0.0, rate <= 0.0
-    if any(len(set(rate[side].tolist())) < 2 for side in sides):
-        return None
-    positive, negative = (slope(rate[side], output[side]) for side in sides)
-    return positive, negative
-
-
-def _common_slopes(rate: Floats, output: Floats) -> tuple[float, float] | None:
-    """Return the slopes of a line with a break at zero."""
-    design = np.column_stack([np.maximum(rate, 0.0), np.minimum(rate, 0.0), np.ones_like(rate)])
-    (positive, negative, _), _, rank, _ = np.linalg.lstsq(design, output, rcond=None)
-    return (float(positive), float(negative)) if rank == 3 else None
-
-
-def _asymmetry(slopes: tuple[float, float] | None) -> tuple[float | None, float | None]:
+def _asymmetry(slopes: list[float] | None) -> tuple[float | None, float | None]:
     if slopes is None:
         return None, None
     positive, negative = map(abs, slopes)

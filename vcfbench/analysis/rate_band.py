@@ -137,13 +137,24 @@ def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_
     basis = np.column_stack([np.ones_like(steps), steps / values.size, np.cos(angle), np.sin(angle)])
     found, *_ = np.linalg.lstsq(basis, values, rcond=None)
     tone, third = (complex(found[2 + n], -found[2 + len(turns) + n]) for n in (0, _HARMONICS - 1))
-    power, places = _noise(values - basis @ found, turns)
+    # The variance that noise gives the amplitude, and the lines of the spectrum it is read from
+    width = 1.0 / values.size
+    places = np.array([turns[0] + sign * step * width for step in _BINS for sign in (-1.0, 1.0)])
+    folded = np.abs(np.mod(places + 0.5, 1.0) - 0.5)
+    keep = (places > 1.5 * width) & (places < 0.5 - width)
+    for other in turns[1:]:
+        keep &= np.abs(folded - abs(math.remainder(other, 1.0))) > 1.5 * width
+    if not keep.any():
+        raise ConfigError("no part of the spectrum about the tone shows the noise alone")
+    places = places[keep]
+    lines = np.exp(-2j * math.pi * np.outer(places, np.arange(values.size))) @ (values - basis @ found)
+    power = float(2.0 / values.size**2 * np.mean(np.abs(lines) ** 2))
     swing = tone / abs(tone)
     return Tone(
         frequency_hz=frequency_hz,
-        amplitude=abs(tone) / _aperture(frequency_hz, aperture_s),
-        u_amplitude=math.sqrt(power) / _aperture(frequency_hz, aperture_s),
-        third=(third * swing.conjugate() ** 3).real / _aperture(_HARMONICS * frequency_hz, aperture_s),
+        amplitude=abs(tone) / float(np.sinc(frequency_hz * aperture_s)),
+        u_amplitude=math.sqrt(power) / float(np.sinc(frequency_hz * aperture_s)),
+        third=(third * swing.conjugate() ** 3).real / float(np.sinc(_HARMONICS * frequency_hz * aperture_s)),
         spacing_s=spacing_s,
         noise_dof=2.0 * places.size,
         noise_hz=tuple((places / spacing_s).tolist()),
@@ -180,7 +191,7 @@ def foreseen_tone(
     return Tone(
         frequency_hz=frequency_hz,
         amplitude=static * gain,
-        u_amplitude=math.hypot(math.sqrt(variance), _ROUNDING * static) / _aperture(frequency_hz, aperture_s),
+        u_amplitude=math.hypot(math.sqrt(variance), _ROUNDING * static) / float(np.sinc(frequency_hz * aperture_s)),
         third=0.0,
         spacing_s=spacing_s,
         noise_dof=2.0 * beside.size,
@@ -198,25 +209,6 @@ def _checked(samples: ArrayLike, spacing_s: float, frequency_hz: float) -> Float
     if values.size < 64 or 2.0 * frequency_hz * spacing_s > 0.95:
         raise ConfigError(f"{values.size} samples, one every {spacing_s:g} s, hold no sine of {frequency_hz:g} Hz")
     return values
-
-
-def _aperture(frequency_hz: float, aperture_s: float) -> float:
-    """Return the attenuation of a sine by averaging over the aperture."""
-    return float(np.sinc(frequency_hz * aperture_s))
-
-
-def _noise(left: Floats, turns: Sequence[float]) -> tuple[float, Floats]:
-    """Return the variance that noise gives the amplitude at the first of `turns`, and the lines it was read from."""
-    width = 1.0 / left.size
-    places = np.array([turns[0] + sign * step * width for step in _BINS for sign in (-1.0, 1.0)])
-    folded = np.abs(np.mod(places + 0.5, 1.0) - 0.5)
-    keep = (places > 1.5 * width) & (places < 0.5 - width)
-    for other in turns[1:]:
-        keep &= np.abs(folded - abs(math.remainder(other, 1.0))) > 1.5 * width
-    if not keep.any():
-        raise ConfigError("no part of the spectrum about the tone shows the noise alone")
-    lines = np.exp(-2j * math.pi * np.outer(places[keep], np.arange(left.size))) @ left
-    return float(2.0 / left.size**2 * np.mean(np.abs(lines) ** 2)), places[keep]
 
 
 def split_guess_hz(frequency_hz: ArrayLike, gain: ArrayLike) -> float:
@@ -301,7 +293,17 @@ def fit_near_split(
         rest = seen - np.log(split_response(f, known.drive_hz, shape))
         return np.asarray((rest - np.average(rest, weights=weight**2)) * weight)
 
-    found = [_settled(left, np.array([start[0], math.log(start[1] * factor)])) for factor in (1.0, 0.5, 2.0)]
+    found = []
+    for factor in (1.0, 0.5, 2.0):  # Gauss and Newton to split and logarithm of Q, from three of Q
+        at = np.array([start[0], math.log(start[1] * factor)])
+        for _ in range(_ROUNDS):
+            steps = 1e-3 * np.diag([at[0], 1.0])
+            rows = np.column_stack([(left(at + step) - left(at - step)) / 2e-3 for step in steps])
+            change = -np.linalg.lstsq(rows, left(at), rcond=None)[0]
+            at = at + np.clip(change, -0.1, 0.1) * np.array([at[0], 1.0])
+            if np.abs(change).max() < _SETTLED:
+                break
+        found.append((at, rows / np.array([at[0], 1.0])))
     best, rows = min(found, key=lambda each: float(np.sum(left(each[0]) ** 2)))
     scatter = max(1.0, float(np.sum(left(best) ** 2)) / (len(tones) - 3))
     if not math.isfinite(scatter) or scatter > _UNLIKE:
@@ -309,17 +311,6 @@ def fit_near_split(
     u_split_hz, u_log_q = np.sqrt(scatter * np.diag(np.linalg.inv(rows.T @ rows))).tolist()
     q = math.exp(best[1])
     return NearSplit(float(best[0]), q, u_split_hz, q * u_log_q)
-
-
-def _settled(left: Callable[[Floats], Floats], at: Floats) -> tuple[Floats, Floats]:
-    """Return split and logarithm of Q found by Gauss and Newton, and the derivatives of the residuals there."""
-    for _ in range(_ROUNDS):
-        rows = np.column_stack([(left(at + step) - left(at - step)) / 2e-3 for step in 1e-3 * np.diag([at[0], 1.0])])
-        change = -np.linalg.lstsq(rows, left(at), rcond=None)[0]
-        at = at + np.clip(change, -0.1, 0.1) * np.array([at[0], 1.0])
-        if np.abs(change).max() < _SETTLED:
-            break
-    return at, rows / np.array([at[0], 1.0])
 
 
 def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> RateBand:

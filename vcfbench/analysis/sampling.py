@@ -73,34 +73,21 @@ def deviation_factor(sampling: Sampling, noise: Noise, factor: int = 1) -> float
             return math.sqrt(2.0 * factor / 3.0) / duty
         case Noise.FLICKER | Noise.RANDOM_WALK:
             summed = min(factor, _SUMMED)
-            excess = _variance(noise, summed, duty) / _gapless_variance(noise, summed) - 1.0
+            # The variance of the difference of two clusters, one a unit of time over `duty` of it, up to a constant of
+            # the law. One cluster follows the other, so they meet at lags of one sign only
+            lag = np.arange(2.0 * summed)
+            weight = 2.0 * np.maximum(0.0, summed - lag) - np.maximum(0.0, summed - np.abs(lag - summed))
+            weight[1:] *= 2.0
+            later, ratio = lag[1:], duty / lag[1:]
+            if noise is Noise.FLICKER:  # second differences of t^2 ln t; of random walk: of |t|^3 / 12
+                spread = (later + duty) ** 2 * np.log1p(ratio) + (later - duty) ** 2 * np.log1p(-ratio)
+                covariance = [[-2.0 * math.log(duty)], -2.0 * np.log(later) - spread / duty**2]
+                gapless = 8.0 * math.log(2.0)
+            else:
+                covariance, gapless = [[-duty / 6.0], -later / 2.0], 2.0 * summed / 3.0
+            excess = float(weight @ np.concatenate(covariance)) / summed**2 / gapless - 1.0
             gone = summed / factor if noise is Noise.FLICKER else (summed / factor) ** 2
             return math.sqrt(1.0 + excess * gone)
-
-
-def _variance(noise: Noise, factor: int, duty: float) -> float:
-    """Return the variance of the difference of two clusters of `factor` readings, one a unit of time over `duty` of it.
-
-    Up to a constant of the law. One cluster follows the other, so they meet at lags of one sign only.
-    """
-    lag = np.arange(2.0 * factor)
-    weight = 2.0 * np.maximum(0.0, factor - lag) - np.maximum(0.0, factor - np.abs(lag - factor))
-    weight[1:] *= 2.0
-    # The same of random walk: of |t|^3 / 12
-    covariance = _flicker(lag, duty) if noise is Noise.FLICKER else np.concatenate([[-duty / 6.0], -lag[1:] / 2.0])
-    return float(weight @ covariance) / factor**2
-
-
-def _gapless_variance(noise: Noise, factor: int) -> float:
-    return 8.0 * math.log(2.0) if noise is Noise.FLICKER else 2.0 * factor / 3.0
-
-
-def _flicker(lag: Floats, duty: float) -> Floats:
-    """Return the generalised autocovariance of readings of flicker noise: second differences of t^2 ln t."""
-    later = lag[1:]
-    ratio = duty / later
-    spread = (later + duty) ** 2 * np.log1p(ratio) + (later - duty) ** 2 * np.log1p(-ratio)
-    return np.concatenate([[-2.0 * math.log(duty)], -2.0 * np.log(later) - spread / duty**2])
 
 
 def block_means(record: ArrayLike, readings: int) -> Floats:

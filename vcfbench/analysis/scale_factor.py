@@ -180,6 +180,10 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
     relative = math.hypot(
         reference.u_fit_scale_factor / first.scale_factor, other.u_fit_scale_factor / second.scale_factor
     )
+    rates, residuals = (reference.rate_deg_s, other.rate_deg_s), (first.residuals_v, second.residuals_v)
+    correlation = None
+    if rates[0].shape == rates[1].shape and np.allclose(*rates, rtol=0.05, atol=0.0):
+        correlation = float(np.corrcoef(*residuals)[0, 1]) if all(map(np.ptp, residuals)) else None
     both = math.hypot(*(each.line.coverage_factor * each.u_fit_scale_factor for each in (reference, other)))
     error = scale_factor_error_percent(first.scale_factor, second.scale_factor)
     assert error is not None  # noqa: S101 - `characterise` refuses a scale factor of zero
@@ -192,15 +196,5 @@ def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Compariso
         e_n=abs(second.scale_factor - first.scale_factor) / both if both > 0.0 else None,
         bias_difference_v=second.bias - first.bias,
         zero_difference_v=None if reference.zero_v is None or other.zero_v is None else other.zero_v - reference.zero_v,
-        residual_correlation=_residual_correlation(reference, other),
+        residual_correlation=correlation,
     )
-
-
-def _residual_correlation(first: ScaleFactorResult, second: ScaleFactorResult) -> float | None:
-    rates = first.rate_deg_s, second.rate_deg_s
-    if rates[0].shape != rates[1].shape or not np.allclose(*rates, rtol=0.05, atol=0.0):
-        return None
-    residuals = first.line.residuals_v, second.line.residuals_v
-    if any(np.ptp(column) == 0.0 for column in residuals):
-        return None
-    return float(np.corrcoef(*residuals)[0, 1])

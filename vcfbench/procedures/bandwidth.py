@@ -38,7 +38,7 @@ from vcfbench.procedures.shared.tones import (
     sampled_every_s,
     stands_off_mains,
 )
-from vcfbench.records.devices import Characteristics
+from vcfbench.records import devices
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Foreseen, Measured
@@ -278,15 +278,13 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
     )
 
 
-def characteristics(found: Bandwidth) -> Characteristics:
+def characteristics(found: Bandwidth) -> devices.Characteristics:
     """Return the characteristics that K_Vc depends on, as a sweep found them; it knows one Q of both modes."""
-    from vcfbench.records.devices import Characteristics, Measured  # noqa: PLC0415  # few name a device
-
-    return Characteristics(
-        drive_hz=Measured(value=found.drive_hz, u=found.u_drive_hz),
+    return devices.Characteristics(
+        drive_hz=devices.Measured(value=found.drive_hz, u=found.u_drive_hz),
         split_hz=found.split_hz.kept(),
         q_anti_phase=found.q.kept(),
-        in_phase_share=Measured(value=found.in_phase_share, u=found.u_in_phase_share),
+        in_phase_share=devices.Measured(value=found.in_phase_share, u=found.u_in_phase_share),
     )
 
 

@@ -180,17 +180,13 @@ def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
         _response(settings, static, output, noise_v[place], inputs[place] if inputs else None)
         for place, output in enumerate(outputs)
     )
-    return VibrationResult(static, responses, _largest_e_n(responses), settings.v_vc_is_measured)
 
-
-def _largest_e_n(responses: Sequence[VibrationResponse]) -> float:
-    """Return the largest of all E_n over U95 that all of them keep together (Sidak), so that 1 is its own limit."""
-
-    def together(found: Measurand) -> float:
+    def together(found: Measurand) -> float:  # U95 that all of them keep together (Sidak), so that 1 is its own limit
         return found.u * t_of_largest(len(responses), math.inf if found.dof is None else found.dof)
 
     pairs = [(each.response, each.expected) for each in responses]
-    return max(e_n(one.value, together(one), other.value, together(other)) for one, other in pairs)
+    largest = max(e_n(one.value, together(one), other.value, together(other)) for one, other in pairs)
+    return VibrationResult(static, responses, largest, settings.v_vc_is_measured)
 
 
 def _static_gain(settings: VibrationSettings, measured: Measured) -> Measurand:

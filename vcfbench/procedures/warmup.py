@@ -37,7 +37,7 @@ from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.station.settings import ProcedureSettings, Sources
+from vcfbench.station.settings import Sources
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import Context, Reading, Routine, Step, StepResult, answer
 
@@ -53,6 +53,44 @@ _TIME_CONSTANTS = 300
 """Number of time constants that are tried."""
 _FIT_S = 10.0
 """The curve is fitted to means of so many seconds."""
+
+
+_QUICK_NPLC = 1.0
+_QUICK_INTERVAL_S = 0.1
+"""While the drive loop starts: ten readings a second of one power-line cycle."""
+
+
+class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
+    """Settings of the warm-up, beside those of all procedures."""
+
+    shortest_s: Annotated[
+        float, Meta(ge=180.0, le=86_400.0, description="from power-on, before it may be called steady")
+    ] = 1800.0
+    longest_s: Annotated[float, Meta(ge=180.0, le=86_400.0, description="and at most, steady or not")] = 3600.0
+    window_s: Annotated[float, Meta(ge=10.0, le=600.0, description="length of the means that must agree")] = 60.0
+    bias_instability_deg_h: Annotated[
+        float, Meta(ge=1e-3, le=1e6, description="B of this gyroscope, of its zero record: what steady means")
+    ] = 5.6
+    turn_on_tolerance_deg_s: Annotated[
+        float, Meta(ge=1e-3, le=1e3, description="the output is on when it stays so close to what it comes to")
+    ] = 1.0
+
+    @property
+    def readings_a_window(self) -> int:
+        """Number of readings of one mean."""
+        return max(4, round(self.window_s / self.sample_interval_s))
+
+    @property
+    def warm_again_s(self) -> float:
+        """Waiting time as a part of a run: the shortest."""
+        return self.shortest_s
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        yield from super().contradictions()
+        if self.longest_s < self.shortest_s:
+            yield InvalidValue("longest_s", f"at least shortest_s, {self.shortest_s:g} s", self.longest_s)
+        if self.shortest_s < 3.0 * self.window_s:
+            yield InvalidValue("shortest_s", f"at least three windows of {self.window_s:g} s", self.shortest_s)
 
 
 class WarmupResult(Struct, frozen=True):
@@ -108,14 +146,10 @@ def is_steady(points: Sequence[Point], window_s: float, instability_v: float) ->
 def warmup_results(
     log: Sequence[tuple[float, float]],
     windows: Sequence[tuple[Floats, Floats]],
-    *,
-    interval_s: float,
+    settings: WarmupSettings,
     scale: ScaleFactor,
-    settings: ProcedureSettings,
-    tolerance_deg_s: float,
-    instability_deg_s: float,
+    *,
     steady: bool,
-    resolution_deg_s: float = 0.0,
     creeps: bool = True,
 ) -> WarmupResult:
     """Return the results of a warm-up.
@@ -123,17 +157,14 @@ def warmup_results(
     Args:
         log: time from power-on (s) and rate (deg/s) of each quick reading.
         windows: the same of the windows, an array each.
-        interval_s: from reading to reading in a window.
+        settings: of the run.
         scale: what turned volts into rates.
-        settings: of the run: what is known of meter, gyroscope and surroundings.
-        tolerance_deg_s: the output is on when it stays so close to what the log ends with.
-        instability_deg_s: B, which correlates the means and is what warm means.
         steady: whether the last means agreed.
-        resolution_deg_s: the meter's last digit; no mean is known better than to its rounding.
         creeps: whether there may be an exponential to be found; none is foreseen.
     """
-    begin_s, end_s, means, u_scatter = _means(windows, interval_s)
-    u_white = np.maximum(u_scatter, resolution_deg_s / math.sqrt(12.0))
+    instability_deg_s, known = _instability_deg_h(settings) / 3600.0, settings.station.sources
+    begin_s, end_s, means, u_scatter = _means(windows, settings.sample_interval_s)
+    u_white = np.maximum(u_scatter, settings.meter_resolution_v / abs(scale.value) / math.sqrt(12.0))
     root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
     ones, white = np.linalg.solve(root, np.column_stack([np.ones(means.size), means])).T
     weight = float(ones @ ones)
@@ -145,14 +176,24 @@ def warmup_results(
         if chi_square - found.chi_square > _SHOWS**2:
             creep, (bias, u_bias) = found, found.bias
             chi_square, dof = found.chi_square, means.size - _PARAMETERS
-    window_s = float(begin_s[0]), float(end_s[-1])
+    # An exponential that was not seen may be there: what the bench file knows of the warm-up is in the mean then
+    begun_s, ended_s, seen = float(begin_s[0]), float(end_s[-1]), creep is not None
+    around = parts_at_rest(settings, bias * scale.value, scale.value, ended_s)
+    flicker = Flicker(3600.0 * instability_deg_s, math.inf, "bias_instability_deg_h")
+    per_deg_h = abs(scale.value) / 3600.0 * about_horizon([begun_s], [ended_s], known.horizon_h)
+    parts = [
+        UncertaintyPart("fit", abs(scale.value) * u_bias),
+        flicker_part(flicker, per_deg_h),
+        *(part for part in around if not (seen and part.source == "warm-up")),
+    ]
+    missing = [name for name in known.missing("bias") if not (seen and name == "warm-up")]
     each = [(float(t_s.mean()), float(rate.mean()), float(np.std(rate, ddof=1)), rate.size) for t_s, rate in windows]
     return WarmupResult(
-        turn_on_s=_turn_on(log, tolerance_deg_s),
+        turn_on_s=_turn_on(log, settings.turn_on_tolerance_deg_s),
         turn_on_resolution_s=max((later[0] - t_s for (t_s, _), later in pairwise(log)), default=0.0),
         steady=steady,
-        lasted_s=float(end_s[-1]),
-        bias_end=_bias_end(settings, scale, (bias, u_bias, creep is not None), instability_deg_s, window_s),
+        lasted_s=ended_s,
+        bias_end=as_rate(measurand(bias * scale.value, "V", parts, missing), scale.value, scale.u),
         amplitude=None if creep is None else creep.amplitude,
         time_constant=None if creep is None else creep.time_constant,
         warm_up=None if creep is None else creep.warm_up,
@@ -164,31 +205,6 @@ def warmup_results(
         means_deg_s=tuple(mean for _, mean, _, _ in each),
         means_u_deg_s=tuple(std / math.sqrt(n) for _, _, std, n in each),
     )
-
-
-def _bias_end(
-    settings: ProcedureSettings,
-    scale: ScaleFactor,
-    found: tuple[float, float, bool],
-    instability_deg_s: float,
-    window_s: tuple[float, float],
-) -> Measurand:
-    """Return the bias that was `found` (deg/s, its u by the fit, whether an exponential was seen) with all of its u.
-
-    An exponential that was not seen may be there: what the bench file knows of the warm-up is in the mean then.
-    """
-    (value, u, seen), (begin_s, end_s), known = found, window_s, settings.station.sources
-    output_v = value * scale.value
-    around = parts_at_rest(settings, output_v, scale.value, end_s)
-    flicker = Flicker(3600.0 * instability_deg_s, math.inf, "bias_instability_deg_h")
-    per_deg_h = abs(scale.value) / 3600.0 * about_horizon([begin_s], [end_s], known.horizon_h)
-    parts = [
-        UncertaintyPart("fit", abs(scale.value) * u),
-        flicker_part(flicker, per_deg_h),
-        *(part for part in around if not (seen and part.source == "warm-up")),
-    ]
-    missing = [name for name in known.missing("bias") if not (seen and name == "warm-up")]
-    return as_rate(measurand(output_v, "V", parts, missing), scale.value, scale.u)
 
 
 def _turn_on(log: Sequence[tuple[float, float]], tolerance_deg_s: float) -> float | None:
@@ -328,44 +344,6 @@ def warmup_report(_settings: object, _measured: Measured, results: WarmupResult)
     return Report([Text("\n".join(said)), Table(columns, rows), budget, figure])
 
 
-_QUICK_NPLC = 1.0
-_QUICK_INTERVAL_S = 0.1
-"""While the drive loop starts: ten readings a second of one power-line cycle."""
-
-
-class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
-    """Settings of the warm-up, beside those of all procedures."""
-
-    shortest_s: Annotated[
-        float, Meta(ge=180.0, le=86_400.0, description="from power-on, before it may be called steady")
-    ] = 1800.0
-    longest_s: Annotated[float, Meta(ge=180.0, le=86_400.0, description="and at most, steady or not")] = 3600.0
-    window_s: Annotated[float, Meta(ge=10.0, le=600.0, description="length of the means that must agree")] = 60.0
-    bias_instability_deg_h: Annotated[
-        float, Meta(ge=1e-3, le=1e6, description="B of this gyroscope, of its zero record: what steady means")
-    ] = 5.6
-    turn_on_tolerance_deg_s: Annotated[
-        float, Meta(ge=1e-3, le=1e3, description="the output is on when it stays so close to what it comes to")
-    ] = 1.0
-
-    @property
-    def readings_a_window(self) -> int:
-        """Number of readings of one mean."""
-        return max(4, round(self.window_s / self.sample_interval_s))
-
-    @property
-    def warm_again_s(self) -> float:
-        """Waiting time as a part of a run: the shortest."""
-        return self.shortest_s
-
-    def contradictions(self) -> Iterator[InvalidValue]:
-        yield from super().contradictions()
-        if self.longest_s < self.shortest_s:
-            yield InvalidValue("longest_s", f"at least shortest_s, {self.shortest_s:g} s", self.longest_s)
-        if self.shortest_s < 3.0 * self.window_s:
-            yield InvalidValue("shortest_s", f"at least three windows of {self.window_s:g} s", self.shortest_s)
-
-
 class SwitchedOn(StepResult, Struct, frozen=True):
     """The bench time at which the supply was told to switch on, s, and the output from then on."""
 
@@ -465,18 +443,8 @@ def _results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
     log = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in switched.log]
     windows = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in measured.readings.windows]
     length_s = settings.readings_a_window * settings.sample_interval_s
-    return warmup_results(
-        log,
-        windows,
-        interval_s=settings.sample_interval_s,
-        scale=scale,
-        settings=settings,
-        tolerance_deg_s=settings.turn_on_tolerance_deg_s,
-        instability_deg_s=_instability_deg_h(settings) / 3600.0,
-        steady=is_steady(measured[-3:], length_s, _instability_v(settings)),
-        resolution_deg_s=settings.meter_resolution_v / abs(scale.value),
-        creeps=not isinstance(measured, Foreseen),
-    )
+    steady = is_steady(measured[-3:], length_s, _instability_v(settings))
+    return warmup_results(log, windows, settings, scale, steady=steady, creeps=not isinstance(measured, Foreseen))
 
 
 WARMUP = Procedure(

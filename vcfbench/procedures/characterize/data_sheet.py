@@ -50,7 +50,9 @@ def sheet_rows(procedure: str, results: Any, conditions: str) -> Iterator[SheetR
         if found.u is None and (most := getattr(found, "upper_95", None)) is not None:  # not seen: its bound is told
             yield SheetRow(f"{name}, below (95 %)", most, None, None, found.unit, conditions, procedure)
             continue
-        yield SheetRow(name, found.value, found.u, _u95(found), found.unit, conditions, procedure)
+        expanded = (getattr(found, each, None) for each in ("expanded_u", "u95", "u_95"))
+        u95 = next((each for each in expanded if each is not None), None)  # None where the value has none
+        yield SheetRow(name, found.value, found.u, u95, found.unit, conditions, procedure)
     tell = getattr(results, "acceptance_values", None)
     if quantities is not None or tell is None:
         return
@@ -73,12 +75,6 @@ def _quantities(results: Any) -> Iterator[tuple[str, Any]]:
                 yield getattr(each, "name", None) or _words_and_unit(name)[0], each
 
 
-def _u95(found: Any) -> float | None:
-    """Return the half width of 95 %, None where the value has none."""
-    expanded = [getattr(found, name, None) for name in ("expanded_u", "u95", "u_95")]
-    return next((each for each in expanded if each is not None), None)
-
-
 def _words_and_unit(name: str) -> tuple[str, str]:
     """Return a field's name in words, and the unit that its end tells."""
     for end, unit in _UNITS:
@@ -93,14 +89,6 @@ def _words(name: str) -> str:
     return name.replace("k_vc", "K_Vc").replace(".", ": ").replace("_", " ").replace(" q", " Q").replace("K Vc", "K_Vc")
 
 
-def _figures(row: SheetRow) -> tuple[Any, Any, Any]:
-    """Return value, U95 and u as they are printed."""
-    if row.u is None or row.u95 is None:
-        return row.value, row.u95, row.u
-    value, u, u95 = stated_cells(row.value, row.u, row.u95)
-    return value, u95, u
-
-
 def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]], common: str) -> Report:
     """Return the report of a data sheet."""
     columns = (
@@ -108,7 +96,13 @@ def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str
         *(Column("u", format=".2g"), Column("unit", align="left"), Column("conditions", align="left")),
         Column("procedure", align="left"),
     )
-    table = [(each.quantity, *_figures(each), each.unit, each.conditions, each.procedure) for each in rows]
+    table: list[Any] = []
+    for row in rows:
+        found: tuple[Any, Any, Any] = row.value, row.u, row.u95
+        if row.u is not None and row.u95 is not None:
+            found = stated_cells(row.value, row.u, row.u95)
+        value, u, u95 = found
+        table.append((row.quantity, value, u95, u, row.unit, row.conditions, row.procedure))
     said = [
         f"all: {common}, one session",
         "U95 holds the true value with 95 %; what it holds and what not, each procedure says in its own report",

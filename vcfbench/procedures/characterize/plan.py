@@ -6,7 +6,7 @@ the power come. What the bench cannot do is left out, and it is said why.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Annotated, Any, Self, cast
 
@@ -56,7 +56,7 @@ _WARM = ("warm_up_s", "powered_s")
 """Keys for the time under power before something is measured: 0 for all parts but the first, the session is warm."""
 
 
-def _known_by(own: ProcedureSettings) -> str:
+def _by(own: ProcedureSettings) -> str:
     return "measured" if "v_vc_meter" in own.station.instruments else "as set"
 
 
@@ -71,7 +71,10 @@ PARTS = (
         "power", lambda own: f"rails moved by {own.rail_step_v:g} V, {own.level_deg_s:g} deg/s by {own.by.value}"
     ),
     CertificatePart("turntable", _line_through),
-    CertificatePart("virtual-coriolis", lambda own: f"{_line_through(own)}, V_Vc {_known_by(own)}"),
+    CertificatePart(
+        "virtual-coriolis",
+        lambda own: f"{_line_through(own)}, V_Vc {_by(own)}",
+    ),
     CertificatePart(
         "kvc", lambda own: f"at small rates, matched to {own.fastest_deg_s:g} deg/s, V_Vc {own.v_vc.value}"
     ),
@@ -221,22 +224,23 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         """Name the bench's lack for the part `name`; empty where it has all."""
         procedure = PROCEDURES[name]
         roles = [*procedure.needs, *(_BY_NAME[name].roles if name in _BY_NAME else ())]
-        if missing := [role for role in roles if not self._has(role)]:
+        there = set(self.station.instruments) - {"rate_table"}
+        there |= {"rate_table"} if self.station.limits.max_rate_deg_s is not None else set()
+        if missing := [role for role in roles if role not in there]:
             return f"the bench has no {' and no '.join(missing)}"
         for role, capability in procedure.needs.items():
             placed = self.station.instruments.get(role)
-            if placed is not None and (absent := _absent(placed.model, capability)):
+            row = None if placed is None else find_model(placed.model)
+            driver = None if row is None else driver_of(row)
+            if placed is None or driver is None:
+                continue
+            if absent := interfaces.lacking(getattr(driver, "driver_class", driver), capability):
                 return f"the {role} ({placed.model}) has no {', '.join(absent)}"
         for invalid_value in self.of(name).contradictions():
             if keys_of(invalid_value.path)[0] not in self.given(name):
                 # nobody said it: this place does not bear the part
                 return f"{invalid_value.path}: expected {invalid_value.expected}, came {invalid_value.came}"
         return ""
-
-    def _has(self, role: str) -> bool:
-        if role == "rate_table":
-            return self.station.limits.max_rate_deg_s is not None
-        return role in self.station.instruments
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
@@ -261,12 +265,6 @@ def _written(settings: ProcedureSettings) -> dict[str, Any]:
     """Return the settable values, as a bench file has them."""
     values = cast("dict[str, Any]", to_builtins(settings))
     return {key: values[key] for key in setting_keys(type(settings))}
-
-
-def _absent(model: str, capability: type) -> Sequence[str]:
-    row = find_model(model)
-    driver = None if row is None else driver_of(row)
-    return () if driver is None else interfaces.lacking(getattr(driver, "driver_class", driver), capability)
 
 
 class BeginPart(Step, Struct, frozen=True):
@@ -388,7 +386,13 @@ def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeR
     for name in [*(each for each in by_name if each not in last), *last]:
         found[name] = _part_result(PROCEDURES[name], _with_scale_factor(settings.of(name), found), by_name[name])
     if _CERTIFIES in by_name:
-        seen = _seen(settings, found)
+        # The characteristics that K_Vc depends on, as the parts found them, else as known of the device
+        made = [typed(settings.station.characteristics, Characteristics)]
+        for each in found.values():
+            keep = PROCEDURES[each.name].entry
+            if isinstance(keep, Keeps) and each.results is not None:
+                made.append(keep.found(settings.of(each.name), each.results) or Characteristics())
+        seen = cast("dict[str, Any]", to_builtins(together(made)))
         own = _with_scale_factor(settings.beside(seen).of(_CERTIFIES), found)
         found[_CERTIFIES] = _part_result(PROCEDURES[_CERTIFIES], own, by_name[_CERTIFIES])
     parts = tuple(found[name] for name in by_name)
@@ -396,16 +400,6 @@ def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeR
     failed = tuple(NotMeasured(part.name, part.no_result) for part in parts if part.no_result is not None)
     rows = (row for part in parts for row in sheet_rows(part.name, part.results, part.conditions))
     return CharacterizeResult(tuple(rows), (*skipped, *failed), parts)
-
-
-def _seen(settings: CharacterizeSettings, found: Mapping[str, PartResult]) -> dict[str, Any]:
-    """Return the characteristics that K_Vc depends on, as the parts found them, else as known of the device."""
-    made = [typed(settings.station.characteristics, Characteristics)]
-    for part in found.values():
-        keep = PROCEDURES[part.name].entry
-        if isinstance(keep, Keeps) and part.results is not None:
-            made.append(keep.found(settings.of(part.name), part.results) or Characteristics())
-    return cast("dict[str, Any]", to_builtins(together(made)))
 
 
 def _part_result(procedure: AnyProcedure, own: ProcedureSettings, part: Measured) -> PartResult:

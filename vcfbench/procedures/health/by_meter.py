@@ -51,32 +51,28 @@ def compared_amplitudes(settings: KnownVvcSettings) -> Routine[None]:
 def split_by_meter(settings: KnownVvcSettings, then: Characteristics) -> Routine[None]:
     """Have V_Vc a sine of a few frequencies about the split that was, and sample the output; V_Vc is off afterwards."""
     assert then.split_hz is not None  # noqa: S101  # the caller saw
-    yield steps.Note("Health: split and Q, by a few sines on V_Vc through the multimeter")
-    yield steps.ConfigureMeter(float(settings.meter_range_v), NPLC)
-    yield from v_vc_on()
-    for ratio in _OF_SPLIT:
-        frequency_hz = float(f"{ratio * then.split_hz.value:.4g}")
-        if frequency_hz > HIGHEST_HZ or not stands_off_mains(frequency_hz, settings.station.mains_hz, _SAMPLES):
-            continue
-        yield steps.SetSine(frequency_hz, _SINE_V)
-        yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
-        interval_s, gain = sampled_every_s(frequency_hz), _gain_of(then, frequency_hz)
-        yield steps.SampleSine(frequency_hz, _SINE_V, _SAMPLES, interval_s, then.split_hz.value, gain)
-    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    yield from v_vc_level_again()
-    yield steps.DisableVvc()
-    yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
-
-
-def _gain_of(then: Characteristics, frequency_hz: float) -> float:
-    """Return the response at a frequency over that at rest, with its filter, of a device as its certificate has it."""
-    assert then.split_hz is not None  # noqa: S101  # as above
     assert then.q_anti_phase is not None  # noqa: S101
     drive, far, share = (getattr(then, name) or ASSUMED[name] for name in _OF_THE_OTHER)
     split_hz, known = then.split_hz.value, Known(drive.value, far.value)
     force = _force(share.value, drive.value, split_hz, far.value)
-    passed = split_response(frequency_hz, drive.value, (split_hz, then.q_anti_phase.value, force, far.value, 0.0))
-    return float(passed[0] / math.sqrt(1.0 + (frequency_hz / known.low_pass_hz) ** (2 * known.low_pass_order)))
+    yield steps.Note("Health: split and Q, by a few sines on V_Vc through the multimeter")
+    yield steps.ConfigureMeter(float(settings.meter_range_v), NPLC)
+    yield from v_vc_on()
+    for ratio in _OF_SPLIT:
+        frequency_hz = float(f"{ratio * split_hz:.4g}")
+        if frequency_hz > HIGHEST_HZ or not stands_off_mains(frequency_hz, settings.station.mains_hz, _SAMPLES):
+            continue
+        yield steps.SetSine(frequency_hz, _SINE_V)
+        yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+        # The response over that at rest, with its filter, of the device as its certificate has it
+        passed = split_response(frequency_hz, drive.value, (split_hz, then.q_anti_phase.value, force, far.value, 0.0))
+        low_pass = (frequency_hz / known.low_pass_hz) ** (2 * known.low_pass_order)
+        interval_s, gain = sampled_every_s(frequency_hz), float(passed[0] / math.sqrt(1.0 + low_pass))
+        yield steps.SampleSine(frequency_hz, _SINE_V, _SAMPLES, interval_s, split_hz, gain)
+    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from v_vc_level_again()
+    yield steps.DisableVvc()
+    yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
 
 
 def _force(share: float, drive_hz: float, split_hz: float, far_hz: float) -> float:

@@ -8,7 +8,7 @@ from msgspec import Struct, structs
 
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.known.k_vc_change import ASSUMED, KvcChange, KvcPart, k_vc_change
+from vcfbench.procedures.shared.known.k_vc_change import ASSUMED, KvcChange, k_vc_change
 from vcfbench.procedures.shared.known.k_vc_since import charging_warning
 from vcfbench.procedures.shared.measurand import UncertaintyPart
 from vcfbench.records.devices import Characteristics
@@ -83,20 +83,20 @@ def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> 
     found = []
     for name, moved, by in MAY_HAVE:
         if name not in but:
-            ends = [k_vc_change(device, _moved(known, moved, sign)) for sign in (1.0, -1.0)]
+            ends = []
+            for sign in (1.0, -1.0):  # a leak has one direction
+                values = {
+                    each: known[each].value * (1.0 + share)
+                    if each.startswith("q_")
+                    else known[each].value + sign * share
+                    for each, share in moved.items()
+                }
+                after = {each: Kept(value=value, u=0.0) for each, value in values.items()}
+                ends.append(k_vc_change(device, structs.replace(Characteristics(), **after)))
             worst = max(ends, key=lambda end: abs(end.ppm))
             u = 1e-6 * math.hypot(worst.ppm / math.sqrt(3.0), worst.u_ppm)
             found.append(UncertaintyPart(f"{NOT_MEASURED}: {name} ({by}, assumed)", u, rectangular=True))
     return found
-
-
-def _moved(known: Mapping[str, Kept], moved: Mapping[str, float], sign: float) -> Characteristics:
-    """Return the moved characteristics, without a further uncertainty; a leak has one direction."""
-    values = {
-        name: known[name].value * (1.0 + by) if name.startswith("q_") else known[name].value + sign * by
-        for name, by in moved.items()
-    }
-    return structs.replace(Characteristics(), **{name: Kept(value=value, u=0.0) for name, value in values.items()})
 
 
 AMPLITUDES_WORTH_PPM = 1000.0
@@ -182,17 +182,32 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
             for each in (then, seen)
         ]
         both.append((by_meter[0], by_meter[1]))
-    found = [(first, second, k_vc_change(first, _amplitudes_alone(second))) for first, second in both]
+    alone = [
+        Characteristics(drive_amplitude_v=each.drive_amplitude_v, carrier_amplitude_v=each.carrier_amplitude_v)
+        for _, each in both
+    ]
+    found = [(first, second, k_vc_change(first, each)) for (first, second), each in zip(both, alone, strict=True)]
     then, seen, amplitudes = min([each for each in found if each[2].parts] or found[:1], key=lambda each: each[2].u_ppm)
     worth = amplitudes.u_ppm <= AMPLITUDES_WORTH_PPM
     whole = k_vc_change(
         then, seen if worth else structs.replace(seen, drive_amplitude_v=None, carrier_amplitude_v=None)
     )
-    causes = [_of_part(part) for part in whole.parts if part.quantity not in {_CARRIER, _DRIVE}]
-    causes += [
-        *_of_amplitudes(then, seen, amplitudes, worth=worth),
-        *_of_phase(then.sense_phase_deg, now.sense_phase_deg),
-    ]
+    causes = []
+    for part in whole.parts:
+        if part.quantity not in {_CARRIER, _DRIVE}:
+            name = _NAMES.get(part.quantity, part.quantity)
+            causes.append(Cause(name, part.unit, part.then, part.now, part.ppm, part.u_ppm, "corrected"))
+    if amplitudes.parts:  # of which only the ratio counts
+        done: Done = "corrected" if worth else "left to its drift"
+        if not worth and abs(amplitudes.ppm) > SEEN * amplitudes.u_ppm:
+            done = "refused"
+        causes.append(Cause(AMPLITUDES, "", _ratio(then), _ratio(seen), amplitudes.ppm, amplitudes.u_ppm, done))
+    if then.sense_phase_deg is not None and now.sense_phase_deg is not None:  # K_Vc would change by its tangent
+        before, after = then.sense_phase_deg, now.sense_phase_deg
+        beyond = abs(after.value - before.value) > max(SEEN * math.hypot(after.u, before.u), UNEXPLAINED_DEG)
+        phase = "phase of the sense signal that nothing explains"
+        done = "refused" if beyond else "explained"
+        causes.append(Cause(phase, "deg", before.value, after.value, 0.0, 0.0, done))
     return HealthCheck(
         causes=tuple(sorted(causes, key=lambda cause: -abs(cause.ppm))),
         ppm=whole.ppm,
@@ -202,10 +217,6 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
         warning=_charged(then, seen),
         measured=tuple(name for name, moved, _ in MAY_HAVE if all(getattr(now, each) for each in moved)),
     )
-
-
-def _amplitudes_alone(now: Characteristics) -> Characteristics:
-    return Characteristics(drive_amplitude_v=now.drive_amplitude_v, carrier_amplitude_v=now.carrier_amplitude_v)
 
 
 def _charged(then: Characteristics, now: Characteristics) -> str | None:
@@ -218,34 +229,9 @@ def _charged(then: Characteristics, now: Characteristics) -> str | None:
     return charging_warning(structs.replace(then, temperature_c=at[0]), structs.replace(now, temperature_c=at[1]))
 
 
-def _of_part(part: KvcPart) -> Cause:
-    name = _NAMES.get(part.quantity, part.quantity)
-    return Cause(name, part.unit, part.then, part.now, part.ppm, part.u_ppm, "corrected")
-
-
-def _of_amplitudes(then: Characteristics, now: Characteristics, change: KvcChange, *, worth: bool) -> Iterator[Cause]:
-    """Yield the effect of both amplitudes, of which only the ratio counts; nothing where they were not measured."""
-    if not change.parts:
-        return
-    done: Done = "corrected" if worth else "left to its drift"
-    if not worth and abs(change.ppm) > SEEN * change.u_ppm:
-        done = "refused"
-    yield Cause(AMPLITUDES, "", _ratio(then), _ratio(now), change.ppm, change.u_ppm, done)
-
-
 def _ratio(of: Characteristics) -> float:
     carrier, drive = of.carrier_amplitude_v, of.drive_amplitude_v
     return carrier.value / drive.value if carrier and drive else math.nan
-
-
-def _of_phase(then: Kept | None, phase: Kept | None) -> Iterator[Cause]:
-    """Yield the unexplained part of the sense signal's phase: K_Vc would change by its tangent."""
-    if then is None or phase is None:
-        return
-    moved_deg, u_deg = phase.value - then.value, math.hypot(phase.u, then.u)
-    beyond = abs(moved_deg) > max(SEEN * u_deg, UNEXPLAINED_DEG)
-    done: Done = "refused" if beyond else "explained"
-    yield Cause("phase of the sense signal that nothing explains", "deg", then.value, phase.value, 0.0, 0.0, done)
 
 
 def _why(cause: Cause) -> str:

@@ -109,6 +109,16 @@ def _by_oscilloscope(
     carrier_v = [drive_v * each.amplitudes_v[1] / each.amplitudes_v[0] for each in means]
     unexplained = UncertaintyPart("records", at_rest.u_phase_deg, at_rest.dof)
 
+    turned = [
+        Rotation(r.drive_hz, r.difference_hz, r.reference_deg, r.turning_v, r.output_v)
+        for step, each in measured.found(Rotations)
+        if not isinstance(step, CaptureFar)
+        for r in each.records
+    ]
+    reference = reference_phase(turned)
+    reference_deg = math.remainder(reference.phase_deg - 90.0, 180.0)
+    records = UncertaintyPart("records", reference.u_phase_deg, reference.dof)
+
     def gain(node: str, amplitude_v: float) -> UncertaintyPart:
         # so large an error cancels only where it is beyond doubt that the specimen is the same
         whose = scope if placed.station is None else None
@@ -124,7 +134,7 @@ def _by_oscilloscope(
         q_in_phase=mean_of_records([each.in_phase.q for each in pairs], ""),
         in_phase_share=share,
         carrier_phase_deg=carrier,
-        demodulator_phase_deg=_demodulator(measured, skew),
+        demodulator_phase_deg=measurand(reference_deg, "deg", [records, skew]),
         v_vc_feedthrough=_feedthrough(settings, measured, middle, _share_of(then, middle) or share.kept(), at_rest),
         drive_amplitude_v=measurand(drive_v, "V", [gain("drive", drive_v)]),
         carrier_amplitude_v=mean_of_records(carrier_v, "V", gain("carrier", fmean(carrier_v))),
@@ -191,19 +201,6 @@ def _one_share(pair: Modes, sign: float, at_rest_v: float) -> float:
         late_s += pair.anti_phase.q / (math.pi * pair.anti_phase.frequency_hz) * math.log(at_rest_v / moved_v)
     static = [force / (1.0 / answer).real for force, answer in zip(forces, answers, strict=True)]
     return static[1] / (static[0] + static[1])
-
-
-def _demodulator(measured: Measured, skew: UncertaintyPart) -> Measurand:
-    found = reference_phase(
-        [
-            Rotation(r.drive_hz, r.difference_hz, r.reference_deg, r.turning_v, r.output_v)
-            for step, each in measured.found(Rotations)
-            if not isinstance(step, CaptureFar)
-            for r in each.records
-        ]
-    )
-    parts = [UncertaintyPart("records", found.u_phase_deg, found.dof), skew]
-    return measurand(math.remainder(found.phase_deg - 90.0, 180.0), "deg", parts)
 
 
 def _feedthrough(

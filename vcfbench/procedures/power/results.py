@@ -13,7 +13,7 @@ from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.errors import ConfigError
 from vcfbench.models import data_sheet_of
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
 from vcfbench.station.invalid_value import InvalidValue
@@ -198,7 +198,8 @@ def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
     scale = scale_factor_used(settings, measured)
     logged = measured.found(RailsLogged)
     ((_, steady),) = measured.found(RailsDrawn)
-    rails = tuple(_current(settings, rail, output, steady, logged) for rail, output in _outputs(settings))
+    outputs = [(rail.rail, rail.output) for rail in settings.rails]
+    rails = tuple(_current(settings, rail, output, steady, logged) for rail, output in outputs)
     parts = [
         UncertaintyPart(f"{part.source}, {each.rail} rail", abs(each.voltage_v) * part.u, part.dof, part.of)
         for each in rails
@@ -213,10 +214,6 @@ def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
         by=settings.by.value,
         scale_factor_v_per_deg_s=scale,
     )
-
-
-def _outputs(settings: PowerSettings) -> list[tuple[str, str]]:
-    return [(rail.rail, rail.output) for rail in settings.rails]
 
 
 def _current(
@@ -264,28 +261,18 @@ def _power_ons(
         first = next(logs)
         last = first if order == "together" else next(logs)
         drawn = first.drawn if last is first else (*first.drawn, *last.drawn)
-        yield _power_on(settings, order, drawn, last, scale)
-
-
-def _power_on(
-    settings: PowerSettings, order: str, drawn: Sequence[RailDraw], last: RailsLogged, scale: ScaleFactor
-) -> PowerOn:
-    times = [each.t_s - last.t_s for each in last.outputs]
-    rates = [each.voltage_v / scale.value for each in last.outputs]
-    end = fmean(rates[-max(1, len(rates) // 4) :])
-    away = [rate - end for rate in rates]
-    currents = {
-        rail: tuple(each.current_a for each in drawn if each.output == output) for rail, output in _outputs(settings)
-    }
-    first_output = settings.rails[0].output
-    return PowerOn(
-        order,
-        valid_output(times, away, settings.valid_tolerance_deg_s),
-        tuple(each.t_s - last.t_s for each in drawn if each.output == first_output),
-        currents,
-        tuple(times),
-        tuple(away),
-    )
+        times = tuple(each.t_s - last.t_s for each in last.outputs)
+        rates = [each.voltage_v / scale.value for each in last.outputs]
+        end = fmean(rates[-max(1, len(rates) // 4) :])
+        away = tuple(rate - end for rate in rates)
+        yield PowerOn(
+            order,
+            valid_output(times, away, settings.valid_tolerance_deg_s),
+            tuple(each.t_s - last.t_s for each in drawn if each.output == settings.rails[0].output),
+            {of.rail: tuple(each.current_a for each in drawn if each.output == of.output) for of in settings.rails},
+            times,
+            away,
+        )
 
 
 def valid_output(times_s: Sequence[float], away_deg_s: Sequence[float], tolerance_deg_s: float) -> Measurand | None:
@@ -349,7 +336,7 @@ class _Moved(Struct, frozen=True):
 
 def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tuple[float, list[UncertaintyPart]]:
     """Return the step of the rails either way, V, as read back, and its relative errors."""
-    outputs = [output for rail, output in _outputs(settings) if rails in {rail, "both"}]
+    outputs = [each.output for each in settings.rails if rails in {each.rail, "both"}]
     half = [
         0.5 * (abs(block.rails[CHOPPED.index(1)][output]) - abs(block.rails[CHOPPED.index(-1)][output]))
         for block in blocks
@@ -370,7 +357,7 @@ def _imbalance_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) 
     """Return by how much the rail that is moved is the larger one, V, as read back, and the standard uncertainty."""
     if rails == "both":
         return 0.0, 0.0
-    of = dict(_outputs(settings))
+    of = {each.rail: each.output for each in settings.rails}
     own, other = of[rails], of["negative" if rails == "positive" else "positive"]
     rest = [block.rails[place] for block in blocks for place, sign in enumerate(CHOPPED) if sign == 0]
     beside_v = fmean(abs(each[own]) - abs(each[other]) for each in rest)
@@ -439,7 +426,6 @@ def _rails_words(rails: str) -> str:
 
 def power_report(settings: PowerSettings, _measured: Measured, results: PowerResult) -> Report:
     """Report power-on, currents and sensitivities."""
-    rows = [quantity_row(*each) for each in results.quantities()]
     halves = Table(
         (
             *(Column("rails", align="left"), Column("step", "V", ".4f"), Column("imbalance", "V", "+.4f")),
@@ -457,15 +443,18 @@ def power_report(settings: PowerSettings, _measured: Measured, results: PowerRes
         ],
         "of either half: they differ where the weaker rail alone decides",
     )
+    figures = [
+        Figure(
+            f"Power-on, {_words_of(on.order)}",
+            *(Axis("time", "s"), Axis("current", "A")),
+            [Series(f"{rail} rail", on.t_s, currents) for rail, currents in on.current_a.items()],
+        )
+        for on in results.power_on
+    ]
     late = [each.order for each in results.power_on if each.valid_output is None]
     scale = results.scale_factor_v_per_deg_s
     said = f"scale factor taken with {'V_Vc' if results.by == 'v-vc' else 'the table'}; "
     said += f"for deg/s {scale.value:.6g} V/(deg/s), {scale.source}"
     if late:
         said += f"\nno valid output within {settings.log_s:g} s: {', '.join(map(_words_of, late))}"
-    return Report([Table(QUANTITY_COLUMNS, rows), halves, Text(f"{said}\n{NOT_HELD}"), *map(_figure, results.power_on)])
-
-
-def _figure(on: PowerOn) -> Figure:
-    series = [Series(f"{rail} rail", on.t_s, currents) for rail, currents in on.current_a.items()]
-    return Figure(f"Power-on, {_words_of(on.order)}", Axis("time", "s"), Axis("current", "A"), series)
+    return Report([quantity_table(dict(results.quantities())), halves, Text(f"{said}\n{NOT_HELD}"), *figures])

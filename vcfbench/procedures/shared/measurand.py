@@ -5,8 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, stdev
 
-from vcfbench.analysis.budget import Distribution, Source, evaluate
-from vcfbench.analysis.convolution import convolved_coverage_factor
+from vcfbench.analysis.budget import Distribution, Source, convolved_coverage_factor, evaluate
 from vcfbench.records.devices import Measured, Share
 from vcfbench.reports.digits import digits_of_u, digits_of_value, incomplete, stated_cells
 from vcfbench.reports.document import Cell, Column, Table

@@ -19,7 +19,6 @@ from vcfbench.procedures.shared.known.v_vc import meter_error
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.temperature.settings import TemperatureSettings
-from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import Done, SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
@@ -184,7 +183,12 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     """Return the results of the run."""
     scale = scale_factor_used(settings, measured)
     seen = [_seen(settings, at, part) for at, part in measured.parted(AtTemperature)]
-    noise = _noise(settings, seen, [point for point in measured if point.step == _MEASURED])
+    # The noise of the windows, by the residuals of blocks beside levels and drift
+    std_v = math.sqrt(fmean(point.std_v**2 for point in measured if point.step == _MEASURED))
+    slot_s = fmean((each.end_s - each.begin_s) / (len(CHOPPED) * settings.cycles) for each in seen)
+    window_s = settings.samples * settings.sample_interval_s
+    blocks = [block for each in seen for block in each.blocks]
+    noise = block_noise(blocks, std_v, settings.samples, window_s, max(slot_s, window_s))
     slopes, table = [each.slope for each in seen], settings.by.value == "table"
     (of_plus, both), (_, of_minus) = noise.covariance_v2
     u_slope = math.sqrt((of_plus + of_minus - 2.0 * both) / settings.cycles) / (2.0 * fmean(e.level for e in seen))
@@ -198,7 +202,11 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     offset = _at_all(settings, "offset of the multimeter", meter_error(settings, "multimeter").u_offset_v / abs(volts))
     bias = _found(settings, seen, biases, [*_of_bias(settings, seen, u_bias, noise), offset], ("deg/s", "deg/s", 1.0))
     frequency = _of_frequency(settings, seen)
-    split = _of_split(settings, seen)
+    splits = [each.split_hz for each in seen if each.split_hz is not None]
+    split = None
+    if len(splits) == len(seen):
+        fits = _Cause("fits of the response", np.diag([each.u**2 for each in splits]))
+        split = _found(settings, seen, [each.value for each in splits], [fits], ("Hz", "Hz", 1.0))
     return TemperatureResult(
         reference_c=settings.reference_c,
         by=settings.by.value,
@@ -240,6 +248,10 @@ def _seen(settings: TemperatureSettings, at: AtTemperature, part: Measured) -> _
     if read:
         device_c = read[-1][1].device_c
         temperature_c = read[-1][1].air_c if device_c is None else device_c
+    frequency = None
+    if records := part.found(SineRecords):
+        each_hz = [each.frequency_hz for each in records[0][1].records]
+        frequency = fmean(each_hz), stdev(each_hz) / math.sqrt(len(each_hz))
     driven = points[CHOPPED.index(1)]
     times = [window.t_s for window in part.readings.windows[-len(points) :]]
     return _Seen(
@@ -249,26 +261,9 @@ def _seen(settings: TemperatureSettings, at: AtTemperature, part: Measured) -> _
         driven.rate_deg_s if settings.by.value == "table" else driven.v_vc_v,
         float(times[0][0]),
         float(times[-1][-1]),
-        _frequency(part),
+        frequency,
         bandwidth.results(settings.sweep, part).split_hz if part.found(SineResponse) else None,
     )
-
-
-def _frequency(part: Measured) -> tuple[float, float] | None:
-    records = part.found(SineRecords)
-    if not records:
-        return None
-    each_hz = [each.frequency_hz for each in records[0][1].records]
-    return fmean(each_hz), stdev(each_hz) / math.sqrt(len(each_hz))
-
-
-def _noise(settings: TemperatureSettings, seen: Sequence[_Seen], points: Sequence[Point]) -> BlockNoise:
-    """Return the noise of the windows, by the residuals of blocks beside levels and drift."""
-    std_v = math.sqrt(fmean(point.std_v**2 for point in points))
-    slot_s = fmean((each.end_s - each.begin_s) / (len(CHOPPED) * settings.cycles) for each in seen)
-    window_s = settings.samples * settings.sample_interval_s
-    blocks = [block for each in seen for block in each.blocks]
-    return block_noise(blocks, std_v, settings.samples, window_s, max(slot_s, window_s))
 
 
 def _of_instruments(settings: TemperatureSettings, slope: float) -> list[_Cause]:
@@ -322,14 +317,6 @@ def _of_frequency(settings: TemperatureSettings, seen: Sequence[_Seen]) -> _Foun
         _Cause("time base", np.zeros((len(known),) * 2), None, TIME_BASE / math.sqrt(3.0) * mean_hz),
     ]
     return _found(settings, seen, [hz for hz, _ in known], causes, ("Hz", "ppm", 1e6 / mean_hz))
-
-
-def _of_split(settings: TemperatureSettings, seen: Sequence[_Seen]) -> _Found | None:
-    known = [each.split_hz for each in seen if each.split_hz is not None]
-    if len(known) < len(seen):
-        return None
-    causes = [_Cause("fits of the response", np.diag([each.u**2 for each in known]))]
-    return _found(settings, seen, [each.value for each in known], causes, ("Hz", "Hz", 1.0))
 
 
 def _found(
@@ -450,19 +437,16 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
     if settings.chamber is None:
         said.insert(0, "temperatures are those that a person set, not measured")
     ppm = [1e6 * (p.slope / results.scale_factor.value - 1.0) for p in results.points]
-    figures = [
-        _figure(results, "scale factor", "ppm", ppm),
-        _figure(results, "bias", "deg/s", [p.bias_deg_s for p in results.points]),
-    ]
+    biases = [p.bias_deg_s for p in results.points]
+    figures = []
+    for name, unit, values in (("scale factor", "ppm", ppm), ("bias", "deg/s", biases)):
+        series = []
+        for direction in ("up", "down"):
+            of = [(p.temperature_c, y) for p, y in zip(results.points, values, strict=True) if p.direction == direction]
+            if of:
+                series.append(Series(direction, [x for x, _ in of], [y for _, y in of]))
+        axes = Axis("temperature", "degC"), Axis(name, unit)
+        figures.append(Figure(f"{name} over temperature", *axes, series))
     return Report(
         [Table(QUANTITY_COLUMNS, rows), Table(of_points, points), Text("\n".join(filter(None, said))), *figures]
     )
-
-
-def _figure(results: TemperatureResult, name: str, unit: str, values: Sequence[float]) -> Figure:
-    series = []
-    for direction in ("up", "down"):
-        of = [(p.temperature_c, y) for p, y in zip(results.points, values, strict=True) if p.direction == direction]
-        if of:
-            series.append(Series(direction, [x for x, _ in of], [y for _, y in of]))
-    return Figure(f"{name} over temperature", Axis("temperature", "degC"), Axis(name, unit), series)

@@ -24,7 +24,7 @@ from vcfbench.procedures.shared.framed import framed, scale_factor_read
 from vcfbench.procedures.shared.kept_characteristics import KeptSettings, conditions_of
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
-from vcfbench.records.devices import NewEntry
+from vcfbench.records import devices
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import answer
@@ -198,7 +198,7 @@ def _results(settings: ZeroSettings, measured: Measured) -> Any:
     )
 
 
-def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> NewEntry | None:
+def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> devices.NewEntry | None:
     """Return the entry of the device that was named; None where the record shows no flicker.
 
     The degrees of freedom of B squared are those that its u stands for: 2 / dof is the relative variance of the square.
@@ -206,21 +206,19 @@ def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> New
     flicker = results.flicker
     if settings.dut is None or flicker is None:
         return None
-    from vcfbench.records.devices import Measured, NewEntry, StaticNoise  # noqa: PLC0415  # few name a device
-
     value, u = flicker
     scale_factor = results.scale_factor_v_per_deg_s
-    record = StaticNoise(
+    record = devices.StaticNoise(
         serial=settings.dut,
         done=made.finished,
         valid_until=made.finished + timedelta(days=settings.validity_days),
         procedure="zero",
-        bias_instability_deg_h=Measured(value=value, u=u, dof=0.5 * (value / u) ** 2),
+        bias_instability_deg_h=devices.Measured(value=value, u=u, dof=0.5 * (value / u) ** 2),
         duration_s=settings.duration_s,
         conditions=conditions_of(settings, made),
         remarks=(f"mode {results.mode}", f"scale factor {scale_factor.value:.6g} V/(deg/s): {scale_factor.source}"),
     )
-    return NewEntry(record, Path(settings.devices))
+    return devices.NewEntry(record, Path(settings.devices))
 
 
 ZERO = Procedure(

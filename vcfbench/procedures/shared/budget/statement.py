@@ -11,8 +11,7 @@ from typing import Any, Self
 
 from msgspec import Struct
 
-from vcfbench.analysis.budget import Budget, Distribution, Model, Result, Source, evaluate
-from vcfbench.analysis.convolution import convolved_coverage_factor
+from vcfbench.analysis.budget import Budget, Distribution, Model, Result, Source, convolved_coverage_factor, evaluate
 from vcfbench.procedures.shared.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
 from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
 from vcfbench.procedures.shared.sweep.window_noise import Flicker

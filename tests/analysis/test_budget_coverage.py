@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.analysis.monte_carlo import propagate
-from vcfbench.analysis.budget import Distribution, Source, evaluate
-from vcfbench.analysis.convolution import convolved_coverage_factor
+from vcfbench.analysis.budget import Distribution, Source, convolved_coverage_factor, evaluate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
