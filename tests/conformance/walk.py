@@ -104,7 +104,7 @@ class Bench:
     def error(self) -> int:
         """Take the next entry off the error queue and return its number."""
         entry = (self.ask("SYST:ERR?") or "").rstrip("\r")
-        assert re.fullmatch(r'[+-]\d+,"[^"]{1,254}"', entry), f"the error queue answered {entry!r}"
+        assert re.fullmatch(r'[+-]?\d+,"[^"]{1,254}"', entry), f"the error queue answered {entry!r}"
         return int(entry.partition(",")[0])
 
     def begin(self, arrange: list[str]) -> None:

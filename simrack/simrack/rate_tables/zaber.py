@@ -5,7 +5,7 @@ Grammar after zaber.serial and zaber-motion: request ``/device axis [id] command
 zaber-motion sends. Unverified: the factor 1.6384 of velocities, 1.6384e-4 of accelerations, the stage's microsteps and
 limits, that an alert has the form ``!dd a IDLE flag``, that a message with an identifier above 99 is dropped, that NI
 stays up until a movement begins at rest. The stage turns without end, so there is no ``move min`` and ``move max``;
-there are no streams, triggers, indices, sine movements, limits, help, inputs and outputs, device storage and binary
+there are no streams, triggers, sine movements, inputs and outputs, device storage and binary
 packets. Nothing asks for a reference: the encoder is absolute.
 """
 
@@ -31,6 +31,8 @@ _TIMING = SerialTiming(baud=115200.0, processing_s=0.002)
 _ALERT_POLL_S = 0.02
 """How often an axis whose end of motion is to be told is looked at, s."""
 _POWER_UP_SPEED_DEG_S, _POWER_UP_ACCELERATION_DEG_S2 = 450.0, 100.0
+_INDEX_DEG = 90.0
+"""Distance of the positions of ``move index`` (chosen; on a device it is the setting motion.index.dist)."""
 _MICROSTEPS = 64
 """Of a full step (the devices' default)."""
 _LAST_IDENTIFIER = 99
@@ -207,6 +209,9 @@ class ZaberTable(Interlocked, LineDevice):
             "comm.alert": str(int(self._alerts)),
             "parking.state": str(int(self._parked)),
             "driver.enabled": str(int(self._axis.enabled)),
+            # the stage turns without end: a turn in microsteps is what a program may show as its travel
+            "limit.min": "0",
+            "limit.max": str(round(360.0 * self._per_deg)),
             "motion.busy": str(int(self._axis.moving())),
         }
 
@@ -232,9 +237,13 @@ class ZaberTable(Interlocked, LineDevice):
 
     @_ACTIONS.of("move")
     def _move(self, words: tuple[str, ...]) -> str:
-        if len(words) != 2 or words[0] not in {"vel", "abs", "rel"}:
+        if len(words) != 2 or words[0] not in {"vel", "abs", "rel", "index"}:
             raise _Rejected("BADCOMMAND")
         value = _number(words[1])
+        if words[0] == "index":
+            if not 1 <= value <= round(360.0 / _INDEX_DEG):
+                raise _Rejected("BADDATA")
+            return self._go_to((value - 1) * _INDEX_DEG)
         if words[0] != "vel":
             start = self._axis.position_deg() if words[0] == "rel" else 0.0
             return self._go_to(start + value / self._per_deg)
@@ -250,6 +259,12 @@ class ZaberTable(Interlocked, LineDevice):
         self._require_driver()
         self._interrupted = self._axis.moving()
         self._axis.go_to(position_deg, self._max_speed_deg_s)
+        return "0"
+
+    @_ACTIONS.of("help")
+    def _help(self, words: tuple[str, ...]) -> str:
+        """Return 0; the pages that a device sends behind it as ``#`` messages are not simulated."""
+        del words
         return "0"
 
     @_ACTIONS.of("tools")

@@ -41,8 +41,8 @@ What happens by itself goes into the model's `service()` and `next_event_s()`; *
 `operations_end_s()`.
 """
 
-from simrack.scpi.attributes import Rows, Settings, attribute
-from simrack.scpi.common import COMMON_COMMANDS, MASK_16, condition, enable, event, next_error
+from simrack.scpi.attributes import Rows, Settings, attribute, remembered
+from simrack.scpi.common import COMMON_COMMANDS, MASK_16, condition, enable, event, next_error, status_commands
 from simrack.scpi.dialect import GPIB, LAN, RS232, USB, Dialect, Interface
 from simrack.scpi.engine import ScpiEngine, ScpiModel
 from simrack.scpi.errors import ERROR_WORDS, ErrorQueue, ScpiError
@@ -129,5 +129,7 @@ __all__ = [
     "quoted",
     "real",
     "refuse",
+    "remembered",
     "signed_integer",
+    "status_commands",
 ]

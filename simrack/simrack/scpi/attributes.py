@@ -88,6 +88,21 @@ def attribute(
     )
 
 
+def remembered(
+    pattern: str, parameter: Parameter, default: Any, reply: Callable[[Any], str] = str, **row: Any
+) -> Command:
+    """Declare a setting that changes nothing on this bench: it is kept and told, and ``*RST`` sets `default`."""
+
+    def write(model: Any, *arguments: Any) -> None:
+        *suffixes, value = arguments
+        model.engine.remembered[pattern, *suffixes] = value
+
+    def read(model: Any, *suffixes: Any) -> Any:
+        return model.engine.remembered.get((pattern, *suffixes), default)
+
+    return Command(pattern, (parameter,), do=write, query=read, reply=reply, **row)
+
+
 class Rows(list[Command]):
     """Rows of a command table that stand on their handlers, for what takes more than an expression.
 

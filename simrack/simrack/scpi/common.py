@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from simrack.scpi.attributes import attribute
@@ -36,6 +37,11 @@ def _stb(model: ScpiModel) -> str:
     return engine.dialect.integer(engine.status.master(engine.status_now()))
 
 
+def _reset(model: ScpiModel) -> None:
+    model.engine.remembered.clear()
+    model.reset()
+
+
 def next_error(model: ScpiModel) -> str:
     """SYSTem:ERRor?: take the oldest error, as `-113,"Undefined header"`."""
     number, words = model.engine.errors.pop()
@@ -49,7 +55,7 @@ COMMON_COMMANDS = (
     Command("*IDN", query=lambda model: model.identity(), indefinite=True),
     Command("*OPC", do=lambda model: model.engine.announce_completion(), query=_completed),
     attribute("*PSC", _FLAG, "engine.clears_masks_at_power_on", boolean, convert=bool, query_parameters=()),
-    Command("*RST", do=lambda model: model.reset()),
+    Command("*RST", do=_reset),
     attribute("*SRE", _MASK_8, "engine.status.sre", _INTEGER, convert=lambda mask: mask & ~64, query_parameters=()),
     Command("*STB", query=_stb),
     Command("*WAI", do=_wait),
@@ -71,3 +77,20 @@ def condition(pattern: str, register: Callable[[Any], Register]) -> Command:
 def enable(pattern: str, register: str) -> Command:
     """Declare command and query of an enable register (0 to 32767); `register` is its path from the model on."""
     return attribute(pattern, MASK_16, f"{register}.enable", _INTEGER, query_parameters=())
+
+
+def status_commands(name: str, register: str, *, lacking: tuple[str, ...] = ()) -> tuple[Command, ...]:
+    """Declare what SCPI-99 asks of STATus:OPERation or QUEStionable: event, condition and enable.
+
+    Args:
+        name: `OPERation` or `QUEStionable`.
+        register: path of the register from the model on.
+        lacking: those of `event`, `condition`, `enable` that the model has not.
+    """
+    of = attrgetter(register)
+    rows = {
+        "event": event(f"STATus:{name}[:EVENt]", of),
+        "condition": condition(f"STATus:{name}:CONDition", of),
+        "enable": enable(f"STATus:{name}:ENABle", register),
+    }
+    return tuple(row for kind, row in rows.items() if kind not in lacking)

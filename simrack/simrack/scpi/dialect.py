@@ -52,6 +52,7 @@ class Dialect(Struct, frozen=True):
         out_of_range: what becomes of a number beyond its limits (`refuse` or `clip`).
         integer: reply format of registers and counts.
         error_number: reply format of an error's number.
+        error_suffix: what follows the words of an error: of its number and the bench time at which it happened.
         input_limit: longest message, bytes.
         input_overflow: error when it is longer.
         input_buffer: characters that are held while the parser waits for its answers to be fetched (-430 beyond).
@@ -65,6 +66,7 @@ class Dialect(Struct, frozen=True):
     out_of_range: Callable[[float, Limits, str], Violation] = refuse
     integer: Callable[[float], str] = signed_integer
     error_number: Callable[[float], str] = signed_integer
+    error_suffix: Callable[[int, float], str] = lambda _number, _instant_s: ""
     input_limit: int = 1 << 16
     input_overflow: int = 521
     input_buffer: int = 1 << 14

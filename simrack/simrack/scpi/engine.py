@@ -87,7 +87,9 @@ class ScpiEngine:
         self.dialect = dialect
         self.interface = interface
         self.status = Status({3: Register()}) if status is None else status
-        self.errors = ErrorQueue(dialect.queue_depth, dialect.words)
+        self.errors = ErrorQueue(dialect.queue_depth, dialect.words, dialect.error_suffix)
+        self.remembered: dict[tuple[Any, ...], Any] = {}
+        """Settings that change nothing on this bench, since ``*RST``."""
         self.clears_masks_at_power_on = True
         self.hand_over: Callable[[], None] | None = None
         """Called where there is something long to work out, by who then has :meth:`work` called slice by slice; without
@@ -192,7 +194,7 @@ class ScpiEngine:
 
     def report(self, error: ScpiError) -> None:
         """Put `error` in the queue and its class in the standard event status register."""
-        self.errors.push(error)
+        self.errors.push(error, self.clock.now())
         self.status.esr |= esr_bit(error.number)
 
     @property

@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from collections import deque
 from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 ERROR_WORDS = MappingProxyType(
     {
@@ -110,11 +114,13 @@ class ErrorQueue:
     Args:
         depth: entries held.
         words: words that differ from :data:`ERROR_WORDS` on this model, by number.
+        suffix: what follows the words of an error (its number, and when it happened), nothing on most models.
     """
 
-    __slots__ = ("_depth", "_entries", "_words")
+    __slots__ = ("_depth", "_entries", "_suffix", "_words")
 
-    def __init__(self, depth: int, words: dict[int, str]) -> None:
+    def __init__(self, depth: int, words: dict[int, str], suffix: Callable[[int, float], str]) -> None:
+        self._suffix = suffix
         self._depth = depth
         self._entries: deque[tuple[int, str]] = deque()
         self._words = {**ERROR_WORDS, **words}
@@ -122,17 +128,17 @@ class ErrorQueue:
     def __len__(self) -> int:
         return len(self._entries)
 
-    def push(self, error: ScpiError) -> None:
-        """Append `error`."""
+    def push(self, error: ScpiError, instant_s: float) -> None:
+        """Append `error`, which has happened at `instant_s`."""
         if len(self._entries) >= self._depth:
-            self._entries[-1] = (-350, self._words[-350])
+            self._entries[-1] = (-350, self._words[-350] + self._suffix(-350, instant_s))
             return
         words = error.words if error.words is not None else self._words.get(error.number, "")
-        self._entries.append((error.number, words))
+        self._entries.append((error.number, words + self._suffix(error.number, instant_s)))
 
     def pop(self) -> tuple[int, str]:
         """Take the oldest entry, `(0, "No error")` when there is none."""
-        return self._entries.popleft() if self._entries else (0, "No error")
+        return self._entries.popleft() if self._entries else (0, "No error" + self._suffix(0, 0.0))
 
     def clear(self) -> None:
         """Forget everything."""

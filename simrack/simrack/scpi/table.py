@@ -29,6 +29,7 @@ class Command(Struct, frozen=True):
 
     Args:
         pattern: header as printed: `[SOURce:]VOLTage[:LEVel]`, `CHANnel<1-4>:SCALe`, `*OPC`. Without a question mark.
+            Of `SENSe<1-1>` the 1 may be written and says nothing: handlers do not get it.
         parameters: what follows the header in the command form.
         do: what the command form does: `do(model, *suffixes, *arguments)`; None if there is only a query.
             It may return a :class:`~simrack.scpi.engine.Pending`, raise ScpiError, else returns nothing.
@@ -232,7 +233,8 @@ class CommandTable:
                 number = mnemonic.match(word)
                 if number is None:
                     raise ScpiError(-114)
-                suffixes.append(number)
+                if mnemonic.suffixes != (1, 1):
+                    suffixes.append(number)
         command = node.asking if unit.query else node.doing
         if command is None:
             raise ScpiError(-113)

@@ -1,20 +1,25 @@
-"""ONC remote procedure calls over TCP (RFC 5531) with XDR (RFC 4506): as much as VXI-11 and the port mapper need."""
+"""ONC remote procedure calls over TCP and UDP (RFC 5531) with XDR (RFC 4506): all that VXI-11 and port mapper need."""
 
 from __future__ import annotations
 
+import socket
 import struct
+from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 from simrack.serve.wire import Connection
 
 if TYPE_CHECKING:
-    import socket
     from collections.abc import Callable, Mapping
 
     from simrack.serve.loop import Loop
 
+    Programs = Mapping[tuple[int, int], Mapping[int, Callable[["Call"], bytes | None]]]
+    """Procedures by number, of a program and version: each returns its result, None if that comes later."""
+
 _LAST = 0x8000_0000
 _LONGEST_RECORD = 1 << 24
+_LONGEST_DATAGRAM = 1 << 16
 _WAITING = 1 << 18
 """Bytes of calls that may wait while another is being served."""
 _CALL, _RPC_VERSION = 0, 2
@@ -104,15 +109,60 @@ def marked(record: bytes) -> bytes:
     return _WORD.pack(_LAST | len(record)) + record
 
 
+def dispatch(programs: Programs, call: Call) -> tuple[bytes | None, int]:
+    """Return the result of a call, None if it comes later, and the status of its acceptance."""
+    procedures = programs.get((call.program, call.version))
+    if procedures is None:
+        versions = [version for program, version in programs if program == call.program]
+        if versions:
+            return struct.pack(">2I", min(versions), max(versions)), _VERSION_MISMATCH
+        return b"", _NO_PROGRAM
+    procedure = procedures.get(call.procedure)
+    if procedure is None:
+        return b"", _SUCCESS if call.procedure == 0 else _NO_PROCEDURE
+    try:
+        return procedure(call), _SUCCESS
+    except BadArguments:
+        return b"", _GARBAGE
+
+
+class RpcDatagrams:
+    """A socket on which calls and replies are datagrams (UDP); every procedure answers at once."""
+
+    def __init__(self, loop: Loop, address: tuple[str, int], programs: Programs) -> None:
+        self._loop = loop
+        self._programs = programs
+        self._socket = socket.socket(socket.AF_INET6 if ":" in address[0] else socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(address)
+        self._socket.settimeout(0.0)
+        loop.watch(self._socket.fileno(), self._ready)
+
+    def close(self) -> None:
+        """Stop listening."""
+        if self._socket.fileno() >= 0:
+            self._loop.unwatch(self._socket.fileno())
+            self._socket.close()
+
+    def dropped(self) -> None:
+        """Go on: one call that goes wrong is not the end of the others."""
+
+    def _ready(self, _mask: int) -> None:
+        with suppress(BlockingIOError, ConnectionError, BadArguments):
+            data, caller = self._socket.recvfrom(_LONGEST_DATAGRAM)
+            call = parse_call(data)
+            result, status = dispatch(self._programs, call)
+            if result is not None:
+                self._socket.sendto(reply(call.xid, result, status), caller)
+
+
 class RpcConnection(Connection):
     """A client's connection: calls are answered one after the other, in order.
 
-    `programs` maps a program and version to its procedures by number; a procedure takes the call and returns the
-    result, or None when it will answer later through :meth:`answer`.
+    A procedure of `programs` that returns None answers later through :meth:`answer`.
     """
 
     def __init__(self, loop: Loop, connection: socket.socket) -> None:
-        self.programs: Mapping[tuple[int, int], Mapping[int, Callable[[Call], bytes | None]]] = {}
+        self.programs: Programs = {}
         self._input = bytearray()
         self._record = bytearray()
         self._calling: int | None = None
@@ -163,22 +213,6 @@ class RpcConnection(Connection):
             self.close()
             return
         self._calling = call.xid
-        procedures = self.programs.get((call.program, call.version))
-        if procedures is None:
-            versions = [version for program, version in self.programs if program == call.program]
-            if versions:
-                self.answer(call.xid, struct.pack(">2I", min(versions), max(versions)), _VERSION_MISMATCH)
-            else:
-                self.answer(call.xid, b"", _NO_PROGRAM)
-            return
-        procedure = procedures.get(call.procedure)
-        if procedure is None:
-            self.answer(call.xid, b"", _SUCCESS if call.procedure == 0 else _NO_PROCEDURE)
-            return
-        try:
-            result = procedure(call)
-        except BadArguments:
-            self.answer(call.xid, b"", _GARBAGE)
-            return
+        result, status = dispatch(self.programs, call)
         if result is not None:
-            self.answer(call.xid, result)
+            self.answer(call.xid, result, status)

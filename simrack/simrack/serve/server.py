@@ -21,10 +21,11 @@ from simrack.serve.hislip import HislipServer
 from simrack.serve.instrument import ServedInstrument
 from simrack.serve.loop import Loop
 from simrack.serve.passage import AttendedPassage
+from simrack.serve.port_mapper import PortMapper
 from simrack.serve.raw import ByteStream, Pty, TcpStream, has_ptys
 from simrack.serve.serial_pty import SerialPty
 from simrack.serve.served_faults import ServedFaults, require_roles
-from simrack.serve.vxi11 import ABORT, CORE, PortMapper, Vxi11Server
+from simrack.serve.vxi11 import ABORT, CORE, Vxi11Server
 from simrack.serve.wire import Listener
 
 if TYPE_CHECKING:

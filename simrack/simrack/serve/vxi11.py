@@ -1,4 +1,4 @@
-"""VXI-11 (TCP/IP Instrument Protocol, rev. 1.0, 1995): core, abort and interrupt channel, and a port mapper on request.
+"""VXI-11 (TCP/IP Instrument Protocol, rev. 1.0, 1995): core, abort and interrupt channel.
 
 The core and abort programs share one port, so that a client needs no port mapper:
 ``TCPIP0::127.0.0.1,PORT::inst0::INSTR`` in PyVISA-py. `device_docmd` is a gateway's to GPIB; instruments answer
@@ -12,7 +12,7 @@ import struct
 from collections import deque
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from simrack.handlers import Handlers
 from simrack.serve.embodied import VXI11
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from simrack.serve.loop import Loop, Timer
 
-CORE, ABORT, PORT_MAPPER = 0x0607AF, 0x0607B0, 100000
+CORE, ABORT = 0x0607AF, 0x0607B0
 _WAIT_LOCK, _END, _TERMINATOR_SET = 1, 8, 128
 _BY_COUNT, _BY_TERMINATOR, _BY_END = 1, 2, 4
 _NO_ERROR, _NOT_ACCESSIBLE, _BAD_LINK, _PARAMETER, _NO_CHANNEL, _UNSUPPORTED = 0, 3, 4, 5, 6, 8
@@ -50,7 +50,6 @@ _LOCK = struct.Struct(">iiI")
 _PAIR = struct.Struct(">iI")
 _REMOTE = struct.Struct(">4Ii")
 _ENABLE = struct.Struct(">iI")
-_MAPPING = struct.Struct(">4I")
 
 
 class _Request(NamedTuple):
@@ -462,30 +461,3 @@ def _clear(link: _Link) -> bytes:
 def _accept_quietly(_link: _Link) -> bytes:
     """device_remote, device_local: the simulated front panels have no keys to lock."""
     return _INT.pack(_NO_ERROR)
-
-
-class PortMapper:
-    """Tells clients the port of the core program (RFC 1833, version 2, over TCP)."""
-
-    def __init__(self, loop: Loop, address: tuple[str, int], ports: Mapping[int, int]) -> None:
-        self._loop = loop
-        self._ports = ports
-        self._listener = Listener(loop, address, self._accept)
-        self.port = self._listener.port
-        self._connections: set[RpcConnection] = set()
-
-    def close(self) -> None:
-        """Stop listening and end the connections."""
-        self._listener.close()
-        for connection in self._connections:
-            connection.close()
-
-    def _accept(self, connection: socket.socket) -> None:
-        self._connections = {each for each in self._connections if not each.closed}
-        served: Any = RpcConnection(self._loop, connection)
-        self._connections.add(served)
-        served.programs = {(PORT_MAPPER, 2): {3: self._port_of}}
-
-    def _port_of(self, call: Call) -> bytes:
-        program, _version, _protocol, _port = call.arguments.words(_MAPPING)
-        return struct.pack(">I", self._ports.get(program, 0))

@@ -12,6 +12,7 @@ import pyvisa
 from pyvisa.constants import ResourceAttribute, StatusCode
 from simrack.clock import WallClock
 from simrack.serve import MAX_SPEED, ServerSettings
+from simrack.serve.rpc import call_record
 
 from simrack_tests.ports import BUSY_S, eventually
 from simrack_tests.serve.lamp import IDENTITY, PICTURE, Served, served_lamp
@@ -565,6 +566,26 @@ def test_links_go_with_their_connection(served: Served) -> None:
         for each in all_of_them:
             each.write(each.link()[1], b"READ?")
     eventually(lambda: len(instrument.clients) == before)
+
+
+def test_the_port_mapper_answers_by_datagram_and_lists_all() -> None:
+    with served_lamp(
+        settings=ServerSettings(offers={"lamp": frozenset({"vxi11"})}, port_mapper=_free_port())
+    ) as served:
+        port = served.server.settings.port_mapper
+        assert port is not None
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+            asking.settimeout(10.0)
+            asking.sendto(call_record(7, 100000, 2, 3, struct.pack(">4I", CORE, 1, 6, 0)), ("127.0.0.1", port))
+            answer = asking.recv(4096)
+            asking.sendto(call_record(8, 100000, 2, 4, b""), ("127.0.0.1", port))
+            listed = asking.recv(4096)
+        gateway = struct.unpack(">I", answer[24:])[0]
+        assert answer[:4] == struct.pack(">I", 7)
+        entries = [struct.unpack(">4I", listed[at + 4 : at + 20]) for at in range(24, len(listed) - 4, 20)]
+        assert (CORE, 1, 6, gateway) in entries
+        assert (100000, 2, 17, port) in entries
+        assert listed[-4:] == bytes(4)
 
 
 def test_a_port_mapper_leads_to_every_instrument() -> None:

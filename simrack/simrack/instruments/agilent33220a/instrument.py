@@ -79,6 +79,7 @@ class SimulatedAgilent33220A(scpi.ScpiTwin):
         self._started_s: float | None = None
         self._driven: Drive | Played | None = None
         self._questionable = scpi.Register()
+        self.operation = scpi.Register()
         self.engine = scpi.ScpiEngine(
             self,
             self.table,

@@ -108,6 +108,10 @@ class Panel(Settings):
     mask: str = "255.255.0.0"
     gateway: str = "169.254.2.1"
     host: str = "A-33220A-21876"
+    secured: bool = True
+    code: str = "AT33220A"
+    """Security code of the factory (guide, as users quote it)."""
+    calibration: str = ""
 
 
 class GeneratorSettings(Settings):

@@ -10,6 +10,8 @@ from simrack.instruments.agilent33220a.declarations import nr3
 if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
+_SECURED = "Calibration error; calibration memory is secured"
+
 ROWS = scpi.Rows()
 """Rows that stand on their handlers."""
 
@@ -22,16 +24,43 @@ def _preset_status(model: _Model) -> None:
 @ROWS.query("CALibration[:ALL]", reply=scpi.signed_integer)
 def _calibrate(model: _Model) -> int:
     """CALibration?: secured, it fails (error and answer unverified)."""
-    model.engine.report(scpi.ScpiError(702, "Calibration error; calibration memory is secured"))
+    model.engine.report(scpi.ScpiError(702, _SECURED))
     return 1
+
+
+@ROWS.do(
+    "CALibration:SECure:STATe",
+    (scpi.Boolean(), scpi.Word()),
+    query=lambda model: model.panel.secured,
+    reply=scpi.boolean,
+)
+def _secure(model: _Model, state: object, code: str) -> None:
+    if code != model.panel.code:
+        raise scpi.ScpiError(703, "Calibration error; secure code provided was invalid")
+    model.panel.secured = bool(state)
+
+
+@ROWS.attribute("CALibration:STRing", scpi.Text(limit=40), "panel.calibration", scpi.quoted)
+def _set_calibration_text(model: _Model, text: str) -> None:
+    _require_unsecured(model)
+    model.panel.calibration = text
+
+
+@ROWS.do("CALibration:SECure:CODE", (scpi.Word(),))
+def _set_code(model: _Model, code: str) -> None:
+    _require_unsecured(model)
+    model.panel.code = code
+
+
+def _require_unsecured(model: _Model) -> None:
+    if model.panel.secured:
+        raise scpi.ScpiError(702, _SECURED)
 
 
 COMMANDS = (
     *ROWS,
-    # of CALibration the queries: this one stays secured, and has no adjustments
+    # it has no adjustments
     scpi.Command("CALibration:COUNt", query=lambda _: 1, reply=scpi.signed_integer),
-    scpi.Command("CALibration:SECure:STATe", query=lambda _: True, reply=scpi.boolean),
-    scpi.Command("CALibration:STRing", query=lambda _: "", reply=scpi.quoted),
     scpi.Command("CALibration:VALue", query=lambda _: 0.0, reply=nr3),
     scpi.attribute("DISPlay", scpi.Boolean(), "panel.display", scpi.boolean),
     scpi.attribute("DISPlay:TEXT", scpi.Text(limit=40), "panel.text", scpi.quoted),

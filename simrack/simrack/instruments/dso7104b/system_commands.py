@@ -86,7 +86,7 @@ ROOT_COMMANDS = (
     ),
     scpi.Command("AER", query=lambda model: model.armed(), reply=scpi.signed_integer),
     scpi.Command("TER", query=lambda model: model.was_triggered(), reply=scpi.signed_integer),
-    scpi.Command("SERial", query=lambda _: "MY49520121"),
+    scpi.Command("SERial", query=lambda model: model.identity().split(",")[2]),
     scpi.Command("PRINt", do=declarations.nothing),
     scpi.Command("MERGe", (scpi.Choice(("PMEMory<0-9>",)),), do=declarations.nothing),
     scpi.Command("ACTivity", do=declarations.nothing, query=_activity),

@@ -25,7 +25,9 @@ from simrack.scpi import (
     next_error,
     quoted,
     real,
+    remembered,
     signed_integer,
+    status_commands,
 )
 from simrack.scpi.lexer import Token, TokenKind
 
@@ -46,10 +48,12 @@ Names = tuple[str, ...]
 
 
 class _Channels(Parameter, frozen=True, kw_only=True):
-    """A channel list, ``(@1,3)`` or ``(@1:3)``; the selected output where there is none."""
+    """A channel list, ``(@1,3)`` or ``(@1:3)``, or ``CH1``; the selected output where there is none."""
 
     def parse(self, token: Token) -> Any:
         """Return the names of the outputs; -224 for a channel that is not there (unverified)."""
+        if token.kind is TokenKind.WORD and token.text[:2] == "CH":
+            return tuple(_NAMES[number - 1] for number in _range(token.text[2:]))
         if token.kind is not TokenKind.EXPRESSION or not token.text.startswith("@"):
             raise self.refuse_kind(token)
         return tuple(_NAMES[number - 1] for part in token.text[1:].split(",") for number in _range(part))
@@ -60,7 +64,7 @@ class _ChannelsOrWord(_Channels, frozen=True, kw_only=True):
 
     def parse(self, token: Token) -> Any:
         """Return names, or the special number of a word."""
-        if token.kind is TokenKind.WORD:
+        if token.kind is TokenKind.WORD and token.text[:2] != "CH":
             return Special[Choice(tuple(each.value for each in Special)).parse(token)]
         return super().parse(token)
 
@@ -102,14 +106,19 @@ def _limits(supply: SimulatedE36312A, name: str, what: str) -> Limits:
     return Limits(2e-3 if name == "P6V" else 1e-3, kind.amps.maximum, kind.rated_a)
 
 
-def _level(what: str, unit: str, header: str) -> Command:
+def _level(what: str, unit: str, header: str, *, triggered: bool = False) -> Command:
+    immediate = "volts" if what == "VOLT" else "amps"
+    waiting = f"triggered_{immediate}"
+
     def parameter(supply: SimulatedE36312A, name: str) -> Number:
         return Number(unit=unit, limits=_limits(supply, name, what))
 
     def write(supply: SimulatedE36312A, value: Any, names: Names | None) -> None:
         levels = {name: parameter(supply, name).settle(value, supply) for name in _of(supply, names)}
         for name, level in levels.items():
-            if what == "VOLT":
+            if triggered:
+                setattr(supply.outputs[name], waiting, _terminal(name, level) if what == "VOLT" else level)
+            elif what == "VOLT":
                 supply.program(name, volts=_terminal(name, level))
             else:
                 supply.program(name, amps=level)
@@ -118,7 +127,11 @@ def _level(what: str, unit: str, header: str) -> Command:
         if isinstance(which, Special):
             return [parameter(supply, name).special(which, supply) for name in _of(supply, names)]
         outputs = [(name, supply.outputs[name]) for name in _of(supply, which)]
-        return [_terminal(name, each.volts) if what == "VOLT" else each.amps for name, each in outputs]
+        levels = [(name, getattr(each, immediate)) for name, each in outputs]
+        if triggered:
+            coming = [getattr(each, waiting) for _, each in outputs]
+            levels = [(name, now if then is None else then) for (name, now), then in zip(levels, coming, strict=True)]
+        return [_terminal(name, level) if what == "VOLT" else level for name, level in levels]
 
     return Command(
         header,
@@ -225,12 +238,41 @@ def _apply(supply: SimulatedE36312A, identifier: str, volts: Any, amps: Any) -> 
     supply.program(name, volts=volts, amps=amps)
 
 
+@ROWS.do("INITiate[:IMMediate]", (_LIST,))
+def _initiate(supply: SimulatedE36312A, names: Names | None) -> None:
+    """INITiate: outputs wait for their trigger; with the source IMMediate it has come."""
+    for name in _of(supply, names):
+        if supply.trigger_sources[name] == "IMM":
+            supply.transfer_of(name)
+        else:
+            supply.awaiting.add(name)
+
+
+@ROWS.do("*TRG")
+def _trigger(supply: SimulatedE36312A) -> None:
+    if not supply.awaiting:
+        raise ScpiError(-211)
+    for name in sorted(supply.awaiting):
+        supply.transfer_of(name)
+
+
 TABLE = CommandTable(
     *ROWS,
     *COMMON_COMMANDS,
     *STATUS_COMMANDS,
     _level("VOLT", "V", "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]"),
     _level("CURR", "A", "[SOURce:]CURRent[:LEVel][:IMMediate][:AMPLitude]"),
+    _level("VOLT", "V", "[SOURce:]VOLTage[:LEVel]:TRIGgered[:AMPLitude]", triggered=True),
+    _level("CURR", "A", "[SOURce:]CURRent[:LEVel]:TRIGgered[:AMPLitude]", triggered=True),
+    _kept("trigger_sources", "TRIGger[:SEQuence]:SOURce", Choice(("BUS", "IMMediate")), str),
+    Command("ABORt", (_LIST,), do=lambda supply, names: supply.awaiting.difference_update(_of(supply, names))),
+    _kept("sense", "[SOURce:]VOLTage:SENSe[:SOURce]", Choice(("INTernal", "EXTernal")), str),
+    _kept("rise_delay_s", "OUTPut:DELay:RISE", Number(unit="S", limits=Limits(0.0, 3600.0)), _NR3),
+    _kept("fall_delay_s", "OUTPut:DELay:FALL", Number(unit="S", limits=Limits(0.0, 3600.0)), _NR3),
+    remembered("SYSTem:COMMunicate:RLSTate", Choice(("LOCal", "REMote", "RWLock")), "REM"),
+    Command("SYSTem:ERRor:COUNt", query=lambda supply: len(supply.engine.errors), reply=signed_integer),
+    *status_commands("QUEStionable", "questionable", lacking=("event", "enable")),
+    *status_commands("OPERation", "operation"),
     Command(
         "INSTrument[:SELect]",
         (_IDENTIFIER,),

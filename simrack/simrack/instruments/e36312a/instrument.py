@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from simrack.instruments.e3631a.imperfections import OutputAccuracy
 from simrack.instruments.e3631a.instrument import SimulatedE3631A, SupplyErrors
 from simrack.instruments.e3631a.kinds import KINDS
-from simrack.scpi import GPIB, LAN, USB, Dialect
+from simrack.scpi import GPIB, LAN, USB, Dialect, Register
 
 if TYPE_CHECKING:
     from simrack.instruments.e3631a.instrument import Settings
@@ -61,6 +61,7 @@ class SimulatedE36312A(SimulatedE3631A):
         self, world: Any, *, rails: Any = None, errors: Any, interface: str = "usb", model: str = "E36312A"
     ) -> None:
         self._forget()
+        self.operation = Register()
         wired = {"P25V": "positive", "N25V": "negative"} if rails is None else rails
         super().__init__(world, rails=wired, errors=errors, interface=interface, model=model)
 
@@ -70,6 +71,13 @@ class SimulatedE36312A(SimulatedE3631A):
         self.over_v_on = dict.fromkeys(_RATED_V, False)
         self.over_a_on = dict.fromkeys(_RATED_V, False)
         self.tripped: dict[str, str] = dict.fromkeys(_RATED_V, "")
+        self.trigger_sources = dict.fromkeys(_RATED_V, "BUS")
+        self.awaiting: set[str] = set()
+        """Outputs that INITiate has told to wait for a trigger."""
+        self.sense = dict.fromkeys(_RATED_V, "INT")
+        """Where outputs are sensed; with nothing at the sense terminals they sense inside (unverified)."""
+        self.rise_delay_s, self.fall_delay_s = dict.fromkeys(_RATED_V, 0.0), dict.fromkeys(_RATED_V, 0.0)
+        """Delays of OUTPut ON and OFF; kept, not kept to."""
 
     def identity(self) -> str:
         """Return the reply of a real unit (users' record), but for the model that it stands for."""
@@ -88,6 +96,13 @@ class SimulatedE36312A(SimulatedE3631A):
         """Take settings that *RCL recalls; which outputs it switches on is unverified, here none."""
         self.switched = dict.fromkeys(self.switched, False)
         super().restore(settings)
+
+    def transfer_of(self, name: str) -> None:
+        """Have the triggered levels of an output become its own."""
+        self.awaiting.discard(name)
+        output = self.outputs[name]
+        self.program(name, volts=output.triggered_volts, amps=output.triggered_amps)
+        output.triggered_volts = output.triggered_amps = None
 
     def switch(self, names: tuple[str, ...], *, on: bool) -> None:
         """Switch outputs; one that has tripped stays off until its protection is cleared."""

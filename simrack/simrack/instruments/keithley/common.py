@@ -26,7 +26,7 @@ from simrack.scpi import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     import numpy as np
 
@@ -35,11 +35,48 @@ if TYPE_CHECKING:
     from simrack.specifications import VoltmeterSpecification
 
 _NR3 = real(8)
-NAMES = MappingProxyType({"VOLT": "VOLT:DC", "VOLT:AC": "VOLT:AC", "RES": "RES", "FRES": "FRES"})
-"""The functions that are simulated, and what the makers call them in replies."""
-_HEADERS = MappingProxyType(
-    {"VOLT": "VOLTage[:DC]", "VOLT:AC": "VOLTage:AC", "RES": "RESistance", "FRES": "FRESistance"}
+NAMES = MappingProxyType(
+    {
+        "VOLT": "VOLT:DC",
+        "VOLT:AC": "VOLT:AC",
+        "CURR": "CURR:DC",
+        "CURR:AC": "CURR:AC",
+        "RES": "RES",
+        "FRES": "FRES",
+        "FREQ": "FREQ",
+        "PER": "PER",
+        "CONT": "CONT",
+        "DIOD": "DIOD",
+    }
 )
+"""The functions that are simulated, and what the makers call them in replies; nothing is wired to the current input."""
+_HEADERS = MappingProxyType(
+    {
+        "VOLT": "VOLTage[:DC]",
+        "VOLT:AC": "VOLTage:AC",
+        "CURR": "CURRent[:DC]",
+        "CURR:AC": "CURRent:AC",
+        "RES": "RESistance",
+        "FRES": "FRESistance",
+    }
+)
+ERROR_WORDS = {-222: "Parameter data out of range", -230: "Data corrupt or stale"}
+"""Words that differ from SCPI's (manuals of both, as users quote them)."""
+UNITS = MappingProxyType(
+    {
+        "VOLT": "VDC",
+        "VOLT:AC": "VAC",
+        "CURR": "ADC",
+        "CURR:AC": "AAC",
+        "RES": "OHM",
+        "FRES": "OHM4W",
+        "FREQ": "HZ",
+        "PER": "SEC",
+        "CONT": "OHM",
+        "DIOD": "VDC",
+    }
+)
+"""Units as the 2000 writes them behind a reading (users' records of its readings; OHM4W unverified)."""
 
 
 def functions_of(sheet: VoltmeterSpecification) -> Mapping[str, Function]:
@@ -47,7 +84,7 @@ def functions_of(sheet: VoltmeterSpecification) -> Mapping[str, Function]:
     return MappingProxyType(
         {
             name: replace(BY_NAME[name], fractions=sheet.resolution) if BY_NAME[name].integrating else BY_NAME[name]
-            for name in (*NAMES, "FREQ", "PER", "CONT", "DIOD", "VOLT:RAT")
+            for name in (*NAMES, "VOLT:RAT")
         }
     )
 
@@ -74,8 +111,14 @@ def once_idle(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
 
 def spelled(name: str) -> str:
     """Return the 34401A's name of a function that Keithley spells VOLT:DC, VOLTage, RESistance."""
-    words = name.strip().upper().replace("VOLTAGE", "VOLT").replace("FRESISTANCE", "FRES").replace("RESISTANCE", "RES")
-    return words.removesuffix(":DC")
+    words = name.strip().upper().replace("FRESISTANCE", "FRES").replace("CONTINUITY", "CONT").replace("DIODE", "DIOD")
+    long = {"VOLTAGE": "VOLT", "CURRENT": "CURR", "RESISTANCE": "RES", "FREQUENCY": "FREQ", "PERIOD": "PER"}
+    return ":".join(long.get(word, word) for word in words.split(":")).removesuffix(":DC")
+
+
+def with_sense(commands: Iterable[Command]) -> tuple[Command, ...]:
+    """Return commands whose ``[SENSe:]`` may be written with its 1, as ``:SENS1:``."""
+    return tuple(replace(each, pattern=each.pattern.replace("[SENSe:]", "[SENSe<1-1>:]")) for each in commands)
 
 
 class KeptOfFunction(Struct):

@@ -3,13 +3,14 @@
 Source: PyMeasure's driver, whose tests hold replies of a real one, and other users' code. Unverified: the form of
 numbers but for theirs, error texts, which of the words of the trigger model wait.
 
-Not simulated: the command set TSP (``*LANG`` would count from the next power-on), other buffers than
-defbuffer1, digitising, current, temperature, capacitance, the scanner, trigger models but SimpleLoop; averaging and
-relative values are settings, taken off no reading.
+Not simulated: the command set TSP (``*LANG`` would count from the next power-on), buffers with readings of their own
+(one that is made holds those of defbuffer1), digitising, temperature, capacitance, the scanner, trigger models but
+SimpleLoop; averaging and relative values are settings, taken off no reading.
 """
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from simrack import scpi, specifications
@@ -19,7 +20,7 @@ from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
 
@@ -32,11 +33,8 @@ ROWS = scpi.Rows()
 _SHEET = specifications.KEITHLEY_DMM6500
 _BUFFER = 100_000
 _FUNCTIONS = common.functions_of(_SHEET)
-_DEFAULT = "defbuffer1"
-
-
-# Format a reading: no plus sign, seven digits as they come (unverified)
-_READINGS = scpi.comma_list(lambda value: f"{value:.6E}")
+_BEGUN = datetime(2026, 1, 1)  # noqa: DTZ001  (the meter knows no zone)
+_PRECISION = ("FORMat:ASCii:PRECision",)
 
 
 class Errors6500(MeterErrors, frozen=True):
@@ -48,44 +46,90 @@ class Errors6500(MeterErrors, frozen=True):
         return cls(**common.drawn(_SHEET, rng))
 
 
-def _require_buffer(buffer: str | None) -> None:
-    if buffer is not None and buffer != _DEFAULT:
+_NAMED = (scpi.Text(required=False),)
+_BUFFERS = ("defbuffer1", "defbuffer2")
+_ELEMENTS = scpi.Choice(("READing", "RELative", "UNIT", "TSTamp", "SECFractional", "CHANnel", "STATus"), required=False)
+"""Of those that the manual lists; the others are -141."""
+
+
+def _told(meter: KeithleyDMM6500Twin, entries: Sequence[tuple[float, float]], elements: tuple[str, ...]) -> str:
+    """Return readings with the elements asked for; time counts from the first of the buffer (forms unverified)."""
+    begun_s = meter.stored[0][1] if meter.stored else 0.0
+
+    def element(name: str, value: float, instant_s: float) -> str:
+        match name:
+            case "READ":
+                return f"{value:.{(meter.engine.remembered.get(_PRECISION, 0) or 7) - 1}E}"
+            case "UNIT":
+                return {"V": "Volt", "A": "Amp", "OHM": "Ohm", "HZ": "Hertz", "S": "Second"}[meter.function.unit]
+            case "TST":
+                return _stamp(instant_s)
+            case "SECF":
+                return f"{instant_s % 1.0:.9f}"
+        return {"REL": f"{instant_s - begun_s:.6f}", "CHAN": "0", "STAT": "0"}[name]
+
+    return ",".join(element(name, *entry) for entry in entries for name in elements or ("READ",))
+
+
+def _stamp(instant_s: float) -> str:
+    """Return a bench time as the clock of a meter shows it that was switched on at the beginning of 2026."""
+    return (_BEGUN + timedelta(seconds=instant_s)).strftime("%Y/%m/%d %H:%M:%S.%f")[:-3]
+
+
+def _error_suffix(number: int, instant_s: float) -> str:
+    """Return type and time of an event (records of a real one: ``;0;0 0``, ``;1;2018/05/26 14:00:14.871``)."""
+    return f";1;{_stamp(instant_s)}" if number else ";0;0 0"
+
+
+def _require_buffer(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
+    if buffer is not None and buffer not in (*_BUFFERS, *meter.made):
         raise scpi.ScpiError(-224)
 
 
 def _take(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
-    _require_buffer(buffer)
+    _require_buffer(meter, buffer)
     meter.triggering.trigger_count = 1.0
     meter.triggering.sample_count = meter.samples
     meter.triggering.delay_auto = True
     meter.triggering.start(stored=True)
 
 
-def _read(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
+@ROWS.query("READ", query_parameters=(*_NAMED, _ELEMENTS), repeat=True)
+def _read(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str) -> Any:
     _take(meter, buffer)
-    return common.once_idle(meter, lambda: _last(meter))
+    return common.once_idle(meter, lambda: _last(meter, elements))
 
 
 def _measure(name: str) -> Any:
-    def measure(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
+    def measure(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str) -> Any:
         meter.choose(meter.functions[name])
-        return _read(meter, buffer)
+        return _read(meter, buffer, *elements)
 
     return measure
 
 
-def _last(meter: KeithleyDMM6500Twin) -> list[float]:
+def _last(meter: KeithleyDMM6500Twin, elements: tuple[str, ...]) -> str:
     if not meter.stored:
         raise scpi.ScpiError(-230)
-    return [meter.stored[-1]]
+    return _told(meter, meter.stored[-1:], elements)
 
 
-def _data(meter: KeithleyDMM6500Twin, start: int, end: int, buffer: str | None, element: str | None) -> list[float]:
-    _require_buffer(buffer)
-    del element
+_PLACE = scpi.Integer(limits=scpi.Limits(1, _BUFFER), named=False)
+
+
+@ROWS.query("TRACe:DATA", query_parameters=(_PLACE, _PLACE, *_NAMED, _ELEMENTS), repeat=True)
+def _data(meter: KeithleyDMM6500Twin, start: int, end: int, buffer: str | None = None, *elements: str) -> str:
+    _require_buffer(meter, buffer)
     if not 1 <= start <= end <= len(meter.stored):
         raise scpi.ScpiError(-222)
-    return meter.stored[start - 1 : end]
+    return _told(meter, meter.stored[start - 1 : end], elements)
+
+
+@ROWS.do(
+    "TRACe:MAKE", (scpi.Text(), scpi.Integer(limits=scpi.Limits(10, 7_000_000), named=False), scpi.Word(required=False))
+)
+def _make_buffer(meter: KeithleyDMM6500Twin, name: str, points: int, _style: str | None) -> None:
+    meter.made[name] = points
 
 
 @ROWS.do(
@@ -96,7 +140,7 @@ def _data(meter: KeithleyDMM6500Twin, start: int, end: int, buffer: str | None, 
     ),
 )
 def _load(meter: KeithleyDMM6500Twin, model: str, count: int, delay_s: float | None, buffer: str | None) -> None:
-    _require_buffer(buffer)
+    _require_buffer(meter, buffer)
     if model.upper() != "SIMPLELOOP":
         raise scpi.ScpiError(-224)
     meter.loop = (count, delay_s or 0.0)
@@ -129,13 +173,10 @@ def _zero(name: str) -> scpi.Command:
     )
 
 
-_NAMED = (scpi.Text(required=False),)
-
-
-@ROWS.query("FETCh", query_parameters=_NAMED, reply=_READINGS)
-def _fetch(meter: KeithleyDMM6500Twin, buffer: str | None) -> list[float]:
-    _require_buffer(buffer)
-    return _last(meter)
+@ROWS.query("FETCh", query_parameters=(*_NAMED, _ELEMENTS), repeat=True)
+def _fetch(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str) -> str:
+    _require_buffer(meter, buffer)
+    return _last(meter, elements)
 
 
 @ROWS.do("TRACe:TRIGger", _NAMED)
@@ -147,11 +188,11 @@ def _trace(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
 
 @ROWS.do("TRACe:CLEar", _NAMED)
 def _clear(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
-    _require_buffer(buffer)
+    _require_buffer(meter, buffer)
     meter.stored.clear()
 
 
-_TABLE = scpi.CommandTable(
+_COMMANDS = (
     *ROWS,
     *scpi.COMMON_COMMANDS,
     scpi.Command("*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set),
@@ -177,23 +218,29 @@ _TABLE = scpi.CommandTable(
     scpi.attribute("[SENSe:]COUNt", scpi.Integer(limits=scpi.Limits(1, 1_000_000)), "samples", scpi.signed_integer),
     *(
         scpi.Command(
-            f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=_NAMED, reply=_READINGS
+            f"MEASure:{_FUNCTIONS[name].header}",
+            query=_measure(name),
+            query_parameters=(*_NAMED, _ELEMENTS),
+            repeat=True,
         )
         for name in common.NAMES
-    ),
-    scpi.Command("READ", query=_read, query_parameters=_NAMED, reply=_READINGS),
-    scpi.Command(
-        "TRACe:DATA",
-        query=_data,
-        query_parameters=(
-            *(scpi.Integer(limits=scpi.Limits(1, _BUFFER), named=False) for _ in range(2)),
-            *(scpi.Text(required=False), scpi.Choice(("READing",), required=False)),
-        ),
-        reply=_READINGS,
     ),
     scpi.Command("TRACe:ACTual", query=lambda meter, _buffer: len(meter.stored), query_parameters=_NAMED, reply=str),
     scpi.attribute("TRACe:POINts", scpi.Integer(limits=scpi.Limits(10, 7_000_000)), "points", scpi.signed_integer),
     scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
+    scpi.Command(
+        "TRIGger:STATe", query=lambda meter: "IDLE;IDLE;1" if meter.triggering.sequence is None else "RUNNING;RUNNING;1"
+    ),
+    scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
+    scpi.remembered(_PRECISION[0], scpi.Integer(limits=scpi.Limits(0, 16, 0)), 0, scpi.bare_integer),
+    *(
+        scpi.Command(f"SYSTem:{header}", query=query)
+        for header, query in (
+            ("EVENtlog:NEXT", scpi.next_error),
+            ("ERRor:COUNt", lambda meter: len(meter.engine.errors)),
+            ("EVENtlog:COUNt", lambda meter: len(meter.engine.errors)),
+        )
+    ),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
     scpi.Command("ROUTe:TERMinals", query=lambda _: "FRON"),
     scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz)),
@@ -205,13 +252,11 @@ _TABLE = scpi.CommandTable(
     scpi.Command("DISPlay:SCReen", (scpi.Word(),), do=common.ignored),
     *(scpi.Command(f"DISPlay:USER{line}:TEXT[:DATA]", (scpi.Text(),), do=common.ignored) for line in (1, 2)),
     scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
-    scpi.event("STATus:OPERation[:EVENt]", lambda meter: meter.operation),
-    scpi.enable("STATus:OPERation:ENABle", "operation"),
-    scpi.event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
-    scpi.condition("STATus:QUEStionable:CONDition", lambda meter: meter.questionable),
-    scpi.enable("STATus:QUEStionable:ENABle", "questionable"),
+    *scpi.status_commands("OPERation", "operation"),
+    *scpi.status_commands("QUEStionable", "questionable"),
     scpi.Command("STATus:PRESet", do=common.ignored),
 )
+_TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 
 
 class KeithleyDMM6500Twin(SimulatedTruevolt):
@@ -221,7 +266,13 @@ class KeithleyDMM6500Twin(SimulatedTruevolt):
     kind: ClassVar[MeterKind] = MeterKind("DMM6500", "1.7.12b", _SHEET, memory=_BUFFER, most_readings=1_000_000)
     functions: ClassVar[Mapping[str, Function]] = _FUNCTIONS
     table: ClassVar[scpi.CommandTable] = _TABLE
-    dialect: ClassVar[scpi.Dialect] = scpi.Dialect(queue_depth=64, takes_blocks=False)
+    dialect: ClassVar[scpi.Dialect] = scpi.Dialect(
+        queue_depth=64,
+        words=common.ERROR_WORDS,
+        error_number=scpi.bare_integer,
+        error_suffix=_error_suffix,
+        takes_blocks=False,
+    )
     interfaces: ClassVar[Mapping[str, Interface]] = {"gpib": scpi.GPIB, "usb": scpi.USB, "lan": scpi.LAN}
     fast_apertures_s: ClassVar[Mapping[float, float]] = {}
 
@@ -247,7 +298,9 @@ class KeithleyDMM6500Twin(SimulatedTruevolt):
         """*RST."""
         self.kept = {name: common.KeptOfFunction(average=False, digits=6) for name in common.NAMES}
         self.samples, self.points, self.format = 1, _BUFFER, "ASC"
-        self.stored: list[float] = []
+        self.stored: list[tuple[float, float]] = []
+        """Readings and the bench times at which they were made."""
+        self.made: dict[str, int] = {}
         self.loop: tuple[int, float] | None = None
         super().reset()
 
@@ -257,5 +310,5 @@ class KeithleyDMM6500Twin(SimulatedTruevolt):
 
     def _finish_reading(self, value: float) -> float:
         reading = super()._finish_reading(value)
-        self.stored.append(reading)
+        self.stored.append((reading, self.clock.now()))
         return reading

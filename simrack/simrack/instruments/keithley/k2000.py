@@ -5,8 +5,8 @@ Source: PyMeasure's driver and other users' code with records of ``*IDN?``, the 
 averaging, times beside integration. From memory of the manual: continuous initiation is on at power-on and off after
 ``*RST`` and CONFigure, INITiate is -213 meanwhile; TRACe takes readings when its feed control is NEXT.
 
-Not simulated: current, temperature, CALCulate, the scanner, timer and manual triggers, binary formats; averaging and
-relative values are settings, taken off no reading.
+Not simulated: temperature, CALCulate2 and 3, the scanner, timer and manual triggers, binary formats; averaging,
+relative values and mathematics are settings, taken off no reading.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
 
@@ -33,7 +33,6 @@ ROWS = scpi.Rows()
 
 _SHEET = specifications.KEITHLEY_2000
 _NR3 = scpi.real(8)
-_READINGS = scpi.comma_list(_NR3)
 _BUFFER = 1024
 _FUNCTIONS = common.functions_of(_SHEET)
 
@@ -45,6 +44,22 @@ class Errors2000(MeterErrors, frozen=True):
     def drawn(cls, rng: np.random.Generator) -> Errors2000:
         """Return a specimen drawn uniformly within the 1-year accuracy of the 10 V range."""
         return cls(**common.drawn(_SHEET, rng))
+
+
+def _told(meter: Keithley2000Twin, readings: Sequence[float | None]) -> str:
+    """Return readings with the elements of FORMat:ELEMents, units behind each (form unverified)."""
+    unit, number, channel = (
+        (common.UNITS[meter.function.name], "RDNG#", "INTCHAN") if "UNIT" in meter.elements else [""] * 3
+    )
+    told = []
+    for index, value in enumerate(readings):
+        elements = {
+            "READ": f"{_NR3(math.nan if value is None else value)}{unit}",
+            "RNUM": f"{index:+06d}{number}",
+            "CHAN": f"00{channel}",
+        }
+        told += [text for name, text in elements.items() if name in meter.elements]
+    return ",".join(told)
 
 
 def _configure(name: str) -> Any:
@@ -68,7 +83,7 @@ def _read(meter: Keithley2000Twin) -> Any:
         raise scpi.ScpiError(-213)
     meter.triggering.abort()
     meter.triggering.start(stored=True)
-    return common.once_idle(meter, lambda: list(meter.triggering.memory))
+    return common.once_idle(meter, lambda: _told(meter, meter.triggering.memory))
 
 
 @ROWS.do("INITiate[:IMMediate]")
@@ -82,10 +97,10 @@ def _fetch(meter: Keithley2000Twin) -> Any:
     """FETCh?: the latest reading; while it measures by itself the next one."""
     if meter.continuous and meter.triggering.sequence is None:
         meter.triggering.start(stored=True)
-        return common.once_idle(meter, lambda: [meter.ring.last])
+        return common.once_idle(meter, lambda: _told(meter, [meter.ring.last]))
     if meter.ring.last is None:
         raise scpi.ScpiError(-230)
-    return [meter.ring.last]
+    return _told(meter, [meter.ring.last])
 
 
 def _choose(meter: Keithley2000Twin, name: str) -> None:
@@ -104,11 +119,11 @@ def _set_delay(meter: Keithley2000Twin, seconds: float) -> None:
     meter.triggering.delay_s, meter.triggering.delay_auto = seconds, False
 
 
-@ROWS.query("TRACe:DATA", reply=_READINGS)
-def _stored(meter: Keithley2000Twin) -> list[float]:
+@ROWS.query("TRACe:DATA")
+def _stored(meter: Keithley2000Twin) -> str:
     if not meter.stored:
         raise scpi.ScpiError(-230)
-    return list(meter.stored)
+    return _told(meter, meter.stored)
 
 
 @ROWS.attribute("TRACe:FEED:CONTrol", scpi.Choice(("NEVer", "NEXT")), "control")
@@ -126,12 +141,12 @@ def _preset(meter: Keithley2000Twin) -> None:
 
 _COUNTS = scpi.Integer(limits=scpi.Limits(1, 9999, 1), words={"INFinity": float("inf")})
 
-_TABLE = scpi.CommandTable(
+_COMMANDS = (
     *ROWS,
     *scpi.COMMON_COMMANDS,
     *(scpi.Command(f"CONFigure:{_FUNCTIONS[name].header}", do=_configure(name)) for name in common.NAMES),
     *(
-        scpi.Command(f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=(), reply=_READINGS)
+        scpi.Command(f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=())
         for name in common.NAMES
     ),
     scpi.Command("CONFigure", query=lambda meter: common.NAMES[meter.function.name], reply=scpi.quoted),
@@ -152,10 +167,10 @@ _TABLE = scpi.CommandTable(
         )
         for name in common.NAMES
     ),
-    scpi.Command("[SENSe:]DATA[:LATest]", query=_fetch, reply=_READINGS),
-    scpi.Command("[SENSe:]DATA:FRESh", query=_fetch, reply=_READINGS),
-    scpi.Command("READ", query=_read, reply=_READINGS),
-    scpi.Command("FETCh", query=_fetch, reply=_READINGS),
+    scpi.Command("[SENSe:]DATA[:LATest]", query=_fetch),
+    scpi.Command("[SENSe:]DATA:FRESh", query=_fetch),
+    scpi.Command("READ", query=_read),
+    scpi.Command("FETCh", query=_fetch),
     scpi.attribute("INITiate:CONTinuous", scpi.Boolean(), "continuous", scpi.boolean),
     scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
     scpi.attribute(
@@ -179,10 +194,18 @@ _TABLE = scpi.CommandTable(
     scpi.attribute("TRIGger[:SEQuence]:SOURce", scpi.Choice(("IMMediate", "BUS", "EXTernal")), "triggering.source"),
     scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
     scpi.Command("TRACe:CLEar", do=lambda meter: meter.stored.clear()),
+    # bytes left and used; 24 a reading and a byte of overhead are what its manual's 1024 readings come to (unverified)
+    scpi.Command("TRACe:FREE", query=lambda meter: f"{24 * (_BUFFER - len(meter.stored))},{24 * len(meter.stored)}"),
     scpi.attribute("TRACe:POINts", scpi.Integer(limits=scpi.Limits(2, _BUFFER)), "points", scpi.signed_integer),
     scpi.attribute("TRACe:FEED", scpi.Choice(("SENSe", "CALCulate", "NONE")), "feed"),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
-    scpi.attribute("FORMat:ELEMents", scpi.Choice(("READing",)), "elements"),
+    scpi.Command(
+        "FORMat:ELEMents",
+        (scpi.Choice(("READing", "UNITs", "CHANnel", "RNUMber")),),
+        do=lambda meter, *elements: setattr(meter, "elements", elements),
+        query=lambda meter: ",".join(meter.elements),
+        repeat=True,
+    ),
     scpi.Command(
         "SYSTem:AZERo[:STATe]",
         (scpi.Boolean(),),
@@ -192,6 +215,21 @@ _TABLE = scpi.CommandTable(
     ),
     scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=common.ignored),
     scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
+    *(
+        scpi.remembered(f"DISPlay[:WINDow<1-1>]:TEXT{node}", parameter, default, reply)
+        for node, parameter, default, reply in (
+            ("[:DATA]", scpi.Text(limit=12), "", scpi.quoted),
+            (":STATe", scpi.Boolean(), False, scpi.boolean),
+        )
+    ),
+    scpi.remembered("CALCulate<1-1>:FORMat", scpi.Choice(("NONE", "MXB", "PERCent")), "PERC"),
+    scpi.remembered("CALCulate<1-1>:STATe", scpi.Boolean(), default=False, reply=scpi.boolean),
+    *(
+        scpi.remembered(f"CALCulate<1-1>:KMATh:{name}", scpi.Number(limits=scpi.Limits(-1e8, 1e8)), default, _NR3)
+        for name, default in (("MMFactor", 1.0), ("MBFactor", 0.0), ("PERCent", 1.0))
+    ),
+    scpi.remembered("CALCulate<1-1>:KMATh:MUNits", scpi.Text(limit=3), "MXB", scpi.quoted),
+    scpi.Command("CALCulate<1-1>:DATA[:LATest]", query=_fetch),
     scpi.attribute("DISPlay:ENABle", scpi.Boolean(), "display_on", scpi.boolean),
     scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
     scpi.Command("SYSTem:FRSWitch", query=lambda _: 1, reply=scpi.signed_integer),
@@ -199,15 +237,14 @@ _TABLE = scpi.CommandTable(
     *(scpi.Command(f"SYSTem:{word}", do=common.ignored) for word in ("LOCal", "REMote", "RWLock")),
     scpi.Command("*OPT", query=lambda _: "0,0"),
     scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
-    scpi.event("STATus:OPERation[:EVENt]", lambda meter: meter.operation),
-    scpi.enable("STATus:OPERation:ENABle", "operation"),
-    scpi.event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
-    scpi.condition("STATus:QUEStionable:CONDition", lambda meter: meter.questionable),
-    scpi.enable("STATus:QUEStionable:ENABle", "questionable"),
+    *scpi.status_commands("OPERation", "operation"),
+    *scpi.status_commands("QUEStionable", "questionable"),
+    *scpi.status_commands("MEASurement", "measurement"),
     scpi.Command("STATus:PRESet", do=common.ignored),
     scpi.Command("STATus:QUEue[:NEXT]", query=scpi.next_error),
     scpi.Command("STATus:QUEue:CLEar", do=lambda meter: meter.engine.errors.clear()),
 )
+_TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 
 
 class Keithley2000Twin(SimulatedTruevolt):
@@ -217,7 +254,7 @@ class Keithley2000Twin(SimulatedTruevolt):
     kind: ClassVar[MeterKind] = MeterKind("2000", "A20  /A02", _SHEET, memory=_BUFFER, most_readings=_BUFFER)
     functions: ClassVar[Mapping[str, Function]] = _FUNCTIONS
     table: ClassVar[scpi.CommandTable] = _TABLE
-    dialect: ClassVar[scpi.Dialect] = scpi.Dialect(queue_depth=10, takes_blocks=False)
+    dialect: ClassVar[scpi.Dialect] = scpi.Dialect(queue_depth=10, words=common.ERROR_WORDS, takes_blocks=False)
     interfaces: ClassVar[Mapping[str, Interface]] = {"gpib": scpi.GPIB, "rs232": scpi.RS232}
     fast_apertures_s: ClassVar[Mapping[float, float]] = {}
 
@@ -241,8 +278,9 @@ class Keithley2000Twin(SimulatedTruevolt):
     def reset(self) -> None:
         """*RST."""
         self.kept = {name: common.KeptOfFunction(average=True, digits=7) for name in common.NAMES}
-        self.points, self.feed, self.control, self.format, self.elements = 100, "CALC", "NEV", "ASC", "READ"
+        self.points, self.feed, self.control, self.format, self.elements = 100, "CALC", "NEV", "ASC", ("READ",)
         self.beeper = self.display_on = True
+        self.measurement = scpi.Register()
         self.stored: list[float] = []
         self.continuous = False
         super().reset()

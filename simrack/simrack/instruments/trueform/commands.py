@@ -31,8 +31,6 @@ from simrack.instruments.trueform.kinds import LONGEST_BURST_S
 from simrack.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from simrack.instruments.trueform.instrument import SimulatedTrueform as _Model
 
 ROWS = scpi.Rows()
@@ -91,28 +89,12 @@ def _as_here(command: scpi.Command) -> scpi.Command:
 def _spelled(command: scpi.Command) -> tuple[scpi.Command, ...]:
     """Return a command as it may be said, with the number of its channel or without it."""
     header = command.pattern
-    if header.startswith(("OUTPut", "TRIGger")):
-        root = header[: 6 if header.startswith("OUTPut") else 7]
-        return (_with_channel(command, f"{root}<1-1>{header.removeprefix(root)}"),)
+    for root in ("OUTPut", "TRIGger"):
+        if header.startswith(root):
+            return (replace(command, pattern=f"{root}<1-1>{header.removeprefix(root)}"),)
     if header.startswith("APPLy"):
-        return command, _with_channel(command, f"SOURce<1-1>:{header}")
-    if header.startswith("[SOURce:]"):
-        return command, _with_channel(command, f"SOURce<1-1>:{header.removeprefix('[SOURce:]')}")
-    return (command,)
-
-
-def _with_channel(command: scpi.Command, header: str) -> scpi.Command:
-    query = None if command.query is None else _first_channel(command.query)
-    do = None if command.do is None else _first_channel(command.do)
-    plain = replace(command, pattern=header.replace("SOURce<1-1>:[:", "SOURce<1-1>["))
-    return replace(plain, do=do, query=query)
-
-
-def _first_channel(handler: Callable[..., Any]) -> Callable[..., Any]:
-    def called(model: _Model, _channel: int, *arguments: Any) -> Any:
-        return handler(model, *arguments)
-
-    return called
+        return command, replace(command, pattern=f"SOURce<1-1>:{header}")
+    return (replace(command, pattern=header.replace("[SOURce:]", "[SOURce<1-1>:]")),)
 
 
 # --- functions ------------------------------------------------------------------------------------------------------
@@ -206,6 +188,12 @@ def _load_dac(model: _Model, name: str, *codes: float) -> None:
     model.waveforms.load_named(name, [code / 32767.0 for code in codes], model.series.least_points)
 
 
+@ROWS.do("MMEMory:LOAD:DATA", (scpi.Text(),))
+def _load_file(_model: _Model, _name: str) -> None:
+    """MMEMory:LOAD:DATA: its memory has no files (number of SCPI, unverified)."""
+    raise scpi.ScpiError(-256, "File name not found")
+
+
 @ROWS.do("[SOURce:]DATA:VOLatile:CLEar")
 def _clear(model: _Model) -> None:
     model.waveforms.clear()
@@ -226,6 +214,7 @@ def _set_arbitrary_hz(model: _Model, hz: float) -> None:
     _retune(model)
 
 
+_EDGE = next(each for each in pulse_commands.COMMANDS if each.pattern.endswith("TRANsition"))
 _BURST_COUNT: Any = next(each for each in burst_commands.COMMANDS if each.pattern.endswith("NCYCles"))
 
 
@@ -304,6 +293,15 @@ OWN = (
     scpi.Command("[SOURce:]FUNCtion:ARBitrary:POINts", query=_points, reply=scpi.signed_integer),
     setting("[SOURce:]FUNCtion:ARBitrary:FILTer", scpi.Choice(("NORMal", "STEP", "OFF")), "state.filter"),
     setting("[SOURce:]FUNCtion:ARBitrary:ADVance", scpi.Choice(("TRIGger", "SRATe")), "state.advance"),
+    # both edges are one: what is set of one is set of the other
+    *(replace(_EDGE, pattern=f"[SOURce:]FUNCtion:PULSe:TRANsition:{edge}") for edge in ("LEADing", "TRAiling")),
+    scpi.Command("[SOURce:]PHASe:SYNChronize", do=lambda _: None),
+    scpi.Command("ABORt", do=lambda _: None),
+    scpi.remembered("INITiate<1-1>:CONTinuous", scpi.Boolean(), default=True, reply=scpi.boolean),
+    scpi.remembered("ROSCillator:SOURce", scpi.Choice(("INTernal", "EXTernal")), "INT"),
+    scpi.remembered("ROSCillator:SOURce:AUTO", scpi.Boolean(), default=False, reply=scpi.boolean),
+    scpi.Command("SYSTem:ERRor:COUNt", query=lambda model: len(model.engine.errors), reply=scpi.signed_integer),
+    *scpi.status_commands("OPERation", "operation"),
     scpi.Command(
         "[SOURce:]DATA:VOLatile:CATalog", query=lambda model: ",".join(map(scpi.quoted, model.waveforms.names()))
     ),

@@ -1,6 +1,6 @@
 """Differences between the 34461A and the 34465A, as data (Truevolt Series Operating and Service Guide).
 
-Capacitance, temperature and the options DIG and MEM are not simulated.
+Capacitance, temperature, the options DIG and MEM and the current ranges that a 34401A has not are not simulated.
 """
 
 from __future__ import annotations
@@ -52,7 +52,6 @@ class MeterKind(Struct, frozen=True):
             {
                 name: replace(function, fractions=fine) if function.integrating else function
                 for name, function in BY_NAME.items()
-                if name not in ("CURR", "CURR:AC")
             }
         )
 

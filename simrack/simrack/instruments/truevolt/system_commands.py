@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from simrack.scpi import Boolean, Choice, Command, Text, attribute, boolean, condition, enable, event, quoted
+from simrack import scpi
 
 if TYPE_CHECKING:
     from simrack.instruments.truevolt.instrument import SimulatedTruevolt
@@ -32,28 +32,35 @@ def _identities(kind: MeterKind) -> tuple[str, ...]:
     return ("DEFault", *older)
 
 
-def commands(kind: MeterKind) -> tuple[Command, ...]:
+def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
     """Return the system commands of a model."""
     return (
-        attribute("DISPlay[:STATe]", Boolean(), "display_on", boolean),
-        attribute("DISPlay:TEXT[:DATA]", Text(), "display_text", quoted, convert=lambda text: text[:_TEXT_LIMIT]),
-        Command("DISPlay:TEXT:CLEar", do=lambda meter: setattr(meter, "display_text", "")),
-        Command("ROUTe:TERMinals", query=lambda _meter: "FRON"),
-        Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
-        attribute("SYSTem:BEEPer:STATe", Boolean(), "beeper", boolean),
-        attribute("SYSTem:IDENtify", Choice(_identities(kind)), "identifies_as"),
-        Command("SYSTem:LFRequency", query=lambda meter: f"{meter.line_hz:+d}"),
-        Command("SYSTem:LICense:CATalog", query=lambda _meter: '""'),
-        Command("SYSTem:LOCal", do=lambda _: None),
-        Command("SYSTem:PRESet", do=lambda meter: meter.reset()),
-        Command("SYSTem:VERSion", query=lambda _meter: "1994.0"),
-        Command("*OPT", query=lambda _meter: "0,0,0"),
-        Command("*TST", query=_self_test, query_takes_s=_SELF_TEST_S),
-        event("STATus:OPERation[:EVENt]", lambda meter: meter.operation),
-        condition("STATus:OPERation:CONDition", lambda meter: meter.operation),
-        enable("STATus:OPERation:ENABle", "operation"),
-        event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
-        condition("STATus:QUEStionable:CONDition", lambda meter: meter.questionable),
-        enable("STATus:QUEStionable:ENABle", "questionable"),
-        Command("STATus:PRESet", do=_preset_status),
+        scpi.attribute("DISPlay[:STATe]", scpi.Boolean(), "display_on", scpi.boolean),
+        scpi.attribute(
+            "DISPlay:TEXT[:DATA]", scpi.Text(), "display_text", scpi.quoted, convert=lambda text: text[:_TEXT_LIMIT]
+        ),
+        scpi.Command("DISPlay:TEXT:CLEar", do=lambda meter: setattr(meter, "display_text", "")),
+        scpi.Command("ROUTe:TERMinals", query=lambda _meter: "FRON"),
+        scpi.Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
+        scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
+        scpi.attribute("SYSTem:IDENtify", scpi.Choice(_identities(kind)), "identifies_as"),
+        scpi.Command("SYSTem:LFRequency", query=lambda meter: f"{meter.line_hz:+d}"),
+        scpi.Command("SYSTem:LICense:CATalog", query=lambda _meter: '""'),
+        scpi.Command("SYSTem:LOCal", do=lambda _: None),
+        scpi.Command("SYSTem:PRESet", do=lambda meter: meter.reset()),
+        scpi.Command("SYSTem:VERSion", query=lambda _meter: "1994.0"),
+        scpi.Command("*OPT", query=lambda _meter: "0,0,0"),
+        scpi.Command("*TST", query=_self_test, query_takes_s=_SELF_TEST_S),
+        *scpi.status_commands("OPERation", "operation"),
+        *scpi.status_commands("QUEStionable", "questionable"),
+        scpi.remembered("FORMat[:DATA]", scpi.Choice(("ASCii", "REAL")), "ASC"),
+        scpi.remembered("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "NORM"),
+        scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
+        # of CALibration the queries: it stays secured; values of a unit that was calibrated once
+        scpi.Command("CALibration:COUNt", query=lambda _meter: 1, reply=scpi.signed_integer),
+        scpi.Command("CALibration:SECure:STATe", query=lambda _meter: True, reply=scpi.boolean),
+        scpi.Command("CALibration:STRing", query=lambda _meter: "", reply=scpi.quoted),
+        scpi.remembered("OUTPut:TRIGger:SLOPe", scpi.Choice(("POSitive", "NEGative")), "NEG"),
+        scpi.remembered("SAMPle:SOURce", scpi.Choice(("IMMediate", "TIMer")), "IMM"),
+        scpi.Command("STATus:PRESet", do=_preset_status),
     )
