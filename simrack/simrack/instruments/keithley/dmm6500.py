@@ -52,7 +52,7 @@ _ELEMENTS = scpi.Choice(("READing", "RELative", "UNIT", "TSTamp", "SECFractional
 """Of those that the manual lists; the others are -141."""
 
 
-def _told(meter: KeithleyDMM6500Twin, entries: Sequence[tuple[float, float]], elements: tuple[str, ...]) -> str:
+def _formatted(meter: KeithleyDMM6500Twin, entries: Sequence[tuple[float, float]], elements: tuple[str, ...]) -> str:
     """Return readings with the elements asked for; time counts from the first of the buffer (forms unverified)."""
     begun_s = meter.stored[0][1] if meter.stored else 0.0
 
@@ -111,7 +111,7 @@ def _measure(name: str) -> Any:
 def _last(meter: KeithleyDMM6500Twin, elements: tuple[str, ...]) -> str:
     if not meter.stored:
         raise scpi.ScpiError(-230)
-    return _told(meter, meter.stored[-1:], elements)
+    return _formatted(meter, meter.stored[-1:], elements)
 
 
 _PLACE = scpi.Integer(limits=scpi.Limits(1, _BUFFER), named=False)
@@ -122,7 +122,7 @@ def _data(meter: KeithleyDMM6500Twin, start: int, end: int, buffer: str | None =
     _require_buffer(meter, buffer)
     if not 1 <= start <= end <= len(meter.stored):
         raise scpi.ScpiError(-222)
-    return _told(meter, meter.stored[start - 1 : end], elements)
+    return _formatted(meter, meter.stored[start - 1 : end], elements)
 
 
 @ROWS.do(

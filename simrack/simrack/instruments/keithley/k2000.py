@@ -46,20 +46,20 @@ class Errors2000(MeterErrors, frozen=True):
         return cls(**common.drawn(_SHEET, rng))
 
 
-def _told(meter: Keithley2000Twin, readings: Sequence[float | None]) -> str:
+def _formatted(meter: Keithley2000Twin, readings: Sequence[float | None]) -> str:
     """Return readings with the elements of FORMat:ELEMents, units behind each (form unverified)."""
     unit, number, channel = (
         (common.UNITS[meter.function.name], "RDNG#", "INTCHAN") if "UNIT" in meter.elements else [""] * 3
     )
-    told = []
+    texts = []
     for index, value in enumerate(readings):
         elements = {
             "READ": f"{_NR3(math.nan if value is None else value)}{unit}",
             "RNUM": f"{index:+06d}{number}",
             "CHAN": f"00{channel}",
         }
-        told += [text for name, text in elements.items() if name in meter.elements]
-    return ",".join(told)
+        texts += [text for name, text in elements.items() if name in meter.elements]
+    return ",".join(texts)
 
 
 def _configure(name: str) -> Any:
@@ -83,7 +83,7 @@ def _read(meter: Keithley2000Twin) -> Any:
         raise scpi.ScpiError(-213)
     meter.triggering.abort()
     meter.triggering.start(stored=True)
-    return common.once_idle(meter, lambda: _told(meter, meter.triggering.memory))
+    return common.once_idle(meter, lambda: _formatted(meter, meter.triggering.memory))
 
 
 @ROWS.do("INITiate[:IMMediate]")
@@ -97,10 +97,10 @@ def _fetch(meter: Keithley2000Twin) -> Any:
     """FETCh?: the latest reading; while it measures by itself the next one."""
     if meter.continuous and meter.triggering.sequence is None:
         meter.triggering.start(stored=True)
-        return common.once_idle(meter, lambda: _told(meter, [meter.ring.last]))
+        return common.once_idle(meter, lambda: _formatted(meter, [meter.ring.last]))
     if meter.ring.last is None:
         raise scpi.ScpiError(-230)
-    return _told(meter, [meter.ring.last])
+    return _formatted(meter, [meter.ring.last])
 
 
 def _choose(meter: Keithley2000Twin, name: str) -> None:
@@ -123,7 +123,7 @@ def _set_delay(meter: Keithley2000Twin, seconds: float) -> None:
 def _stored(meter: Keithley2000Twin) -> str:
     if not meter.stored:
         raise scpi.ScpiError(-230)
-    return _told(meter, meter.stored)
+    return _formatted(meter, meter.stored)
 
 
 @ROWS.attribute("TRACe:FEED:CONTrol", scpi.Choice(("NEVer", "NEXT")), "control")
