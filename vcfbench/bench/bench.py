@@ -232,7 +232,21 @@ def open_bench(
             require_still(opened.instruments["rate_table"])
         if holding.watchdog is not None:
             holding.watchdog.require_ready()
-        opened_bench = _bench(description, ControlClock(stand.clock, stops, ahead_s), stand, opened, holding)
+        checks = LimitChecks.of(description)
+        instruments = {
+            role: (_LIMITED[role](each, checks) if role in _LIMITED else each)
+            for role, each in opened.instruments.items()
+        }
+        opened_bench = Bench(
+            description,
+            ControlClock(stand.clock, stops, ahead_s),
+            stand.seed,
+            opened.identities,
+            instruments,
+            holding,
+            stand.adjust,
+            _left_by(stand),
+        )
         watch.end()
     except BaseException as error:
         if isinstance(error, BenchError) and (left := _left_by(stand)):
@@ -298,14 +312,6 @@ def _all(failures: list[BenchError]) -> BenchError:
     return error
 
 
-def _bench(
-    description: BenchDescription, clock: Clock, stand: UnopenedBench, opened: _Opened, holding: Holding
-) -> Bench:
-    checks = LimitChecks.of(description)
-    instruments = {role: _limited(role, each, checks) for role, each in opened.instruments.items()}
-    return Bench(description, clock, stand.seed, opened.identities, instruments, holding, stand.adjust, _left_by(stand))
-
-
 def _left_by(stand: UnopenedBench) -> dict[str, str]:
     """Return by role who died with what drives something; what only listens is never left on."""
     return {role: who for role, who in stand.left_by.items() if role in _LIMITED}
@@ -321,7 +327,3 @@ _LIMITED: Mapping[str, Callable[[Any, LimitChecks], Any]] = MappingProxyType(
     }
 )
 """Wrapper that holds the limits of an instrument that drives something, by its role."""
-
-
-def _limited(role: str, instrument: Any, checks: LimitChecks) -> Any:
-    return _LIMITED[role](instrument, checks) if role in _LIMITED else instrument

@@ -101,17 +101,13 @@ class Console:
                     "--raw sends it and writes it down",
                 )
             self._raw.add(self.role, self.resource, message)
-        if not self._answered(message):
+        if not (isinstance(self._plain, PlainLine) or _asks(message)):
             return ConsoleReply(None, self._refusal_of(message) or self.errors())
         try:
             answer = self._plain.ask(message)
         except TransportError as error:
             raise self._explained(error) from None
         return ConsoleReply(answer, self.errors())
-
-    def _answered(self, message: str) -> bool:
-        """Tell whether an answer is to be shown: tables with a language of their own may answer anything."""
-        return isinstance(self._plain, PlainLine) or _asks(message)
 
     def _is_question(self, message: str) -> bool:
         """Tell whether a message is one question that changes no output: its header ends in a question mark.

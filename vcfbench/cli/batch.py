@@ -51,7 +51,11 @@ def batch(
     """
     asked = with_operator(read_batch(file), operator)
     options = RunOptions(bench=Path(asked.bench), json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, yes=yes)
-    _require_hands(asked, yes=yes)
+    if not (yes or asked.description.simulated or _terminal()):
+        raise ConfigError(
+            f"batch {asked.name}: somebody has to mount the devices, and there is no terminal to ask on",
+            hint="--yes where another program mounts them",
+        )
     for serial in asked.devices:
         asked.check(serial, runs)  # before anybody mounts anything
     worst = 0
@@ -64,14 +68,6 @@ def batch(
         ending.answered()
     if worst:
         raise typer.Exit(worst)
-
-
-def _require_hands(asked: Batch, *, yes: bool) -> None:
-    if not (yes or asked.description.simulated or _terminal()):
-        raise ConfigError(
-            f"batch {asked.name}: somebody has to mount the devices, and there is no terminal to ask on",
-            hint="--yes where another program mounts them",
-        )
 
 
 def _terminal() -> bool:

@@ -24,7 +24,7 @@ from vcfbench.station.equipment import calibration_words
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from vcfbench.bench.check import BenchCheck, CheckedInstrument, CheckedWatchdog
+    from vcfbench.bench.check import CheckedInstrument, CheckedWatchdog
     from vcfbench.station.description import BenchDescription
 
 _CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificate", "overdue")
@@ -68,7 +68,33 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
 
     def show() -> None:
         if json:
-            print_json({**_check_json(description.name, done), **_station_json(description, what_can_run(description))})
+            safe = {report.instrument: report.safe for report in done.safe_reports}
+            instruments = {
+                each.role: {
+                    "resource": each.resource,
+                    "identity": msgspec.to_builtins(each.identity),
+                    "ok": each.problem is None,
+                    "problem": each.problem,
+                    "safe": safe.get(each.role),
+                    **{key: equipment[key] for key in _CALIBRATION},
+                }
+                for each, equipment in ((each, each.equipment.as_json()) for each in done.instruments)
+            }
+            watchdog = {
+                "ok": done.watchdog.problem is None,
+                "ready_s": done.watchdog.ready_s,
+                "problem": done.watchdog.problem,
+                "instruments": {role: {"armed": False, "why": why} for role, why in done.watchdog.instruments.items()},
+            }
+            print_json(
+                {
+                    "bench": description.name,
+                    "ok": done.failure() is None,
+                    "watchdog": watchdog,
+                    "instruments": instruments,
+                    **_station_json(description, what_can_run(description)),
+                }
+            )
         else:
             rows = (
                 (
@@ -97,28 +123,6 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
                 typer.echo(f"cannot run: {lacking}")
 
     answer(show, done.failure())
-
-
-def _check_json(bench: str, done: BenchCheck) -> dict[str, Any]:
-    safe = {report.instrument: report.safe for report in done.safe_reports}
-    instruments = {
-        each.role: {
-            "resource": each.resource,
-            "identity": msgspec.to_builtins(each.identity),
-            "ok": each.problem is None,
-            "problem": each.problem,
-            "safe": safe.get(each.role),
-            **{key: equipment[key] for key in _CALIBRATION},
-        }
-        for each, equipment in ((each, each.equipment.as_json()) for each in done.instruments)
-    }
-    watchdog = {
-        "ok": done.watchdog.problem is None,
-        "ready_s": done.watchdog.ready_s,
-        "problem": done.watchdog.problem,
-        "instruments": {role: {"armed": False, "why": why} for role, why in done.watchdog.instruments.items()},
-    }
-    return {"bench": bench, "ok": done.failure() is None, "watchdog": watchdog, "instruments": instruments}
 
 
 def _station_json(description: BenchDescription, procedures: dict[str, str | None]) -> dict[str, Any]:

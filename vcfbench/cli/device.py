@@ -127,9 +127,25 @@ def _print_history(known: Device, rows: list[dict[str, Any]]) -> None:
         print_verdicts(f"\n{_failed(known.failed_since)}")
     drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]
     if len(drawn) > 1:
-        typer.echo("\n" + "\n".join(_drawn(drawn)))
+        # Draw the scale factor of each entry against the first, ppm: ``*`` in a row of dots, ``|`` the first's place
+        first = drawn[0]["scale_factor_v_per_deg_s"]
+        changes = [1e6 * (row["scale_factor_v_per_deg_s"] / first - 1.0) for row in drawn]
+        most, width = max(1.0, *map(abs, changes)), 30
+        lines = [f"scale factor against entry {drawn[0]['entry']}, {-most:+.0f} to {most:+.0f} ppm"]
+        for row, change in zip(drawn, changes, strict=True):
+            cells = ["."] * (2 * width + 1)
+            cells[width] = "|"
+            cells[width + round(width * change / most)] = "*"
+            lines.append(f"{row['entry']} {''.join(cells)} {change:+.1f}")
+        typer.echo("\n" + "\n".join(lines))
     _print_certificate(known.certificate)
-    _print_health(known)
+    # Print the properties that the last self-calibration measured, beside the certificate's
+    last = known.self_calibrations[-1] if known.self_calibrations else None
+    named = {each.name: each.record for each in known.entries}
+    certificate = None if last is None or last.certificate is None else named.get(last.certificate)
+    then = getattr(certificate, "characteristics", None)
+    if last is not None and last.characteristics is not None and then is not None:
+        typer.echo("\n" + text_of(Report(health_parts(checked(then, last.characteristics)))))
 
 
 def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetRow], path: Path) -> None:
@@ -226,27 +242,3 @@ def _print_certificate(known: Certificate | None) -> None:
         when = "before its certificate was out"
     typer.echo(f"\nU95 of K_Vc comes to {known.wanted_u95_ppm:g} ppm {when} ({drift})\n")
     typer.echo(table_text(sensitivity_table(known.sensitivities)))
-
-
-def _print_health(known: Device) -> None:
-    """Print the properties that the last self-calibration measured, beside the certificate's."""
-    last = known.self_calibrations[-1] if known.self_calibrations else None
-    named = {each.name: each.record for each in known.entries}
-    certificate = None if last is None or last.certificate is None else named.get(last.certificate)
-    then = getattr(certificate, "characteristics", None)
-    if last is not None and last.characteristics is not None and then is not None:
-        typer.echo("\n" + text_of(Report(health_parts(checked(then, last.characteristics)))))
-
-
-def _drawn(rows: list[dict[str, Any]]) -> list[str]:
-    """Draw the scale factor of each entry against the first, ppm: ``*`` in a row of dots, ``|`` the first's place."""
-    first = rows[0]["scale_factor_v_per_deg_s"]
-    changes = [1e6 * (row["scale_factor_v_per_deg_s"] / first - 1.0) for row in rows]
-    most, width = max(1.0, *map(abs, changes)), 30
-    lines = [f"scale factor against entry {rows[0]['entry']}, {-most:+.0f} to {most:+.0f} ppm"]
-    for row, change in zip(rows, changes, strict=True):
-        cells = ["."] * (2 * width + 1)
-        cells[width] = "|"
-        cells[width + round(width * change / most)] = "*"
-        lines.append(f"{row['entry']} {''.join(cells)} {change:+.1f}")
-    return lines

@@ -39,30 +39,30 @@ def discover(
     with tracing(trace):
         found = discovery.discover(library, tries or (), timeout_s=timeout, serial_probe=probe_serial)
     if json:
-        typer.echo(msgspec.json.encode(_as_json(found, discovery.stanza(found))).decode())
+        typer.echo(
+            msgspec.json.encode(
+                {
+                    "library": found.library,
+                    "resources": [_found_json(each) for each in found.resources],
+                    "serial_ports": [
+                        {
+                            "port": each.port,
+                            "description": each.description,
+                            "asked": each.found is not None,
+                            **({} if each.found is None else _found_json(each.found)),
+                        }
+                        for each in found.serial_ports
+                    ],
+                    "tried": [_found_json(each) for each in found.tried],
+                    "stanza": discovery.stanza(found),
+                }
+            ).decode()
+        )
     else:
         _print(found, discovery.stanza(found))
     silent = [each.resource for each in found.tried if each.answer is None]
     if silent:
         raise BenchError(f"no answer from {', '.join(silent)}")
-
-
-def _as_json(found: Discovery, stanza: str) -> dict[str, Any]:
-    return {
-        "library": found.library,
-        "resources": [_found_json(each) for each in found.resources],
-        "serial_ports": [
-            {
-                "port": each.port,
-                "description": each.description,
-                "asked": each.found is not None,
-                **({} if each.found is None else _found_json(each.found)),
-            }
-            for each in found.serial_ports
-        ],
-        "tried": [_found_json(each) for each in found.tried],
-        "stanza": stanza,
-    }
 
 
 def _found_json(found: DiscoveredInstrument) -> dict[str, Any]:

@@ -74,16 +74,13 @@ def open_streams() -> None:
     """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
-            setattr(sys, name, _null(number, "r" if number == 0 else "w"))
-
-
-def _null(number: int, mode: str) -> TextIO:
-    stream = open(os.devnull, mode, encoding="utf-8")  # noqa: PTH123, SIM115  # it stays open until the process ends
-    try:
-        os.fstat(number)
-    except OSError:
-        os.dup2(stream.fileno(), number)
-    return cast("TextIO", stream)
+            mode = "w" if number else "r"
+            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: PTH123, SIM115  # open until the process ends
+            try:
+                os.fstat(number)
+            except OSError:
+                os.dup2(stream.fileno(), number)
+            setattr(sys, name, cast("TextIO", stream))
 
 
 def ending_of(error: BaseException) -> tuple[str, int] | None:

@@ -14,7 +14,6 @@ from vcfbench.safety.processes import KILL, end, mark_of
 
 if TYPE_CHECKING:
     from vcfbench.bench.make_safe import MadeSafe
-    from vcfbench.records.signing import SigningKey
     from vcfbench.safety.lock import InUse
     from vcfbench.station.description import BenchDescription
 
@@ -153,12 +152,8 @@ def _write(charge: dict[str, Any], said: Said, values: dict[str, Any]) -> None:
 
     key = None
     with suppress(Exception):  # a line that is not signed says more than none
-        key = _key_of(charge)
+        from vcfbench.records.signing import named_key  # noqa: PLC0415  # as above
+
+        key = named_key((charge["bench"].get("laboratory") or {}).get("signing_key"))
     with suppress(Exception):  # the bench is what counts
         append_line(Path(json.loads(said[b"journal"])), {"type": "watchdog", **values}, key)
-
-
-def _key_of(charge: dict[str, Any]) -> SigningKey | None:
-    from vcfbench.records.signing import named_key  # noqa: PLC0415  # as above
-
-    return named_key((charge["bench"].get("laboratory") or {}).get("signing_key"))

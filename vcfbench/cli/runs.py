@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from csv import writer as csv_writer
 from dataclasses import asdict
 from pathlib import Path
 from shutil import get_terminal_size
@@ -79,7 +80,25 @@ def list_(
     if json:
         print_json({"runs": [each.as_json() for each in known]})
     elif csv:
-        _print_csv(known)
+        # Print a row a run; for each result that one of them has: value, uncertainty, unit, missing contributions
+        names = list(dict.fromkeys(name for each in known for name in each.results))
+        writer = csv_writer(sys.stdout, lineterminator="\n")
+        writer.writerow(
+            [*_CSV, "tags", *(f"{name}{part}" for name in names for part in ("", "_u", "_unit", "_missing"))]
+        )
+        for each in known:
+            values = each.as_json()
+            found = [each.results.get(name) for name in names]
+            parts = [
+                part
+                for k in found
+                for part in ((None,) * 4 if k is None else (k.value, k.u, k.unit, ";".join(k.missing)))
+            ]
+            tags = ";".join(f"{key}={value}" for key, value in each.tags.items())
+            cells = [*(values[name] for name in _CSV), tags, *parts]
+            # a spreadsheet would take some texts for formulas: those have an apostrophe before them
+            texts = [f"'{cell}" if isinstance(cell, str) and cell[:1] in "=+-@" and cell else cell for cell in cells]
+            writer.writerow([printable(cell) if isinstance(cell, str) else cell for cell in texts])
     elif not known:
         typer.echo(f"no records in {runs}" if not any((*asked.values(), tag)) else f"no such records in {runs}")
     else:
@@ -98,7 +117,29 @@ def show(
     record = directory.read()
     shown_run = recorded_run(directory, record)
     if json:
-        print_json(_answer(directory, record, shown_run))
+        members = shown_run.as_json()
+        print_json(
+            {
+                **_line(directory, record),
+                "simulated": shown_run.simulated,
+                "started_utc": record.header.get("utc"),
+                "bench_seconds": shown_run.bench_seconds,
+                "physical_minimum_s": shown_run.physical_minimum_s,
+                "points": members["points"],
+                "results": members["results"],
+                "no_results": shown_run.no_results,
+                "acceptance": members["acceptance"],
+                "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
+                **{key: members[key] for key in ("resumed", "not_checked") if key in members},
+                "metadata": members["metadata"],
+                "revision": shown_run.revision,
+                "amendments": members.get("amendments", []),
+                "equipment": members["equipment"],
+                "errors": [error.get("error") for error in record.errors],
+                "identities": record.header.get("identities", {}),
+                "versions": record.header.get("versions", {}),
+            }
+        )
     else:
         line = _line(directory, record)
         status = _status(line["status"], line["damage"])
@@ -279,66 +320,16 @@ def _print_list(known: Sequence[RunSummary]) -> None:
 
 
 def _cells(run: RunSummary) -> tuple[object, ...]:
+    dut = (run.dut or "-") + " (amended)" * ("dut" in run.amended)
     results = [f"{name} {found.words()}" for name, found in run.results.items()][:_SHOWN_RESULTS]
     return (
-        *(run.run, run.procedure, _status(run.status, run.damage), run.bench, run.seed, _device(run), run.points),
+        *(run.run, run.procedure, _status(run.status, run.damage), run.bench, run.seed, dut, run.points),
         *("; ".join(results) or "-", (run.verdict or "-").upper()),
     )
 
 
-def _device(run: RunSummary) -> str:
-    return (run.dut or "-") + (" (amended)" if "dut" in run.amended else "")
-
-
-def _print_csv(known: Sequence[RunSummary]) -> None:
-    """Print a row a run; for each result that one of them has: value, uncertainty, unit, missing contributions."""
-    import csv  # noqa: PLC0415
-
-    names = list(dict.fromkeys(name for each in known for name in each.results))
-    writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow([*_CSV, "tags", *(f"{name}{part}" for name in names for part in ("", "_u", "_unit", "_missing"))])
-    for each in known:
-        values = each.as_json()
-        found = [each.results.get(name) for name in names]
-        parts = [
-            part for k in found for part in ((None,) * 4 if k is None else (k.value, k.u, k.unit, ";".join(k.missing)))
-        ]
-        tags = ";".join(f"{key}={value}" for key, value in each.tags.items())
-        cells = [*(values[name] for name in _CSV), tags, *parts]
-        writer.writerow([_inert(cell) if isinstance(cell, str) else cell for cell in cells])
-
-
-def _inert(text: str) -> str:
-    """Return a text as a spreadsheet shows it: one that would be taken for a formula has an apostrophe before it."""
-    return printable(f"'{text}" if text.startswith(("=", "+", "-", "@")) else text)
-
-
 def _status(status: str, damage: str | None) -> str:
     return status if damage is None else f"{status}: {damage}"
-
-
-def _answer(directory: RunDirectory, record: JournalRecord, run: Run) -> dict[str, Any]:
-    members = run.as_json()
-    return {
-        **_line(directory, record),
-        "simulated": run.simulated,
-        "started_utc": record.header.get("utc"),
-        "bench_seconds": run.bench_seconds,
-        "physical_minimum_s": run.physical_minimum_s,
-        "points": members["points"],
-        "results": members["results"],
-        "no_results": run.no_results,
-        "acceptance": members["acceptance"],
-        "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
-        **{key: members[key] for key in ("resumed", "not_checked") if key in members},
-        "metadata": members["metadata"],
-        "revision": run.revision,
-        "amendments": members.get("amendments", []),
-        "equipment": members["equipment"],
-        "errors": [error.get("error") for error in record.errors],
-        "identities": record.header.get("identities", {}),
-        "versions": record.header.get("versions", {}),
-    }
 
 
 def _metadata_lines(run: Run) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import msgspec
 import typer
@@ -18,9 +18,6 @@ from vcfbench.cli.options import (
 from vcfbench.errors import ConfigError
 from vcfbench.reports.text import left_table
 from vcfbench.station.file import read_bench
-
-if TYPE_CHECKING:
-    from vcfbench.bench.make_safe import MadeSafe
 
 
 def safe(
@@ -55,7 +52,15 @@ def safe(
 
     def show() -> None:
         if json:
-            print_json(_json(description.name, done))
+            print_json(
+                {
+                    "bench": description.name,
+                    "safe": done.failure() is None,
+                    "ended": list(done.ended),
+                    "left_to": {role: str(error.owner or "another process") for role, error in done.left_to.items()},
+                    "instruments": {each.role: msgspec.to_builtins(each) for each in done.instruments},
+                }
+            )
         else:
             rows = (
                 (each.role, each.found or "not known", "safe" if each.safe else "NOT SAFE", each.detail)
@@ -64,13 +69,3 @@ def safe(
             typer.echo(f"{description.title}\n\n{left_table(('role', 'found', 'now', 'proof'), rows)}")
 
     answer(show, done.failure())
-
-
-def _json(bench: str, done: MadeSafe) -> dict[str, Any]:
-    return {
-        "bench": bench,
-        "safe": done.failure() is None,
-        "ended": list(done.ended),
-        "left_to": {role: str(error.owner or "another process") for role, error in done.left_to.items()},
-        "instruments": {each.role: msgspec.to_builtins(each) for each in done.instruments},
-    }

@@ -106,12 +106,14 @@ def serve(
         raise ConfigError(f"--ports {ports}: expected a port number, or 'auto'")
     base = None if ports == "auto" else int(ports)
     planned = FaultScript(()) if faults is None else read_script(faults)
+    if rs232 not in get_args(Rs232):
+        raise ConfigError(f"--rs232 {rs232}: expected {', '.join(get_args(Rs232))}")
     settings = structs.replace(
         ServerSettings(host, base, faults=planned),
         control_port=control_port,
         offers=_offers(offer or []),
         port_mapper=port_mapper,
-        rs232=_rs232(rs232),
+        rs232=cast("Rs232", rs232),
     )
     try:
         clock = ServedClock(_speed(speed))
@@ -197,12 +199,6 @@ def _speed(text: str) -> float:
         if speed > 0:
             return speed
     raise ConfigError(f"--speed {text}: expected a number above 0, or 'max'")
-
-
-def _rs232(kind: str) -> Rs232:
-    if kind not in get_args(Rs232):
-        raise ConfigError(f"--rs232 {kind}: expected {', '.join(get_args(Rs232))}")
-    return cast("Rs232", kind)
 
 
 def _offers(texts: list[str]) -> dict[str, frozenset[Offer]]:

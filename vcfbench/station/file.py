@@ -61,7 +61,9 @@ def _beside(description: BenchDescription, path: Path) -> BenchDescription:
     if table is None or not table.dialect.endswith(".toml"):
         return description
     found = msgspec.structs.replace(table, dialect=str(path.parent / table.dialect))
-    _check_profile(found.dialect, found.axis)
+    from vcfbench.drivers.rate_table.dialects import spoken  # noqa: PLC0415
+
+    spoken(found.dialect, AxisSettings(found.axis))
     return msgspec.structs.replace(description, rate_table=found)
 
 
@@ -81,13 +83,6 @@ def _signing(description: BenchDescription, folder: Path) -> BenchDescription:
         return description
     found = msgspec.structs.replace(laboratory, signing_key=str((folder / laboratory.signing_key).absolute()))
     return msgspec.structs.replace(description, laboratory=found)
-
-
-def _check_profile(dialect: str, axis: int) -> None:
-    """Read the profile of a table now: its mistakes shall not be found with the bench half open."""
-    from vcfbench.drivers.rate_table.dialects import spoken  # noqa: PLC0415
-
-    spoken(dialect, AxisSettings(axis))
 
 
 def parse_bench(text: str, source: str, *checks: Check) -> BenchDescription:

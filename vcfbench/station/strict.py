@@ -72,22 +72,23 @@ def _explain(message: str, raw: Mapping[str, Any], kind: Any, naming: Naming) ->
     keys = _keys(where["path"]) if where else ()
     what = message[: where.start()] if where else message
     if unknown := _UNKNOWN.search(what):
-        return unknown_key(unknown["key"], _field_names(kind, keys), naming((*keys, unknown["key"])))
+        node = _type_at(kind, keys)
+        return unknown_key(
+            unknown["key"],
+            (tuple(field.encode_name for field in node.fields) if isinstance(node, inspect.StructType) else ()),
+            naming((*keys, unknown["key"])),
+        )
     if missing := _MISSING.search(what):
         path = (*keys, missing["key"])
         return refusal(naming(path), expectation(_type_at(kind, path)), "nothing")
-    return refusal(naming(keys), expectation(_type_at(kind, keys)), words(_value_at(raw, keys)))
+    for key in keys:
+        raw = raw[key]  # type: ignore[index]  # the path came from a walk through this very value
+    return refusal(naming(keys), expectation(_type_at(kind, keys)), words(raw))
 
 
 def _keys(path: str) -> Keys:
     steps = (match["key"] or int(match["index"]) for match in _STEP.finditer(path) if match["index"] != "...")
     return tuple(steps)
-
-
-def _value_at(raw: object, keys: Keys) -> object:
-    for key in keys:
-        raw = raw[key]  # type: ignore[index]  # the path came from a walk through this very value
-    return raw
 
 
 # --- the expected type, in words ---
@@ -118,11 +119,6 @@ def _bare(node: inspect.Type) -> inspect.Type:
         return node
     types = [part for part in node.types if not isinstance(part, inspect.NoneType)]
     return _bare(types[0]) if len(types) == 1 else inspect.UnionType(tuple(types))
-
-
-def _field_names(kind: Any, keys: Keys) -> tuple[str, ...]:
-    node = _type_at(kind, keys)
-    return tuple(field.encode_name for field in node.fields) if isinstance(node, inspect.StructType) else ()
 
 
 def expectation(node: inspect.Type) -> str:

@@ -476,7 +476,14 @@ class Executor:
             error.step = f"{self._number} ({step.describe()})"
         self._keep(error)
         readings = to_builtins(self._context.readings)
-        line = {**self._line(step), "t_s": self._now(), **_error_fields(error), "readings": readings, **self._seen()}
+        line = {
+            **self._line(step),
+            "t_s": self._now(),
+            "error_kind": type(error).__name__,
+            "error": str(error),
+            "readings": readings,
+            **self._seen(),
+        }
         if self._written < self._number:  # else it is done and on the disk: the stop came while it was told
             self._owed.append(line)
             with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
@@ -511,10 +518,6 @@ class Executor:
 def _stop() -> Step:
     """End the walk here: after a person's stop nothing more is done for the plan, the safety stack takes over."""
     raise StopIteration
-
-
-def _error_fields(error: BenchError) -> dict[str, Any]:
-    return {"error_kind": type(error).__name__, "error": str(error)}
 
 
 def _as_measured(error: BenchError) -> BenchError:

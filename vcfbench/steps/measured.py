@@ -168,7 +168,10 @@ class Measured(Sequence[Point]):
         for line, readings in _steps(self._lines()):
             step, result = step_of(line), result_of(line)
             if readings:
-                window = _window(line["n"], step, readings)
+                import numpy as np  # noqa: PLC0415  # as above
+
+                rows = np.concatenate(readings)
+                window = WindowReadings(line["n"], step, rows[:, 0].copy(), rows[:, 1].copy())
                 if known is not None:
                     window = replace(window, voltage_v=known.corrected(window.voltage_v))
                 windows.append(window)
@@ -219,13 +222,6 @@ def _rows(readings: Sequence[Mapping[str, float]]) -> NDArray[np.float64]:
 
     columns = [np.fromiter(map(itemgetter(name), readings), np.float64, len(readings)) for name in ("t_s", "voltage_v")]
     return np.column_stack(columns)
-
-
-def _window(number: int, step: Step | Recorded, pieces: Sequence[NDArray[np.float64]]) -> WindowReadings:
-    import numpy as np  # noqa: PLC0415  # as above
-
-    rows = np.concatenate(pieces)
-    return WindowReadings(number, step, rows[:, 0].copy(), rows[:, 1].copy())
 
 
 def _joined(arrays: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:

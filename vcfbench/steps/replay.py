@@ -106,7 +106,13 @@ def rest_of(plan: Plan, taken: Sequence[TakenOver]) -> Plan:
         for each in taken:
             step = advance()
             if step.key != each.line["key"]:
-                raise _another(step, each)
+                asked, had = step.describe(), each.step.describe()
+                if asked == had:
+                    asked, had = step.key, each.line["key"]
+                raise PlanError(
+                    f"step {each.line['n']} of the record is ({had}), the plan now asks there for ({asked})",
+                    hint=_CHANGED,
+                )
             advance = partial(plan.send, each.result.referred())
     except StopIteration:
         raise PlanError("the plan now ends before the record does", hint=_CHANGED) from None
@@ -117,15 +123,6 @@ def rest_of(plan: Plan, taken: Sequence[TakenOver]) -> Plan:
 
 
 _CHANGED = "the procedure or its settings were changed since: it cannot be resumed, only run anew"
-
-
-def _another(step: Step, each: TakenOver) -> PlanError:
-    asked, had = step.describe(), each.step.describe()
-    if asked == had:
-        asked, had = step.key, each.line["key"]
-    return PlanError(
-        f"step {each.line['n']} of the record is ({had}), the plan now asks there for ({asked})", hint=_CHANGED
-    )
 
 
 def _going_on(plan: Plan, advance: Callable[[], Step]) -> Plan:

@@ -165,7 +165,11 @@ class Disk:
             names = dict(self._named)
             for naming in chain(*chosen):
                 _apply(names, naming)
-            yield {name: names[name] for name in names if all(str(above) in names for above in _above(name))}
+            yield {
+                name: names[name]
+                for name in names
+                if all(str(above) in names for above in list(Path(name).parents)[:-1])
+            }
 
     def _state(self, names: Mapping[str, int], images: Mapping[int, bytes]) -> DiskState:
         return DiskState({name: images[number] if number != _DIRECTORY else None for name, number in names.items()})
@@ -295,10 +299,6 @@ def _selected(pending: Sequence[Mapping[str, int | None]]) -> Iterator[Sequence[
     for number in range(len(pending), -1, -1):
         yield pending[:number]
         yield [*pending[: number - 1], *pending[number:]]
-
-
-def _above(name: str) -> Sequence[Path]:
-    return list(Path(name).parents)[:-1]
 
 
 class _Raw(io.RawIOBase):

@@ -159,18 +159,18 @@ def replay_trace(
     """
     __tracebackhide__ = True
     clock = VirtualClock()
-    wire = ReplayWire(_connection(read_trace(path), str(path), role, connection), clock=clock)
-    yield opener(wire, clock)
-    wire.require_done(whole=whole)
-
-
-def _connection(lines: Sequence[TraceLine], path: str, role: str | None, number: int) -> list[TraceLine]:
+    lines = read_trace(path)
+    path = str(path)
     roles = list(dict.fromkeys(line.role for line in lines))
     wanted = roles[0] if role is None and len(roles) == 1 else role
     if wanted not in roles:
         raise ConfigError(f"{path}: role {role!r}: expected one of {', '.join(roles) or 'none, for it is empty'}")
     own = [line for line in lines if line.role == wanted]
     starts = [index for index, line in enumerate(own) if line.mark == "open"]
-    if not 1 <= number <= len(starts):
-        raise ConfigError(f"{path}: {wanted} was connected {len(starts)} times, connection {number} is none of them")
-    return own[starts[number - 1] : (starts[number:] or [len(own)])[0]]
+    if not 1 <= connection <= len(starts):
+        raise ConfigError(
+            f"{path}: {wanted} was connected {len(starts)} times, connection {connection} is none of them"
+        )
+    wire = ReplayWire(own[starts[connection - 1] : (starts[connection:] or [len(own)])[0]], clock=clock)
+    yield opener(wire, clock)
+    wire.require_done(whole=whole)
