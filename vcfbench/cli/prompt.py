@@ -9,6 +9,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+try:
+    import readline
+except ImportError:  # Windows has none
+    readline = None  # type: ignore[assignment]
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
@@ -16,9 +21,7 @@ if TYPE_CHECKING:
 @contextmanager
 def history(name: str, candidates: Callable[[], Sequence[str]] = list) -> Iterator[None]:
     """Keep typed lines from one conversation to the next under `name`; TAB completes the first word of a line."""
-    try:
-        import readline  # noqa: PLC0415  # Windows has none
-    except ImportError:
+    if readline is None:
         yield
         return
     path = _state_directory() / "vcfbench" / name
@@ -26,20 +29,6 @@ def history(name: str, candidates: Callable[[], Sequence[str]] = list) -> Iterat
     with suppress(OSError):
         readline.read_history_file(path)
     before = readline.get_completer(), readline.get_completer_delims()
-    _complete_with(candidates)
-    try:
-        yield
-    finally:
-        readline.set_completer(before[0])
-        readline.set_completer_delims(before[1])
-        readline.set_history_length(1000)
-        with suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            readline.write_history_file(path)
-
-
-def _complete_with(candidates: Callable[[], Sequence[str]]) -> None:
-    import readline  # noqa: PLC0415
 
     def complete(text: str, state: int) -> str | None:
         fitting = [each for each in candidates() if each.startswith(text)] if readline.get_begidx() == 0 else []
@@ -49,6 +38,15 @@ def _complete_with(candidates: Callable[[], Sequence[str]]) -> None:
     readline.set_completer_delims(" ")  # words have dots in them
     libedit = "libedit" in (readline.__doc__ or "")  # macOS
     readline.parse_and_bind("bind ^I rl_complete" if libedit else "tab: complete")
+    try:
+        yield
+    finally:
+        readline.set_completer(before[0])
+        readline.set_completer_delims(before[1])
+        readline.set_history_length(1000)
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            readline.write_history_file(path)
 
 
 def _state_directory() -> Path:

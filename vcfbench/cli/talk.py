@@ -1,36 +1,32 @@
-"""``vcfbench talk``: the whole bench at one prompt, or a small console on one of its instruments."""
+"""``vcfbench talk``: the whole bench at one prompt, or one of its instruments in its own language."""
 
 from __future__ import annotations
 
-import contextlib
 import sys
+from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vcfbench.bench.bench import open_bench
 from vcfbench.bench.console import data_of, open_console, summary
-from vcfbench.cli.options import (
-    Bench_,  # typer reads them
-    Runs_,
-    Seed_,
-    Trace_,
-    tracing,
-)
+from vcfbench.cli.options import Bench_, Runs_, Seed_, Trace_, tracing  # typer reads them
 from vcfbench.cli.person import agreed
 from vcfbench.cli.prompt import history
-from vcfbench.cli.talk_bench import talk_to_bench
-from vcfbench.errors import BenchError, ConfigError, LimitError, TransportError
+from vcfbench.errors import Aborted, BenchError, ConfigError, LimitError, NotSafe, PlanError, TransportError
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.records.raw import RawRecord
+from vcfbench.runs.by_hand import ALIASES, WORDS, ByHand
 from vcfbench.safety.roles import filled_roles
-from vcfbench.safety.signals import Interrupted
+from vcfbench.safety.signals import Interrupted, StopSignals
 from vcfbench.station.file import read_bench
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterable
 
-    from vcfbench.bench.console import Console
+    from vcfbench.bench.console import Console, ConsoleReply
 
 _HELP = """\
 Each line is sent as typed: questions; with --raw commands too, which are compared with no limit and written down.
@@ -39,8 +35,8 @@ Each line is sent as typed: questions; with --raw commands too, which are compar
 .clear          device clear: end what the instrument is doing; Ctrl-C while an answer is awaited does the same
 .save FILE      write the last answer to a file, of a block its data
 .quit           leave; the instrument is made safe"""
-
 _RAW = "raw commands: nothing is compared with the limits of the bench file; each is written to {}"
+_OWN = ("help", "quit")
 
 
 class _Stop(Exception):
@@ -49,7 +45,7 @@ class _Stop(Exception):
 
 def role_names(ctx: Any, incomplete: str) -> list[tuple[str, str]]:
     """Return the roles of the bench that the command line names so far, with their instruments, for a shell."""
-    with contextlib.suppress(Exception):
+    with suppress(Exception):
         description = load_bench(ctx.params.get("bench"))
         names = [role.name for role in filled_roles(description)]
         return [(name, getattr(description, name).resource) for name in names if name.startswith(incomplete)]
@@ -87,48 +83,58 @@ def talk(
     Answers go to stdout, everything else to stderr. Lines come from -c, else from stdin. The first that is refused or
     fails ends the command with exit code 3, unless a person types them.
     """
-    if role is None:
-        if raw:
-            _remark(_RAW.format(runs / "raw.jsonl"))
-        with tracing(trace):
-            talk_to_bench(bench, seed, command, raw=runs if raw else None, timeout_s=timeout)
-        return
-
-    lines = iter(command) if command else None
-    interactive = lines is None and sys.stdin.isatty()
-    described = read_bench(bench)
-    record = RawRecord(runs, described.name) if raw else None
-    opened = open_console(role, described, seed=seed, timeout_s=timeout, raw=record, trust=agreed)
-    with tracing(trace), opened as console:
-        if record is not None:
-            _remark(_RAW.format(record.path))
-        if interactive:
-            identity = console.identity
-            who = f"{identity.maker} {identity.model}, {identity.serial}, {identity.firmware}"
-            _remark(f"{console.role} at {console.resource}: {who}")
-            _remark("lines are sent as typed; .help shows what else there is, Ctrl-D leaves")
-            _converse(console)
-        else:
-            _recite(console, lines or _stdin())
-
-
-def _stdin() -> Iterator[str]:
-    for line in sys.stdin:
-        yield line.rstrip("\r\n")
+    lines = (line.rstrip("\r\n") for line in (command or sys.stdin))
+    typed = not command and sys.stdin.isatty()
+    if raw and role is None:
+        _remark(_RAW.format(runs / "raw.jsonl"))
+    with tracing(trace):
+        if role is None:
+            with StopSignals() as signals, open_bench(bench, seed=seed, signals=signals, trust=agreed) as opened:
+                record = RawRecord(runs, opened.description.name) if raw else None
+                by_hand = ByHand(opened, signals, _remark, raw=record, timeout_s=timeout)
+                if typed:
+                    _converse_with_bench(by_hand, signals)
+                else:
+                    _recite(lambda line: signals.attend(lambda: _perform(by_hand, line)), lines)
+            return
+        described = read_bench(bench)
+        record = RawRecord(runs, described.name) if raw else None
+        with open_console(role, described, seed=seed, timeout_s=timeout, raw=record, trust=agreed) as console:
+            if record is not None:
+                _remark(_RAW.format(record.path))
+            if typed:
+                _converse(console)
+            else:
+                _recite(_Conversation(console).perform, lines, console)
 
 
-def _recite(console: Console, lines: Iterator[str]) -> None:
-    """Say prepared lines; the first that is refused or fails ends it."""
-    conversation = _Conversation(console)
-    with contextlib.suppress(_Stop):
+def _recite(perform: Callable[[str], str | None], lines: Iterable[str], console: Console | None = None) -> None:
+    """Do prepared lines; the first that is refused or fails ends it."""
+    with suppress(_Stop):
         for line in lines:
-            refusal = conversation.perform(line)
-            if refusal is not None:
-                raise BenchError(refusal, instrument=console.role, resource=console.resource, command=line.strip())
+            if (refusal := perform(line)) is not None:
+                where, resource = (None, None) if console is None else (console.role, console.resource)
+                raise BenchError(refusal, command=line.strip(), instrument=where, resource=resource)
+
+
+def _show(said: ConsoleReply) -> str | None:
+    """Print what an instrument answered; return its refusal."""
+    if said.answer is not None:
+        typer.echo(summary(said.answer))
+    elif said.refusal is None:
+        _remark("no error")
+    return said.refusal
+
+
+# One instrument
 
 
 def _converse(console: Console) -> None:
     """Send the lines that a person types; one that is refused or fails is told, and the next taken."""
+    identity = console.identity
+    who = f"{identity.maker} {identity.model}, {identity.serial}, {identity.firmware}"
+    _remark(f"{console.role} at {console.resource}: {who}")
+    _remark("lines are sent as typed; .help shows what else there is, Ctrl-D leaves")
     conversation = _Conversation(console)
     with history("talk-history"):
         while not console.closed:
@@ -141,20 +147,15 @@ def _converse(console: Console) -> None:
             except (EOFError, _Stop):
                 return
             except Interrupted:
-                _break_off(console)
+                try:
+                    console.clear()
+                except TransportError as error:
+                    _remark(str(error))
+                else:
+                    _remark("broken off by a device clear")
             except (LimitError, ConfigError, TransportError) as error:
                 _remark(str(error))
     raise BenchError("the connection is gone", instrument=console.role, resource=console.resource)
-
-
-def _break_off(console: Console) -> None:
-    """End the instrument's operation, after a Ctrl-C."""
-    try:
-        console.clear()
-    except TransportError as error:
-        _remark(str(error))
-    else:
-        _remark("broken off by a device clear")
 
 
 class _Conversation:
@@ -169,20 +170,10 @@ class _Conversation:
         text = line.strip()
         if not text or text.startswith("//"):
             return None
-        if text.startswith("."):
-            self._direct(text)
-            return None
-
-        said = self._console.say(text)
-        if said.answer is not None:
-            self._answer = said.answer
-            typer.echo(summary(said.answer))
-        elif said.refusal is None:
-            _remark("no error")
-        return said.refusal
-
-    def _direct(self, text: str) -> None:
-        """Do a command to the console itself."""
+        if not text.startswith("."):
+            said = self._console.say(text)
+            self._answer = self._answer if said.answer is None else said.answer
+            return _show(said)
         word, _, rest = text.partition(" ")
         match word:
             case ".wait":
@@ -199,8 +190,10 @@ class _Conversation:
                 raise _Stop
             case _:
                 raise ConfigError(f"{text!r}: there are .wait SECONDS, .errors, .clear, .save FILE, .help and .quit")
+        return None
 
     def _save(self, name: str) -> None:
+        """Write the last answer to a file."""
         if not name:
             raise ConfigError(".save: expected the name of a file")
         if self._answer is None:
@@ -214,13 +207,72 @@ class _Conversation:
 
 
 def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = -1.0
-    if not 0.0 <= seconds <= 86_400.0:
-        raise ConfigError(f".wait {text}: expected seconds, from 0 to 86400")
-    return seconds
+    with suppress(ValueError):
+        if 0.0 <= (seconds := float(text)) <= 86_400.0:
+            return seconds
+    raise ConfigError(f".wait {text}: expected seconds, from 0 to 86400")
+
+
+# The whole bench
+
+
+def _converse_with_bench(by_hand: ByHand, signals: StopSignals) -> None:
+    """Do the lines that a person types; one that is refused or fails is told, and the next taken."""
+    bench = by_hand.bench
+    _remark(f"{bench.description.title}: {', '.join(bench.instruments)}")
+    _remark("help shows the words, TAB completes them; Ctrl-D and Ctrl-C leave, and make the bench safe")
+    with history("talk-bench-history", lambda: [*by_hand.names(), *_OWN]), suppress(_Stop):
+        while True:
+            try:
+                line = signals.attend(lambda: input(f"{bench.description.name}> "))
+                # a stop in the middle of an exchange is one at once: nothing waits for an answer, the table least
+                refusal = signals.attend(lambda: _perform(by_hand, line))  # noqa: B023  # run at once
+                if refusal is not None:
+                    _remark(refusal)
+            except EOFError:
+                return
+            except (Aborted, NotSafe):
+                raise
+            except BenchError as error:
+                _remark(str(error))
+
+
+def _perform(by_hand: ByHand, line: str) -> str | None:
+    """Do the command of a line; return an instrument's refusal."""
+    name, _, rest = line.strip().partition(" ")
+    name = name.removeprefix(".")
+    if not name or name.startswith("//"):
+        return None
+    if name in {"quit", "exit"}:
+        raise _Stop
+    if name == "help":
+        shown = [(" ".join((word.name, *word.takes)), word.means) for word in by_hand.words.values()]
+        shown += [
+            ("ROLE LINE", f"send a question as it is, with --raw anything: {', '.join(by_hand.consoles)}"),
+            ("quit", "leave"),
+        ]
+        width = max(len(usage) for usage, _ in shown)
+        _remark("\n".join(f"{usage:<{width}}  {means}" for usage, means in shown))
+    elif name in by_hand.words:
+        typer.echo(by_hand.perform(name, rest.split()) or "done")
+    elif name in by_hand.names():
+        if not rest.strip():
+            raise ConfigError(f"{name}: expected what is to be sent, as in {name} *IDN?")
+        return _show(by_hand.raw(name, rest.strip()))
+    else:
+        raise _unknown(by_hand, name)
+    return None
+
+
+def _unknown(by_hand: ByHand, name: str) -> PlanError:
+    roles = {word.name: word.role for word in WORDS}
+    role = roles.get(name, ALIASES.get(name, name))
+    if role in {*filter(None, roles.values())}:
+        if role in by_hand.bench.instruments:
+            return PlanError(f"{name!r}: the language of {role} cannot be typed")
+        return PlanError(f"{name!r}: bench {by_hand.bench.description.name} has no {role}")
+    close = get_close_matches(name, [*by_hand.names(), *_OWN], n=1)
+    return PlanError(f"there is no word {name!r}{f' ({close[0]!r}?)' if close else ''}; help shows them")
 
 
 def _remark(text: str) -> None:

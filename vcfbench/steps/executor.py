@@ -14,17 +14,18 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from msgspec import Struct, to_builtins
 
-from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError
+from vcfbench.errors import Aborted, BenchError, MeasurementError
 from vcfbench.records.schema import Status
-from vcfbench.steps.step import LOOK_AT_SIGNALS, Context, Effect, abandon, nobody
-from vcfbench.steps.supply import supply_behind
+from vcfbench.steps.step import Context, Effect, abandon, nobody
+from vcfbench.steps.supply import cause_behind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from collections.abc import Set as AbstractSet
     from contextlib import AbstractContextManager
 
     from vcfbench.bench.bench import Bench
+    from vcfbench.records.journal import Journal
     from vcfbench.records.schema import Point
     from vcfbench.steps import Window
     from vcfbench.steps.replay import TakenOver
@@ -131,28 +132,6 @@ class Observer(Protocol):
         """Take notice; an OSError (a closed terminal) drops the observer, nothing else may be raised."""
 
 
-class StepJournal(Protocol):
-    """Journal of steps, each written before the next one begins, and of the readings of a long one as they come."""
-
-    def readings(self, values: Mapping[str, Any]) -> None:
-        """Write a chunk of the readings of the step under way."""
-
-    def step(self, values: Mapping[str, Any]) -> None:
-        """Write one performed step."""
-
-    def error(self, values: Mapping[str, Any]) -> None:
-        """Write one failed step."""
-
-    def restored(self, values: Mapping[str, Any]) -> None:
-        """Write one step that brings the bench to rest for a pause, or to where it was before a break or a pause."""
-
-    def paused(self, values: Mapping[str, Any]) -> None:
-        """Write that the run is to pause, and at whose wish."""
-
-    def went_on(self, values: Mapping[str, Any]) -> None:
-        """Write that the run goes on, and by how much the output moved."""
-
-
 class Pauses(Protocol):
     """Pauses of a run: the wish for one, the steps before and after it, and its length."""
 
@@ -205,7 +184,7 @@ class Executor:
     def __init__(
         self,
         bench: Bench,
-        journal: StepJournal,
+        journal: Journal,
         observers: Sequence[Observer] = (),
         operator: Operator = nobody,
         began_s: float | None = None,
@@ -391,7 +370,8 @@ class Executor:
         except (BenchError, KeyboardInterrupt) as problem:
             self._number += pausing
             error = self._failed(step, problem)
-            return _stop if isinstance(error, Aborted) else partial(plan.throw, error)
+            # after a person's stop nothing more is done for the plan, the safety stack takes over
+            return partial(next, iter(())) if isinstance(error, Aborted) else partial(plan.throw, error)
         return partial(plan.send, result.referred())
 
     def _act(self, step: Step) -> StepResult:
@@ -471,7 +451,7 @@ class Executor:
         error = problem if isinstance(problem, BenchError) else Aborted("stopped by the operator")
         error = Aborted.behind(error) or error
         if step.effect in {Effect.MEASURES, Effect.CHECKS}:
-            error = _as_measured(supply_behind(error, self._context))
+            error = cause_behind(error, self._context)
         if error.step is None:
             error.step = f"{self._number} ({step.describe()})"
         self._keep(error)
@@ -513,17 +493,3 @@ class Executor:
 
     def _now(self) -> float:
         return self.bench.clock.now() - self._started_s
-
-
-def _stop() -> Step:
-    """End the walk here: after a person's stop nothing more is done for the plan, the safety stack takes over."""
-    raise StopIteration
-
-
-def _as_measured(error: BenchError) -> BenchError:
-    """Return an analysis' failure to find a signal as a MeasurementError: a bench that does not answer."""
-    if not isinstance(error, ConfigError):
-        return error
-    failed = MeasurementError(f"nothing answers: {error.what}", step=error.step, hint=error.hint or LOOK_AT_SIGNALS)
-    failed.__cause__ = error.__cause__
-    return failed

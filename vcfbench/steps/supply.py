@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.interfaces import Regulation
-from vcfbench.steps.step import Effect, Step, StepResult, problem
+from vcfbench.steps.step import LOOK_AT_SIGNALS, Effect, Step, StepResult, problem
 
 if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
@@ -139,20 +139,24 @@ def read_rail(context: Context, rail: ConfigureRail, tolerance_v: float) -> Rail
     return reading
 
 
-def supply_behind(error: BenchError, context: Context) -> BenchError:
+def cause_behind(error: BenchError, context: Context) -> BenchError:
     """Return the cause behind the error of a measurement: a supply that is in current limit, else the error itself.
 
     The symptoms of a gyroscope without its rails (no sine, a scatter, nothing that decays) show at another instrument.
+    An analysis' failure to find a signal is that of a bench that does not answer.
     """
-    if not isinstance(error, MeasurementError | ConfigError) or error.instrument == "power":
+    if isinstance(error, MeasurementError | ConfigError) and error.instrument != "power":
+        with suppress(BenchError):  # a supply that does not answer either is for the safety stack to name
+            power = context.bench.power
+            for output in context.outputs:
+                reading = _read(power, output)
+                if reading.regulation is Regulation.CONSTANT_CURRENT:
+                    return problem(power, f"{_limited(reading)}; it was found because of: {error}")
+    if not isinstance(error, ConfigError):
         return error
-    with suppress(BenchError):  # a supply that does not answer either is for the safety stack to name
-        power = context.bench.power
-        for output in context.outputs:
-            reading = _read(power, output)
-            if reading.regulation is Regulation.CONSTANT_CURRENT:
-                return problem(power, f"{_limited(reading)}; it was found because of: {error}")
-    return error
+    failed = MeasurementError(f"nothing answers: {error.what}", step=error.step, hint=error.hint or LOOK_AT_SIGNALS)
+    failed.__cause__ = error.__cause__
+    return failed
 
 
 def _limited(reading: RailReading) -> str:
