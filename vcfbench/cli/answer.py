@@ -13,6 +13,7 @@ import typer
 
 from vcfbench.cli.ending import discard_stdout, terminal_gone
 from vcfbench.errors import BenchError
+from vcfbench.reports.text import WIDTH, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,8 +31,6 @@ def print_json(values: dict[str, Any]) -> None:
 
 def print_report(report: Report) -> None:
     """Print a report on stdout: as wide as a terminal there, if that is narrower than usual."""
-    from vcfbench.reports.text import WIDTH, text_of  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
-
     width = min(WIDTH, get_terminal_size().columns) if sys.stdout.isatty() else WIDTH
     typer.echo(text_of(report, max(width, _NARROWEST)))
 

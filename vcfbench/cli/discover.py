@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
-import msgspec
 import typer
 
+from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import (
     AnswerTime_,
     Json_,  # typer reads them
@@ -20,7 +21,7 @@ from vcfbench.errors import BenchError
 from vcfbench.station import discovery
 
 if TYPE_CHECKING:
-    from vcfbench.station.discovery import DiscoveredInstrument, Discovery
+    from vcfbench.station.discovery import DiscoveredInstrument
 
 
 def discover(
@@ -38,56 +39,33 @@ def discover(
     """
     with tracing(trace):
         found = discovery.discover(library, tries or (), timeout_s=timeout, serial_probe=probe_serial)
+    stanza = discovery.stanza(found)
     if json:
-        typer.echo(
-            msgspec.json.encode(
-                {
-                    "library": found.library,
-                    "resources": [_found_json(each) for each in found.resources],
-                    "serial_ports": [
-                        {
-                            "port": each.port,
-                            "description": each.description,
-                            "asked": each.found is not None,
-                            **({} if each.found is None else _found_json(each.found)),
-                        }
-                        for each in found.serial_ports
-                    ],
-                    "tried": [_found_json(each) for each in found.tried],
-                    "stanza": discovery.stanza(found),
-                }
-            ).decode()
-        )
+        ports = [
+            {
+                "port": each.port,
+                "description": each.description,
+                "asked": each.found is not None,
+                **({} if each.found is None else asdict(each.found)),
+            }
+            for each in found.serial_ports
+        ]
+        asked = {"resources": found.resources, "serial_ports": ports, "tried": found.tried}
+        print_json({"library": found.library, **asked, "stanza": stanza})
     else:
-        _print(found, discovery.stanza(found))
+        for resource in (*found.resources, *found.tried):
+            typer.echo(_line(resource))
+        for port in found.serial_ports:
+            unasked = f"{port.port}: {port.description}, not asked (--probe-serial asks)"
+            typer.echo(unasked if port.found is None else _line(port.found))
+        if not (found.resources or found.tried or found.serial_ports):
+            typer.echo("nothing found: no VISA resource, no serial port")
+        if stanza.strip():
+            typer.echo("\n# for a bench file (vcfbench bench show --template has the rest):\n")
+            typer.echo(stanza.rstrip())
     silent = [each.resource for each in found.tried if each.answer is None]
     if silent:
         raise BenchError(f"no answer from {', '.join(silent)}")
-
-
-def _found_json(found: DiscoveredInstrument) -> dict[str, Any]:
-    return {
-        "resource": found.resource,
-        "answer": found.answer,
-        "model": found.model,
-        "problem": found.problem,
-        "baud_rate": found.baud_rate,
-    }
-
-
-def _print(found: Discovery, stanza: str) -> None:
-    for each in (*found.resources, *found.tried):
-        typer.echo(_line(each))
-    for port in found.serial_ports:
-        if port.found is None:
-            typer.echo(f"{port.port}: {port.description}, not asked (--probe-serial asks)")
-        else:
-            typer.echo(_line(port.found))
-    if not (found.resources or found.tried or found.serial_ports):
-        typer.echo("nothing found: no VISA resource, no serial port")
-    if stanza.strip():
-        typer.echo("\n# for a bench file (vcfbench bench show --template has the rest):\n")
-        typer.echo(stanza.rstrip())
 
 
 def _line(found: DiscoveredInstrument) -> str:

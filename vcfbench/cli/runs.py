@@ -30,8 +30,8 @@ from vcfbench.cli.options import (  # typer reads them
 )
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
+from vcfbench.records import signing
 from vcfbench.records.directory import find_run
-from vcfbench.records.signing import public_key_of
 from vcfbench.reports.document import Column, Table
 from vcfbench.reports.text import table_text
 from vcfbench.station.equipment import overdue_words
@@ -261,7 +261,7 @@ def verify(
     json: Json_ = False,
 ) -> None:
     """Check that records are as written: PASS, or the first fault; exit 1 unless all pass."""
-    keys = [public_key_of(each) for each in key or ()]
+    keys = [signing.public_key_of(each) for each in key or ()]
     found = [verify_run(each, runs, keys=keys) for each in names]
     if json:
         print_json({"runs": [to_builtins(each) for each in found]})
@@ -278,9 +278,7 @@ def new_key(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the private key goes; FILE.pub is the public.")],
 ) -> None:
     """Make a key that signs records: name FILE in [laboratory] of the bench file, or in VCFBENCH_SIGNING_KEY."""
-    from vcfbench.records.signing import new_key as made  # noqa: PLC0415
-
-    public = made(file)
+    public = signing.new_key(file)
     typer.echo(
         f"{shown(file)}: keep it where nobody else can read it\n{shown(public)}: give it to who verifies records"
     )

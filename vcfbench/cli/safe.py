@@ -8,6 +8,7 @@ from typing import Annotated
 import msgspec
 import typer
 
+from vcfbench.bench.make_safe import safe_bench
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.ending import say
 from vcfbench.cli.options import (
@@ -34,8 +35,6 @@ def safe(
     json: Json_ = False,
 ) -> None:
     """Stop the table, switch the outputs off, check both, and list those that were on. Exit code 0 or 5."""
-    from vcfbench.bench.make_safe import safe_bench  # noqa: PLC0415
-
     if bench is None:  # a simulated bench that is safe would be said to be yours
         raise ConfigError(
             "which bench is to be made safe was not said, and nothing was done",

@@ -14,6 +14,10 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vcfbench.clock import Deadline, WallClock
+from vcfbench.drivers.rate_table.acl import take_counted
+from vcfbench.drivers.rate_table.line import Link, open_serial
+from vcfbench.drivers.session import open_session
+from vcfbench.drivers.wire import SerialLine
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, TransportError
 from vcfbench.models import find_language, find_model, recognised
 from vcfbench.station.writing import value_text
@@ -93,7 +97,9 @@ def discover(
     """
     names = _listed(library)
     ports = [] if _simulated(library) else _serial_ports()
-    asked = [name for name in names if _simulated(library) or _safe_to_ask(name)]
+    # a resource on a serial port, an adapter on such a port included, is asked only by name
+    safe = [each for each in names if each.upper().endswith(("::INSTR", "::SOCKET")) and "ASRL" not in each.upper()]
+    asked = names if _simulated(library) else safe
     real = _REAL if _simulated(library) else library
     return Discovery(
         library,
@@ -106,12 +112,6 @@ def discover(
 def _simulated(library: str) -> bool:
     """Tell whether nothing real can be moved through `library`."""
     return library.endswith("@vcfbench")
-
-
-def _safe_to_ask(name: str) -> bool:
-    """Tell whether a resource is an instrument that is not on a serial port, adapters on such a port included."""
-    upper = name.upper()
-    return upper.endswith(("::INSTR", "::SOCKET")) and "ASRL" not in upper
 
 
 def _listed(library: str) -> list[str]:
@@ -160,9 +160,6 @@ def _ask(resource: str, library: str, timeout_s: float) -> DiscoveredInstrument:
     """Ask a VISA resource for its identity."""
 
     def answer() -> str:
-        from vcfbench.drivers.session import open_session  # noqa: PLC0415  # loaded when first needed
-        from vcfbench.drivers.wire import SerialLine  # noqa: PLC0415
-
         session = open_session(
             resource,
             library=library,
@@ -207,9 +204,6 @@ def _ask_port(url: str, timeout_s: float) -> DiscoveredInstrument:
 
 
 def _asked(url: str, baud_rate: int, question: bytes, timeout_s: float) -> str:
-    from vcfbench.drivers.rate_table.acl import take_counted  # noqa: PLC0415  # loaded when first needed
-    from vcfbench.drivers.rate_table.line import Link, open_serial  # noqa: PLC0415
-
     clock = WallClock()
     line = open_serial(url, Link(baud=baud_rate), clock=clock, name=url, timeout_s=timeout_s)
     try:
@@ -248,7 +242,11 @@ def stanza(discovery: Discovery) -> str:
     for found in discovery.answering():
         role = next((each for each in places(found.model) if each not in taken), None)
         taken |= {role or ""}
-        lines += _entry(role, found) if role is not None else [*_spare(found), ""]
+        if role is not None:
+            lines += _entry(role, found)
+        else:
+            what = "not recognised" if found.model is None else f"another {found.model}"
+            lines += [f"# {what}: {found.answer}", f"# resource = {value_text(found.resource)}", ""]
     return "\n".join(lines)
 
 
@@ -262,12 +260,13 @@ def places(model: str | None) -> tuple[str, ...]:
 
 def taken_over(role: str, found: DiscoveredInstrument) -> dict[str, Any]:
     """Return the keys of `found` as `role` for a bench file: model or dialect, resource, an unusual speed."""
-    table = role == "rate_table"
-    keys: dict[str, Any] = {
-        "dialect" if table else "model": found.model or "",
-        "resource": _as_port(found.resource) if table else _as_visa(found.resource),
-    }
-    if found.baud_rate not in {None, _usual_baud_rate(found.model)}:
+    table, resource, language = role == "rate_table", found.resource, find_language(found.model or "")
+    if not table:
+        resource = _as_visa(resource)
+    elif socket := _SOCKET.fullmatch(resource):  # pyserial has a name of its own for it
+        resource = f"socket://{socket['host']}:{socket['port']}"
+    keys: dict[str, Any] = {"dialect" if table else "model": found.model or "", "resource": resource}
+    if found.baud_rate not in {None, 9600 if language is None else language.baud_rate}:  # which need not be named
         keys |= {"baud_rate": found.baud_rate} if table else {"serial": {"baud_rate": found.baud_rate}}
     return keys
 
@@ -286,12 +285,6 @@ def _entry(role: str, found: DiscoveredInstrument) -> Iterator[str]:
     yield ""
 
 
-def _usual_baud_rate(model: str | None) -> int:
-    """Return the speed that a bench file need not name."""
-    language = find_language(model or "")
-    return 9600 if language is None else language.baud_rate
-
-
 def _as_visa(resource: str) -> str:
     """Return the VISA name of a resource asked as a serial port; PyVISA-py calls Windows' COM3 ASRL3."""
     if "::" in resource:
@@ -300,15 +293,3 @@ def _as_visa(resource: str) -> str:
     if resource.startswith("socket://") and colon:
         return f"TCPIP0::{host.strip('[]')}::{port}::SOCKET"
     return f"ASRL{resource[3:] if resource.upper().startswith('COM') else resource}::INSTR"
-
-
-def _as_port(resource: str) -> str:
-    """Return pyserial's name of a VISA resource, where that is known."""
-    socket = _SOCKET.fullmatch(resource)
-    return resource if socket is None else f"socket://{socket['host']}:{socket['port']}"
-
-
-def _spare(found: DiscoveredInstrument) -> Iterator[str]:
-    what = "not recognised" if found.model is None else f"another {found.model}"
-    yield f"# {what}: {found.answer}"
-    yield f"# resource = {value_text(found.resource)}"

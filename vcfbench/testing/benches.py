@@ -20,6 +20,7 @@ from msgspec import structs
 from msgspec.structs import replace
 from simrack.faults import Fault, FaultScript
 from simrack.faulty_device import FaultInjector
+from simrack.serve import MAX_SPEED, BenchServer, Control, ServedClock, ServerSettings
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.errors import ConfigError
@@ -28,7 +29,7 @@ from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.consistency import check_simulation
 from vcfbench.sim.fault_scripts import parse_script, read_script
-from vcfbench.sim.served import build_served
+from vcfbench.sim.served import build_served, on_wires
 from vcfbench.sim.simulation import chosen_seed
 from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription, Simulation, SimulationErrors
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from simrack.attendance import AttendedClock
-    from simrack.serve import Control, Wires
+    from simrack.serve import Wires
 
     from vcfbench.bench.bench import Bench
     from vcfbench.clock import Clock
@@ -167,8 +168,6 @@ class ServedLab:
 
     def control(self) -> Control:
         """Return a connection to the control port, to be closed: ``with served_bench.control() as control``."""
-        from simrack.serve import Control  # noqa: PLC0415  # loaded when it is needed
-
         return Control(self.control_port)
 
     def ask(self, do: str, **arguments: Any) -> Any:
@@ -186,8 +185,6 @@ class ServedLab:
 
     def on_wires(self) -> BenchDescription:
         """Return the bench as a run of this program opens it from outside: over TCP, led by its clock."""
-        from vcfbench.sim.served import on_wires  # noqa: PLC0415  # loaded when it is needed
-
         resources = {role: str(wires.tcp) for role, wires in self.wires.items()}
         return on_wires(self.description, resources, f"127.0.0.1:{self.control_port}")
 
@@ -204,8 +201,6 @@ def serve_simulated(
 
     Without `speed` (times real time) bench time jumps to whatever a client waits for.
     """
-    from simrack.serve import MAX_SPEED, BenchServer, ServedClock, ServerSettings  # noqa: PLC0415
-
     settings = ServerSettings(faults=FaultScript(()) if faults is None else _script(faults))
     description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
     used = chosen_seed(description, seed)
