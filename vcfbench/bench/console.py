@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from vcfbench.bench.ground import station
 from vcfbench.bench.opening import open_role
@@ -19,13 +19,10 @@ from vcfbench.safety.trust import require_library
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
-    from typing import Any
 
-    from vcfbench.bench.ground import UnopenedBench
     from vcfbench.clock import Clock
-    from vcfbench.interfaces import Identity, Instrument
+    from vcfbench.interfaces import Identity, Instrument, RateTable
     from vcfbench.records.raw import RawRecord
-    from vcfbench.safety.roles import Role
     from vcfbench.safety.trust import Trust
     from vcfbench.station.description import BenchDescription
 
@@ -178,13 +175,19 @@ def open_console(
         InterlockError: the table was found turning.
         NotSafe: on leaving, it could not be made safe.
     """
-    place = _role(role, description)
+    known = {each.name: each for each in filled_roles(description)}
+    if role not in known:
+        also = " on this bench" if role in {each.name for each in ROLES} else ""
+        raise ConfigError(f"there is no {role!r}{also}; there are {', '.join(known)}")
     require_library(description, trust)
     with StopSignals() as signals, station(description, seed, None, roles=[role]) as stand:
         safety = SafetyStack(stand.clock, patience=stand.patience)
         under_way: BaseException | None = None
         try:
-            instrument, identity = _opened(place, description, stand, safety)
+            instrument, identity = open_role(role, description, stand)
+            safety.register(safe_action(known[role], instrument, description))
+            if known[role].stage is Stage.MOTION:
+                require_still(cast("RateTable", instrument))
             allowed_s = getattr(description, role).timeout_s if timeout_s is None else timeout_s
             yield Console(instrument, identity, raw=raw, clock=stand.clock, signals=signals, timeout_s=allowed_s)
         except BaseException as error:
@@ -193,25 +196,6 @@ def open_console(
         finally:
             signals.unwind()
             _leave(safety, signals, under_way)
-
-
-def _role(name: str, description: BenchDescription) -> Role:
-    known = {role.name: role for role in filled_roles(description)}
-    if name not in known:
-        also = "" if name not in {role.name for role in ROLES} else " on this bench"
-        raise ConfigError(f"there is no {name!r}{also}; there are {', '.join(known)}")
-    return known[name]
-
-
-def _opened(
-    role: Role, description: BenchDescription, stand: UnopenedBench, safety: SafetyStack
-) -> tuple[Instrument, Identity]:
-    instrument, identity = open_role(role.name, description, stand)
-    safety.register(safe_action(role, instrument, description))
-    if role.stage is Stage.MOTION:
-        table: Any = instrument
-        require_still(table)
-    return instrument, identity
 
 
 def _leave(safety: SafetyStack, signals: StopSignals, under_way: BaseException | None) -> None:

@@ -10,6 +10,7 @@ import signal
 import socket
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final
 
 from vcfbench.bench.ground import UnopenedBench, station, table_port
@@ -129,7 +130,9 @@ class _Held:
 
 def _driving(description: BenchDescription) -> tuple[Role, ...]:
     """Return the roles that drive something, in the order of making safe; the owner of a meter is in nobody's way."""
-    return tuple(sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=_stage))
+    return tuple(
+        sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=attrgetter("stage"))
+    )
 
 
 def _held(description: BenchDescription, stack: ExitStack, *, force: bool, patience_s: float) -> _Held:
@@ -217,16 +220,14 @@ def _made_safe(description: BenchDescription, held: _Held) -> MadeSafe:
     finally:
         safety.close()
     ordered = [reports[role.name] for role in roles]
-    return MadeSafe(tuple(map(_safed, ordered, first.values())), tuple(ordered))
-
-
-def _stage(role: Role) -> Stage:
-    return role.stage
-
-
-def _safed(report: SafeReport, found: str | None) -> Safed:
-    detail = report.detail if report.unproved is None else f"{report.unproved}; {report.detail}"
-    return Safed(report.instrument, report.resource, found, report.safe, detail)
+    safed = (
+        Safed(
+            *(each.instrument, each.resource, first[each.instrument], each.safe),
+            each.detail if each.unproved is None else f"{each.unproved}; {each.detail}",
+        )
+        for each in ordered
+    )
+    return MadeSafe(tuple(safed), tuple(ordered))
 
 
 class _Commanded(Exception):

@@ -42,7 +42,10 @@ def analyze(
     json: Json_ = False,
 ) -> None:
     """Analyse a calibration table: scale factor, bias, every non-linearity, asymmetry, comparison."""
-    analysis = analyzed(file, None if compare is None else _two_names(compare))
+    names = None if compare is None else [name.strip() for name in compare.split(",")]
+    if names is not None and len(names) != 2:
+        raise ConfigError(f"--compare {compare}: two column names with a comma between them are needed")
+    analysis = analyzed(file, names)
     if json:
         typer.echo(dumps(analysis.as_json(), allow_nan=False))
     else:
@@ -58,13 +61,6 @@ def analyze(
             for table in tables:
                 console.print(table)
         typer.echo("".join(f"{line.rstrip()}\n" for line in text.get().splitlines()), nl=False)
-
-
-def _two_names(asked: str) -> list[str]:
-    names = [name.strip() for name in asked.split(",")]
-    if len(names) != 2:
-        raise ConfigError(f"--compare {asked}: two column names with a comma between them are needed")
-    return names
 
 
 def _columns_table(title: str, columns: list[str], *, note: str = "") -> Table:
@@ -109,12 +105,9 @@ def _nonlinearity_table(results: Mapping[str, ScaleFactorResult]) -> Table:
     table = _columns_table("\nNon-linearity and asymmetry, ppm", list(results), note=note)
     table.add_column("definition", overflow="fold")
     for name, words in DEFINITIONS.items():
-        table.add_row(name, *(_ppm(result.nonlinearity_ppm[name]) for result in results.values()), words)
+        values = (result.nonlinearity_ppm[name] for result in results.values())
+        table.add_row(name, *("-" if value is None else f"{value:.1f}" for value in values), words)
     return table
-
-
-def _ppm(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"
 
 
 def _comparison_table(pair: tuple[str, str], comparison: Comparison) -> Table:

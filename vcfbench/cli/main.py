@@ -165,7 +165,10 @@ def main() -> None:
             code = leaving.code if isinstance(leaving.code, int) else 0
         except BaseException as error:  # noqa: BLE001  # a signal, on the way out, or a mistake of ours
             signals.answered()
-            code = _last_word(error)
+            known = _report(error)
+            if known is None:  # never 1, a verdict
+                say("".join(traceback.format_exception(error)).rstrip("\n"))
+            code = BenchError.exit_code if known is None else known
         try:
             sys.stdout.flush()
         except (OSError, ValueError):
@@ -173,12 +176,3 @@ def main() -> None:
         # the end of the process gives all memory back at once; Python would first look through every object for cycles
         gc.freeze()
         sys.exit(code)
-
-
-def _last_word(error: BaseException) -> int:
-    """Print the error that ended the command past all its handling, and return the code: never 1, a verdict."""
-    code = _report(error)
-    if code is not None:
-        return code
-    say("".join(traceback.format_exception(error)).rstrip("\n"))
-    return BenchError.exit_code

@@ -21,7 +21,12 @@ def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Op
     alone meanwhile. Signals stop the run while it waits, and so does the end of the input.
     """
     if yes:
-        return _taken_as_done
+
+        def done(request: Request) -> str:
+            _say(f"by hand: {request.words}; taken as done (--yes)\n")
+            return "taken as done: --yes"
+
+        return done
     if sys.stdin is None or not sys.stdin.isatty():
         return None
 
@@ -44,11 +49,6 @@ def agreed(words: str, signals: StopSignals | None = None, keys: Keys | None = N
         _say(f"{words}. Run it? [y/N] ")
         line = sys.stdin.readline() if signals is None else signals.attend(sys.stdin.readline)
     return line.strip().lower() in {"y", "yes"}
-
-
-def _taken_as_done(request: Request) -> str:
-    _say(f"by hand: {request.words}; taken as done (--yes)\n")
-    return "taken as done: --yes"
 
 
 def _say(words: str) -> None:

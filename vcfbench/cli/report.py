@@ -16,7 +16,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import read_file
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from vcfbench.archive.run import Run
 
@@ -67,7 +67,10 @@ def report(  # noqa: PLR0917  # options of a command
     folder = output or Path()
     if not folder.is_dir():
         raise ConfigError(f"--all: expected a directory in -o, came {str(folder)!r}", hint="make it first")
-    for each in _chosen(runs, tag or ()):
+    chosen = [each.directory for each in run_summaries(runs, tags=tags_of(tag or ())) if each.problem is None]
+    if not chosen:
+        raise ConfigError(f"there is no such run in {runs}")
+    for each in map(load_run, chosen):
         _write(each, folder / f"{each.name}.{'xml' if dcc else as_}", said, None, dcc=dcc)
 
 
@@ -78,13 +81,6 @@ def _write(run: Run, path: Path, words: Mapping[str, str], embed: Path | None, *
         return
     for written in write_report(run, path, words):
         typer.echo(written)
-
-
-def _chosen(runs: Path, tags: Sequence[str]) -> Sequence[Run]:
-    found = [each.directory for each in run_summaries(runs, tags=tags_of(tags)) if each.problem is None]
-    if not found:
-        raise ConfigError(f"there is no such run in {runs}")
-    return [load_run(each) for each in found]
 
 
 def _template(path: Path | None) -> dict[str, str]:

@@ -153,12 +153,8 @@ def ctl(
         raise BenchError(str(error), instrument="control port", resource=str(port)) from error
     typer.echo(encoder.dumps(result, indent=2))
     if name == "fault":
-        typer.echo(f"vcfbench: {_armed({**asked, 'at_s': asked.get('at_s', result)})}", err=True)
-
-
-def _armed(asked: dict[str, Any]) -> str:
-    """Describe the armed fault and its duration; arguments that were not given have their defaults."""
-    return fault_from(asked).describe()
+        armed = fault_from({**asked, "at_s": asked.get("at_s", result)})  # what was not given has its default
+        typer.echo(f"vcfbench: {armed.describe()}", err=True)
 
 
 _NAMED = re.compile(r"[a-z_]+=")

@@ -51,24 +51,21 @@ def asked_by_command(
         if not equals or not all(part.strip() for part in key.split(".")):
             raise ConfigError(f"--set {each}: expected KEY=VALUE, as in --set samples=20")
         keys = [part.strip() for part in key.split(".")]
-        _put(values, keys, _meant(dotted(keys), text.strip(), lists_of_texts, texts), each)
+        *above, last = keys
+        table = values
+        for part in above:
+            table = table.setdefault(part, {})
+            if not isinstance(table, dict):
+                raise ConfigError(f"--set {each}: {part} is given twice, as a table and as a value")
+        if last in table:
+            raise ConfigError(f"--set {each}: {'.'.join(keys)} is given twice")
+        table[last] = _meant(dotted(keys), text.strip(), lists_of_texts, texts)
 
     def naming(keys: tuple[str | int, ...]) -> str:
         path = dotted(keys)
         return names[path] if path in options else f"--set {path}"
 
     return Layer(values, naming)
-
-
-def _put(values: dict[str, Any], keys: list[str], value: object, said: str) -> None:
-    *above, last = keys
-    for key in above:
-        values = values.setdefault(key, {})
-        if not isinstance(values, dict):
-            raise ConfigError(f"--set {said}: {key} is given twice, as a table and as a value")
-    if last in values:
-        raise ConfigError(f"--set {said}: {'.'.join(keys)} is given twice")
-    values[last] = value
 
 
 def _meant(key: str, text: str, lists_of_texts: Container[str], texts: Container[str]) -> object:

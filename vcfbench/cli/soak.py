@@ -31,7 +31,10 @@ def soak(
     """
     from vcfbench.testing.soaking import shrunk, soak  # noqa: PLC0415  # loads all that a run loads
 
-    first, last = _range(seeds)
+    parts = seeds.split(":")
+    if not (len(parts) == 2 and all(map(str.isdecimal, parts)) and int(parts[0]) < int(parts[1])):
+        raise ConfigError(f"--seeds: expected A:B, whole numbers with A below B, came {seeds!r}")
+    first, last = map(int, parts)
     clock, broken, tried = WallClock(), list[int](), 0
     for verdict in soak(range(first, last)):
         tried += 1
@@ -53,10 +56,3 @@ def soak(
 def _words(verdict: Verdict) -> list[str]:
     ends = (f"  start {number}: {end}" for number, end in enumerate(verdict.ends, start=1))
     return [*ends, *(f"  BROKEN: {each}" for each in verdict.wrong)]
-
-
-def _range(seeds: str) -> tuple[int, int]:
-    first, colon, last = seeds.partition(":")
-    if not (colon and first.isdecimal() and last.isdecimal() and int(first) < int(last)):
-        raise ConfigError(f"--seeds: expected A:B, whole numbers with A below B, came {seeds!r}")
-    return int(first), int(last)

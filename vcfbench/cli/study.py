@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.studies.conduct import Plan, Progress
-    from vcfbench.studies.result import StudyResult
 
 
 def study(
@@ -61,7 +60,15 @@ def study(
             _show_plan(plan_of(asked, how, progress), as_json=json)
             return
         result = conduct(asked, how, progress)
-    _show(result, as_json=json)
+    if json:
+        print_json(result.as_json())
+        return
+    typer.echo(text_of(result.report()))
+    assert result.table_path is not None  # noqa: S101  # a command always writes
+    typer.echo(f"\ntable: {result.table_path}")
+    for ending, what in ((".summary.json", "summary"), (".svg", "picture")):
+        if (made := beside(result.table_path, ending)).exists():
+            typer.echo(f"{what}: {made}")
 
 
 @contextmanager
@@ -103,21 +110,5 @@ def _show_plan(plan: Plan, *, as_json: bool) -> None:
             typer.echo(f"drawn by the seed: {each.label}")
     seeds = f"seeds {study.seeds[0]} to {study.seeds[-1]}"
     typer.echo(f"\n{len(cases)} cases, {seeds}: {total} runs of {study.procedure}, {plan.had} of them done")
-    typer.echo(f"some {_span(plan.left_s)} with {plan.workers} processes, at {plan.run_s:.2f} s a run as one took now")
-
-
-def _span(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-
-
-def _show(result: StudyResult, *, as_json: bool) -> None:
-    if as_json:
-        print_json(result.as_json())
-        return
-
-    typer.echo(text_of(result.report()))
-    assert result.table_path is not None  # noqa: S101  # a command always writes
-    typer.echo(f"\ntable: {result.table_path}")
-    for ending in (".summary.json", ".svg"):
-        if (file := beside(result.table_path, ending)).exists():
-            typer.echo(f"{'summary' if ending == '.summary.json' else 'picture'}: {file}")
+    span = f"{plan.left_s:.0f} s" if plan.left_s < 100 else f"{plan.left_s / 60:.0f} min"
+    typer.echo(f"some {span} with {plan.workers} processes, at {plan.run_s:.2f} s a run as one took now")

@@ -112,7 +112,7 @@ def _certified(description: BenchDescription, source: str, folder: Path) -> Benc
     for role in ("multimeter", "v_vc_meter"):
         part = getattr(description, role)
         if part is not None and part.calibration_dcc is not None:
-            from vcfbench.station.meter_certificate import with_certificate  # noqa: PLC0415  # few benches have one
+            from vcfbench.station.meter_dcc import with_certificate  # noqa: PLC0415  # few benches have one
 
             part = with_certificate(part, role, source, folder)
             description = msgspec.structs.replace(description, **{role: part})

@@ -13,16 +13,19 @@ from datetime import date
 from typing import TYPE_CHECKING, Final, NamedTuple
 from xml.etree import ElementTree as ET
 
-from msgspec import Struct, ValidationError
+from msgspec import Struct, ValidationError, structs
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import read_text, shown
 from vcfbench.station.parts import CalibrationPoint
+from vcfbench.station.strict import refusal
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
+
+    from vcfbench.station.description import MultimeterRole
 
 _NAMES: Final = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 _MOST: Final = 1 << 25
@@ -191,11 +194,7 @@ def _within(element: ET.Element, words: str, name: str, around: Sequence[ET.Elem
 
 
 def _of_direct_voltage(table: _Table) -> bool:
-    """Tell whether it is one of direct voltage; in volts it has to say so.
-
-    Raises:
-        _NotUnderstoodError: it says neither.
-    """
+    """Tell whether it is one of direct voltage; in volts it has to say so."""
     levels = [column for column in table.own if _role(column) in {"level", "nominal", "reading"}]
     if not any(_in_volts(each) for level in levels for each in _numbers(level)):
         return False
@@ -208,11 +207,7 @@ def _of_direct_voltage(table: _Table) -> bool:
 
 
 def _columns(table: _Table) -> dict[str, _Column]:
-    """Return the columns of a table by their kind.
-
-    Raises:
-        _NotUnderstoodError: a refType of the good practice is not known here, or two columns are the same.
-    """
+    """Return the columns of a table by their kind."""
     columns: dict[str, _Column] = {}
     for quantity in table.own:
         unknown = [kind for kind in _kinds(quantity) if kind.startswith("basic_") and kind not in _ROLES]
@@ -284,11 +279,7 @@ def _range_around(table: _Table) -> _Column | None:
 
 
 def _each(table: _Table, values: Sequence[float], count: int) -> Sequence[float]:
-    """Return so many values: one stands for all.
-
-    Raises:
-        _NotUnderstoodError: there are others than one or so many.
-    """
+    """Return so many values: one stands for all."""
     if len(values) == 1:
         return list(values) * count
     if len(values) != count:
@@ -309,11 +300,7 @@ def _kinds(quantity: ET.Element) -> list[str]:
 
 
 def _column(table: _Table, quantity: ET.Element) -> _Column:
-    """Return a column in volts.
-
-    Raises:
-        _NotUnderstoodError: it is no number or list of numbers in volts.
-    """
+    """Return a column in volts."""
     name = _name(quantity) or quantity.get("refType", "")
     here = f"{table.name}, {name}"
     found = next(filter(_in_volts, _numbers(quantity)), None)
@@ -397,3 +384,47 @@ def _name(element: ET.Element) -> str:
 
 def _words(element: ET.Element) -> str:
     return " ".join((element.get("refType", ""), *_names(element)))
+
+
+def with_certificate(part: MultimeterRole, role: str, source: str, folder: Path) -> MultimeterRole:
+    """Return a meter with the points, the number and the day of the certificate that it names, found from `folder`.
+
+    Raises:
+        ConfigError: the file is not understood, is of another instrument, or contradicts what stands beside it.
+    """
+    found = read_meter_dcc(folder / str(part.calibration_dcc))
+    where = f"{source}: {role}"
+    if part.calibration:
+        raise refusal(f"{where}.calibration", "nothing beside calibration_dcc, which holds the table", "one more")
+    _require_same(found, part, where)
+    beside = (("certificate", part.certificate, found.number), ("calibrated", part.calibrated, found.calibrated))
+    for key, stated, own in beside:
+        if stated is not None and stated != own:
+            raise refusal(f"{where}.{key}", f"{own}, as calibration_dcc has it, or nothing", str(stated))
+    return structs.replace(
+        part, calibration=found.points, certificate=found.number, calibrated=found.calibrated, calibration_dcc=None
+    )
+
+
+def _require_same(found: MeterCertificate, part: MultimeterRole, where: str) -> None:
+    """See that the certificate is that of the instrument: by its model, and by each number that both tell."""
+    models = [_bare(each) for each in (part.model, part.like) if each is not None]
+    if found.model and not any(each in _bare(found.model) or _bare(found.model) in each for each in models):
+        raise refusal(f"{where}.calibration_dcc", f"the certificate of a {part.model}", f"that of {found.said()}")
+    serial = None if part.serial_number == "0" else part.serial_number
+    numbers = {"serial_number": serial, "inventory_number": part.inventory_number}
+    stated = {key: each for key, each in numbers.items() if each is not None}
+    if not stated:
+        expected = f"the number of the instrument as its certificate has it: {found.said()}"
+        raise refusal(f"{where}.inventory_number (or serial_number)", expected, "nothing")
+    known = {_bare(number) for _, number in found.numbers}
+    by_maker = any(issuer == "manufacturer" for issuer, _ in found.numbers)
+    matched = [_bare(each) in known for each in stated.values()]
+    if not any(matched) or (serial is not None and by_maker and _bare(serial) not in known):
+        said = " and ".join(f"{key} {each}" for key, each in stated.items())
+        raise refusal(f"{where}.calibration_dcc", f"the certificate of {said}", f"that of {found.said()}")
+
+
+def _bare(text: str) -> str:
+    """Return letters and digits alone: spaces and dashes are written as one likes."""
+    return "".join(filter(str.isalnum, text)).lower()

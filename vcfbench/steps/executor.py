@@ -284,11 +284,7 @@ class Executor:
         return result
 
     def _pause_if_wanted(self) -> None:
-        """Pause, where somebody wants that: the bench at rest until somebody wants the run to go on, then as it was.
-
-        Raises:
-            BenchError: something did not let it, or the output is not where it was.
-        """
+        """Pause, where somebody wants that: the bench at rest until somebody wants the run to go on, then as it was."""
         pausing = self._pausing
         if pausing is None or not pausing.by or self._error is not None:
             return
@@ -317,11 +313,7 @@ class Executor:
         self._tell(went_on)
 
     def _count_from(self, moved: Moved | None) -> None:
-        """Count later measurements from the present output.
-
-        Raises:
-            MeasurementError: it is not where noise and drift could have brought it.
-        """
+        """Count later measurements from the present output."""
         if moved is None or moved.allowed_v is None:
             return
         if abs(moved.moved_v) > moved.allowed_v:

@@ -177,11 +177,7 @@ _OF_PROCEDURES: Final = frozenset(
 
 
 def _make_known(kinds: dict[str, type[_T]], kind: type[_T]) -> None:
-    """Keep `kind` by its name, by which records know it; one's own, defined once more, replaces the earlier one.
-
-    Raises:
-        PlanError: it is one's own, and has the name of one that comes along.
-    """
+    """Keep `kind` by its name, by which records know it; one's own, defined once more, replaces the earlier one."""
     name = kind.__name__
     if not kind.__module__.startswith(_OURS):
         import_module("vcfbench.steps")  # by name, for they import this; all that come along are known then
