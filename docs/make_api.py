@@ -188,7 +188,7 @@ def a_function(node: Function, text: str) -> Iterator[str]:
 
 def returned(node: Function, text: str, before: str = " -> ") -> str:
     """Return the type that comes back, as it is written."""
-    return "" if node.returns is None else f"{before}{source(text, node.returns)}"
+    return "" if node.returns is None else f"{before}{annotated(text, node.returns)}"
 
 
 def arguments(node: Function, text: str) -> str:
@@ -226,9 +226,14 @@ def encoded_lines(text: str) -> list[bytes]:
     return text.encode().splitlines(keepends=True)
 
 
+def annotated(text: str, node: ast.expr) -> str:
+    """Return the source of an annotation, without the quotes of one that names what is defined further on."""
+    return source(text, node).strip('"')
+
+
 def argument(node: ast.arg, default: ast.expr | None, text: str) -> str:
     """Return one argument with its type and default."""
-    kind = "" if node.annotation is None else f": {source(text, node.annotation)}"
+    kind = "" if node.annotation is None else f": {annotated(text, node.annotation)}"
     if default is None:
         return f"{node.arg}{kind}"
     equals = " = " if kind else "="

@@ -5,20 +5,15 @@ run has a :class:`VirtualClock`, whose time moves only because someone waits; a 
 nothing of simulated time has a :class:`ScaledClock`.
 """
 
-from __future__ import annotations
-
 import _thread
 import sys
 import threading
 import time
+from collections.abc import Callable
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 from simrack.clock import Clock, ScaledClock, VirtualClock, WallClock, sleep
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 __all__ = [
     "Clock",
@@ -103,7 +98,7 @@ class Deadline(Struct, frozen=True):
     expires_s: float
 
     @classmethod
-    def after(cls, clock: Clock, seconds: float) -> Deadline:
+    def after(cls, clock: Clock, seconds: float) -> "Deadline":
         """Return the deadline `seconds` of bench time from now."""
         now = clock.now()
         return cls(clock, now, now + seconds)

@@ -24,8 +24,6 @@
 limits.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, TypedDict, Unpack
 
 __all__ = [
@@ -140,7 +138,7 @@ class Aborted(BenchError):
     exit_code = 4
 
     @classmethod
-    def behind(cls, error: BaseException) -> Aborted | None:
+    def behind(cls, error: BaseException) -> "Aborted | None":
         """Return the stop that `error` came of, None where it did not, or something is not safe.
 
         Code that a signal hits may take it for a mistake of its own, and say so. A stop that was being dealt with when

@@ -1,7 +1,5 @@
 """Libraries that come with an extra, imported when something is asked for that needs them."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Public faces of packages: the stub beside ``__init__.py`` is the one list of their names."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

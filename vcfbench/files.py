@@ -5,8 +5,6 @@ regular files are opened, no more is read than a file of its kind can need, and 
 anybody writes it. Whatever is wrong is one sentence with the file, what was expected and what came (ConfigError).
 """
 
-from __future__ import annotations
-
 import errno
 import math
 import os
@@ -14,14 +12,12 @@ import re
 import stat
 import sys
 import tomllib
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import IO, TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import IO, Any, Final
 
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-    from pathlib import Path
 
 MOST_SETTINGS = 1 << 20
 """Bytes of a bench file, a profile or a fault script: the longest that come along have 10 kB."""

@@ -10,21 +10,17 @@ loads no driver and no simulation. Another package brings rows of its own as ent
 comes with the project and what comes with another package are treated alike: discovery, served wires, RS-232.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
 from msgspec import Struct, field
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 Wire = Literal["tcp", "vxi11", "hislip", "pty"]
 """An interface on which a served bench can offer an instrument."""
@@ -92,7 +88,7 @@ class Model(Struct, frozen=True):
         """Tell whether `maker` and `model`, the first fields of ``*IDN?``, are those of this model."""
         return maker.upper().startswith(self.makers) and bare_model(model).startswith(self.name.upper())
 
-    def speaking_as(self, name: str) -> Model:
+    def speaking_as(self, name: str) -> "Model":
         """Return the row of the model `name`, which speaks the same words under its own name."""
         return replace(self, name=name)
 

@@ -4,15 +4,11 @@ msgspec works a type out when it is first asked for, and leaves it half done whe
 two runs that begin at once in one process would end the interpreter (msgspec 0.22).
 """
 
-from __future__ import annotations
-
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Final, TypeVar, overload
+from typing import Any, Final, TypeVar, overload
 
 import msgspec
-
-if TYPE_CHECKING:
-    from msgspec.json import Decoder
+from msgspec.json import Decoder
 
 _T = TypeVar("_T")
 _ONE_AT_A_TIME: Final = RLock()

@@ -1,52 +1,41 @@
 """An open bench: every instrument opened, identified, within its limits, and made safe whatever happens."""
 
-from __future__ import annotations
-
 import sys
 import warnings
-from contextlib import ExitStack, nullcontext, suppress
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from functools import partial
 from mmap import mmap
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any, Final, Self
 
 from msgspec import Struct, field
 
-from vcfbench.bench.ground import check_simulation, require_instruments_apart, station
+from vcfbench.bench.ground import Builder, UnopenedBench, check_simulation, require_instruments_apart, station
 from vcfbench.bench.holding import Holding, SignalWatch
 from vcfbench.bench.opening import open_role
+from vcfbench.clock import Clock
+from vcfbench.drivers.calls import Calls, attended
 from vcfbench.errors import Aborted, BenchError
-from vcfbench.safety.roles import absent, needed_roles, require_still, safe_action
+from vcfbench.interfaces import (
+    FunctionGenerator,
+    Identity,
+    Multimeter,
+    Oscilloscope,
+    PowerSupply,
+    RateTable,
+    SafeReport,
+    TemperatureChamber,
+)
+from vcfbench.safety.roles import Role, absent, needed_roles, require_still, safe_action
 from vcfbench.safety.signals import ControlClock, StopSignals
-from vcfbench.safety.trust import require_library
+from vcfbench.safety.stack import SafetyStack
+from vcfbench.safety.trust import Trust, require_library
+from vcfbench.safety.watchdog import Watchdog
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import described
 from vcfbench.station.limits import LimitChecks, LimitedChamber, LimitedGenerator, LimitedRateTable, LimitedSupply
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
-    from contextlib import AbstractContextManager
-    from pathlib import Path
-    from types import TracebackType
-    from typing import Self
-
-    from vcfbench.bench.ground import Builder, UnopenedBench
-    from vcfbench.clock import Clock
-    from vcfbench.interfaces import (
-        FunctionGenerator,
-        Identity,
-        Multimeter,
-        Oscilloscope,
-        PowerSupply,
-        RateTable,
-        SafeReport,
-        TemperatureChamber,
-    )
-    from vcfbench.safety.roles import Role
-    from vcfbench.safety.stack import SafetyStack
-    from vcfbench.safety.trust import Trust
-    from vcfbench.safety.watchdog import Watchdog
-    from vcfbench.station.description import BenchDescription
-
 
 _RESERVE: Final = 64 << 20
 """Bytes for the threads that make safe, where a program has run out of memory; not touched, they cost none."""
@@ -220,9 +209,6 @@ def open_bench(
     try:
         opening: AbstractContextManager[None] = nullcontext()
         if description.simulation is None:
-            from vcfbench.drivers.calls import Calls, attended  # noqa: PLC0415
-            from vcfbench.safety.watchdog import Watchdog  # noqa: PLC0415  # a bench in this process dies with it
-
             calls, holding.reserve = Calls(), mmap(-1, _RESERVE)
             holding.watchdog = Watchdog(description, partial(_without_watchdog, description, stops), calls)
             opening = attended(calls)

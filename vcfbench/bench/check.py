@@ -1,30 +1,23 @@
 """Tries every instrument of a bench and reports the problems of each."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
-from vcfbench.bench.ground import require_instruments_apart, station
+from vcfbench.bench.ground import UnopenedBench, require_instruments_apart, station
 from vcfbench.bench.opening import open_role
 from vcfbench.clock import WallClock, utc_now
 from vcfbench.drivers.calls import Calls
 from vcfbench.errors import BenchError, InterlockError
+from vcfbench.interfaces import Identity, RateTable, SafeReport
 from vcfbench.models import own_watchdog
-from vcfbench.safety.roles import filled_roles, require_still, safe_action
+from vcfbench.records.metadata import Equipment
+from vcfbench.safety.roles import Role, filled_roles, require_still, safe_action
 from vcfbench.safety.signals import StopSignals
 from vcfbench.safety.stack import SafetyStack, Stage, not_safe
-from vcfbench.safety.trust import require_library
+from vcfbench.safety.trust import Trust, require_library
 from vcfbench.safety.watchdog import Watchdog
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.equipment import equipment_on
-
-if TYPE_CHECKING:
-    from vcfbench.bench.ground import UnopenedBench
-    from vcfbench.interfaces import Identity, RateTable, SafeReport
-    from vcfbench.records.metadata import Equipment
-    from vcfbench.safety.roles import Role
-    from vcfbench.safety.trust import Trust
-    from vcfbench.station.description import BenchDescription
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,31 +1,23 @@
 """Conversation with one instrument of a bench: questions, raw commands on demand, the bench left safe."""
 
-from __future__ import annotations
-
 import re
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from vcfbench.bench.ground import station
 from vcfbench.bench.opening import open_role
+from vcfbench.clock import Clock
 from vcfbench.drivers.plain import PlainLine, PlainSession, plain
 from vcfbench.errors import BenchError, ConfigError, InstrumentError, LimitError, NotSafe, TransportError
+from vcfbench.interfaces import Identity, Instrument, RateTable
+from vcfbench.records.raw import RawRecord
 from vcfbench.safety.roles import ROLES, filled_roles, require_still, safe_action
 from vcfbench.safety.signals import StopSignals
 from vcfbench.safety.stack import LeaveNow, SafetyStack, Stage, not_safe
-from vcfbench.safety.trust import require_library
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
-
-    from vcfbench.clock import Clock
-    from vcfbench.interfaces import Identity, Instrument, RateTable
-    from vcfbench.records.raw import RawRecord
-    from vcfbench.safety.trust import Trust
-    from vcfbench.station.description import BenchDescription
-
+from vcfbench.safety.trust import Trust, require_library
+from vcfbench.station.description import BenchDescription
 
 _SHOWN_BYTES = 16
 

@@ -4,38 +4,31 @@ Everything that drives something is told to stop or to switch off upon connectin
 then it is opened properly, made safe and proved. What does not answer keeps nothing else from being told and proved.
 """
 
-from __future__ import annotations
-
 import signal
 import socket
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 from vcfbench.bench.ground import UnopenedBench, station, table_port
 from vcfbench.bench.opening import open_role
 from vcfbench.clock import WallClock, sleep
+from vcfbench.drivers.rate_table.dialect import TableDialect
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.registry import find_driver
+from vcfbench.drivers.session import Session
 from vcfbench.errors import BenchError, ConnectFailed, NotSafe
 from vcfbench.interfaces import SafeReport
-from vcfbench.safety.lock import InUse, LockUnusable, owners_of
+from vcfbench.safety.lock import InUse, LockUnusable, Owner, owners_of
 from vcfbench.safety.processes import KILL, end
-from vcfbench.safety.roles import STILL_DEG_S, filled_roles, safe_action
+from vcfbench.safety.roles import STILL_DEG_S, Role, filled_roles, safe_action
 from vcfbench.safety.signals import StopSignals
 from vcfbench.safety.stack import LeaveNow, SafetyStack, Stage, not_safe
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import described
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from vcfbench.drivers.rate_table.dialect import TableDialect
-    from vcfbench.drivers.rate_table.line import TableLine
-    from vcfbench.drivers.session import Session
-    from vcfbench.safety.lock import Owner
-    from vcfbench.safety.roles import Role
-    from vcfbench.station.description import BenchDescription
 
 _LOOK_S: Final = 0.25
 """Longest time for which looking at the outputs may keep back the words that switch them off, s."""

@@ -1,19 +1,14 @@
 """Opens one instrument of a bench and makes sure that it is the one meant."""
 
-from __future__ import annotations
-
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import structs
 
+from vcfbench.bench.ground import UnopenedBench
 from vcfbench.errors import BenchError
-from vcfbench.station.description import CALIBRATION_KEYS
-
-if TYPE_CHECKING:
-    from vcfbench.bench.ground import UnopenedBench
-    from vcfbench.interfaces import Identity, Instrument
-    from vcfbench.station.description import BenchDescription
+from vcfbench.interfaces import Identity, Instrument
+from vcfbench.station.description import CALIBRATION_KEYS, BenchDescription
 
 
 def open_role(

@@ -1,24 +1,17 @@
 """Benches behind ``pyvisa.ResourceManager("bench.toml@vcfbench")``, and their options behind a ``?``."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 from urllib.parse import parse_qsl
 
+from simrack.device import Device
+
 from vcfbench.bench.ground import FASTEST, SLOWEST, check_simulation
-from vcfbench.clock import ScaledClock, VirtualClock
+from vcfbench.clock import Clock, ScaledClock, VirtualClock
 from vcfbench.errors import ConfigError
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.simulation import chosen_seed
 from vcfbench.station.file import read_bench
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from simrack.device import Device
-
-    from vcfbench.clock import Clock
 
 _OPTIONS = ("speed", "seed", "name")
 

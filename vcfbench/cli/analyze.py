@@ -1,12 +1,11 @@
 """``vcfbench analyze``: the whole analysis of a table that was measured somewhere else."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Mapping
 from json import dumps
-from pathlib import Path  # noqa: TC003 - typer reads the annotation when it runs
+from pathlib import Path
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -14,14 +13,10 @@ from rich.console import Console
 from rich.table import Table
 
 from vcfbench.analysis.nonlinearity import DEFINITIONS
+from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
 from vcfbench.archive.analyzed import analyze as analyzed
-from vcfbench.cli.options import Json_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Json_  # typer reads them
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
 
 _UNBOUNDED = 1000
 """Columns of a pipe or a file: nothing is folded there."""

@@ -1,24 +1,19 @@
 """Answers of the commands: on stdout, and with ``--json`` one object there."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys
+from collections.abc import Callable
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
 import typer
 
 from vcfbench.cli.ending import discard_stdout, terminal_gone
 from vcfbench.errors import BenchError
+from vcfbench.reports.document import Report
 from vcfbench.reports.text import WIDTH, text_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from vcfbench.reports.document import Report
 
 _NARROWEST: Final = 40
 """A terminal that says it is narrower, or nothing of its size, gets lines of so many characters."""

@@ -1,10 +1,9 @@
 """``vcfbench batch``: gyroscopes one after another, and the sheet of all."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from msgspec import structs, to_builtins
@@ -13,17 +12,12 @@ from vcfbench.archive.batch_sheet import batch_sheet, sheet_rows, write_sheet
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.conduct import RunOptions, attended
 from vcfbench.cli.ending import SignalsWithoutBench
-from vcfbench.cli.options import Json_, Plain_, Quiet_, Runs_, Speed_, Yes_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Json_, Plain_, Quiet_, Runs_, Speed_, Yes_  # typer reads them
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
 from vcfbench.reports.text import text_of
-from vcfbench.runs.batch import Batch, read_batch, with_operator
+from vcfbench.runs.batch import Batch, BatchRun, read_batch, with_operator
 from vcfbench.runs.request import prepare
 from vcfbench.safety.signals import StopSignals
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.runs.batch import BatchRun
 
 _WIDTH = 80
 

@@ -1,14 +1,13 @@
 """``vcfbench bench``: the contents of a bench file, and whether the instruments answer."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Iterator
+from typing import Annotated, Any
 
 import msgspec
 import typer
 from msgspec import to_builtins
 
-from vcfbench.bench.check import check_bench
+from vcfbench.bench.check import CheckedInstrument, CheckedWatchdog, check_bench
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
 from vcfbench.cli.discover import discover
@@ -19,13 +18,8 @@ from vcfbench.procedures.resolved import as_resolved, resolved_text
 from vcfbench.reports.text import left_table
 from vcfbench.runs.needs import what_can_run
 from vcfbench.station import file
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.equipment import calibration_words
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.bench.check import CheckedInstrument, CheckedWatchdog
-    from vcfbench.station.description import BenchDescription
 
 _CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificate", "overdue")
 

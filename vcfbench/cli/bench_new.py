@@ -1,9 +1,8 @@
 """``vcfbench bench new``: finds instruments, asks, and writes the bench file of a station."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from msgspec import Struct
@@ -18,12 +17,8 @@ from vcfbench.models import languages, models_for
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.served import served_places
 from vcfbench.station import discovery
+from vcfbench.station.discovery import DiscoveredInstrument
 from vcfbench.station.new_station import Draft
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from vcfbench.station.discovery import DiscoveredInstrument
 
 _NONE = "none"
 _USUAL = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")

@@ -1,7 +1,5 @@
 """``vcfbench compare``: runs beside each other."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,20 +1,19 @@
 """``vcfbench device``: history of a gyroscope by its serial number: certificates, self-calibrations, noise, runs."""
 
-from __future__ import annotations
-
 from collections import defaultdict
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import msgspec
 import typer
 
-from vcfbench.archive.batch_sheet import device_parts, device_rows
+from vcfbench.archive.batch_sheet import SheetRow, device_parts, device_rows
 from vcfbench.archive.keeping import keep_of_device
 from vcfbench.cli.answer import print_json, print_verdicts
-from vcfbench.cli.options import Devices_, Json_, Runs_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Devices_, Json_, Runs_  # typer reads them
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
@@ -23,18 +22,13 @@ from vcfbench.records.devices import (
     Characterisation,
     Device,
     DeviceStore,
+    Entry,
     SelfCalibration,
     StaticNoise,
 )
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
 from vcfbench.reports.plot import save_figure
 from vcfbench.reports.text import table_text, text_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.archive.batch_sheet import SheetRow
-    from vcfbench.records.devices import Entry
 
 _COLUMNS = (
     *("entry", "kind", "done", "scale_factor_v_per_deg_s", "u_scale_factor", "bias_v", "u_bias_v"),

@@ -1,9 +1,6 @@
 """``vcfbench bench discover``: the instruments that answer, and their part of a bench file."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -19,9 +16,7 @@ from vcfbench.cli.options import (
 )
 from vcfbench.errors import BenchError
 from vcfbench.station import discovery
-
-if TYPE_CHECKING:
-    from vcfbench.station.discovery import DiscoveredInstrument
+from vcfbench.station.discovery import DiscoveredInstrument
 
 
 def discover(

@@ -1,24 +1,21 @@
 """Keys on the terminal while a run goes: `p` has it pause, `p` again or Enter lets it go on."""
 
-from __future__ import annotations
-
 import os
 import select
 import sys
 from contextlib import contextmanager, suppress
 from threading import Event, Lock, Thread
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import Any, Final, Self
 
 from vcfbench.safety.control import RunState
 
 with suppress(ImportError):  # Windows has none
     import termios
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from types import TracebackType
+from collections.abc import Iterator
+from types import TracebackType
 
-    from vcfbench.safety.control import RunControl
+from vcfbench.safety.control import RunControl
 
 _LOOKS_S: Final = 0.05
 _BY: Final = "the terminal"

@@ -1,20 +1,15 @@
 """Options and arguments that several commands have, declared once."""
 
-from __future__ import annotations
-
-from contextlib import nullcontext, suppress
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path  # typer reads the annotations when it runs
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from vcfbench.drivers.trace import traced
 from vcfbench.errors import ConfigError
 from vcfbench.files import is_utf8
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from contextlib import AbstractContextManager
 
 
 def run_names(ctx: Any, incomplete: str) -> list[str]:

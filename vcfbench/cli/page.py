@@ -1,7 +1,5 @@
 """``vcfbench page``: the records and devices of a station in a browser."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +7,7 @@ from typing import Annotated
 import typer
 
 from vcfbench.cli.ending import Stopped
-from vcfbench.cli.options import Devices_, Runs_  # noqa: TC001  # typer reads them
+from vcfbench.cli.options import Devices_, Runs_  # typer reads them
 
 _PORT = 8330
 

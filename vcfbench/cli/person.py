@@ -1,17 +1,12 @@
 """The person at the terminal: told the actions that only hands can do, and waited for."""
 
-from __future__ import annotations
-
 import sys
 from contextlib import nullcontext
-from typing import TYPE_CHECKING
 
+from vcfbench.cli.keys import Keys
 from vcfbench.errors import Aborted
-
-if TYPE_CHECKING:
-    from vcfbench.cli.keys import Keys
-    from vcfbench.safety.signals import StopSignals
-    from vcfbench.steps.step import Operator, Request
+from vcfbench.safety.signals import StopSignals
+from vcfbench.steps.step import Operator, Request
 
 
 def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Operator | None:

@@ -1,7 +1,5 @@
 """``vcfbench plot``: the figures of a run as pictures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

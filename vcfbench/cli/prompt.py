@@ -1,21 +1,17 @@
 """A prompt with history and tab completion, where the system has a readline."""
 
-from __future__ import annotations
-
 import os
 import sys
 import tempfile
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 try:
     import readline
 except ImportError:  # Windows has none
     readline = None  # type: ignore[assignment]
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 
 @contextmanager

@@ -1,24 +1,19 @@
 """``vcfbench report``: the whole report of a run in one file, or of many."""
 
-from __future__ import annotations
-
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from vcfbench.archive.index import run_summaries
 from vcfbench.archive.recorded import load_run
+from vcfbench.archive.run import Run
 from vcfbench.archive.written import write_certificate, write_report
 from vcfbench.cli.options import Run_, Runs_, key_and_value, output_option, tags_of  # typer reads them
 from vcfbench.errors import ConfigError
 from vcfbench.files import read_file
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.archive.run import Run
 
 _LARGEST_TEMPLATE = 1 << 16
 

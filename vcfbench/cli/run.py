@@ -4,13 +4,11 @@ The commands of ``run`` are made of the procedures: those that come along, those
 one that a file of one's own defines. A list of them imports none.
 """
 
-from __future__ import annotations
-
 import inspect
 import json as encoder
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from msgspec import structs
@@ -22,14 +20,11 @@ from vcfbench.cli.person import agreed
 from vcfbench.cli.set_option import asked_by_command
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
-from vcfbench.procedures.keys import settable_keys
+from vcfbench.procedures.keys import SettableKey, settable_keys
+from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.metadata import metadata_of
 from vcfbench.runs.request import Request, prepare
 from vcfbench.runs.resumed import broken_off
-
-if TYPE_CHECKING:
-    from vcfbench.procedures.keys import SettableKey
-    from vcfbench.procedures.procedure import AnyProcedure
 
 
 class Procedures(TyperGroup):

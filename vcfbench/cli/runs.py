@@ -1,13 +1,12 @@
 """``vcfbench runs``: the records of runs."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Callable, Iterator, Sequence
 from csv import writer as csv_writer
 from dataclasses import asdict
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from msgspec import to_builtins
@@ -17,6 +16,8 @@ from vcfbench.archive.export import export_run
 from vcfbench.archive.index import RunIndex, run_summaries
 from vcfbench.archive.recomputed import printable
 from vcfbench.archive.recorded import recorded_run
+from vcfbench.archive.run import Run
+from vcfbench.archive.summary import RunSummary
 from vcfbench.archive.verified import verify_run
 from vcfbench.cli.answer import print_json, print_report, print_verdicts
 from vcfbench.cli.options import (  # typer reads them
@@ -31,18 +32,11 @@ from vcfbench.cli.options import (  # typer reads them
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.records import signing
-from vcfbench.records.directory import find_run
+from vcfbench.records.directory import RunDirectory, find_run
+from vcfbench.records.journal import JournalRecord
 from vcfbench.reports.document import Column, Table
 from vcfbench.reports.text import table_text
 from vcfbench.station.equipment import overdue_words
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from vcfbench.archive.run import Run
-    from vcfbench.archive.summary import RunSummary
-    from vcfbench.records.directory import RunDirectory
-    from vcfbench.records.journal import JournalRecord
 
 app = typer.Typer(no_args_is_help=True, help="List and show records.")
 

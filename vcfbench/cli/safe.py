@@ -1,8 +1,6 @@
 """``vcfbench safe``: a bench brought to rest and switched off, from whatever state it is in."""
 
-from __future__ import annotations
-
-from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from pathlib import Path  # typer reads the annotations when it runs
 from typing import Annotated
 
 import msgspec

@@ -8,7 +8,7 @@ import json as encoder
 import re
 import signal
 import sys
-from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from pathlib import Path  # typer reads the annotations when it runs
 from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer

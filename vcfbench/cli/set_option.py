@@ -3,18 +3,14 @@
 In a list of numbers ``START:STOP:STEP`` is a range with both its ends, as in ``-200,-5:5:0.5,200``.
 """
 
-from __future__ import annotations
-
 import re
+from collections.abc import Container, Iterable, Mapping
 from decimal import Decimal
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, is_utf8, parse_toml
 from vcfbench.station.layering import Layer
-
-if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Mapping
 
 _NUMBER: Final = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2})?"
 _RANGE: Final = re.compile(rf"\s*({_NUMBER}):({_NUMBER}):({_NUMBER})\s*")

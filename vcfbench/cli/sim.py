@@ -1,7 +1,5 @@
 """``vcfbench sim``: the parts of the simulated bench, and the bench on real wires."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer

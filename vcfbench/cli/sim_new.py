@@ -1,10 +1,8 @@
 """``vcfbench sim new``: a simulated bench with a gyroscope of one's own, from the figures of a data sheet."""
 
-from __future__ import annotations
-
 import sys
 from enum import StrEnum
-from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from pathlib import Path  # typer reads the annotations when it runs
 from typing import Annotated, Any
 
 import typer

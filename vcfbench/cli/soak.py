@@ -1,16 +1,12 @@
 """``vcfbench sim soak``: runs under faults drawn by seed; each seed that breaks one is a line to repeat."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from vcfbench.testing.soaking import Verdict
+from vcfbench.testing.soaking import Verdict
 
 
 def soak(

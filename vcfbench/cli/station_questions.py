@@ -3,21 +3,16 @@
 What an answer must be stands in one place, in the types of the bench file: whatever they refuse is asked for again.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from collections.abc import Callable
+from datetime import date
+from typing import Any, Final, NamedTuple
 
 import typer
 
+from vcfbench.cli.interview import Interview
 from vcfbench.cli.set_option import plain_value
+from vcfbench.station.new_station import Draft
 from vcfbench.station.settings import PAPER_RATES_DEG_S
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from datetime import date
-
-    from vcfbench.cli.interview import Interview
-    from vcfbench.station.new_station import Draft
 
 
 class Question(NamedTuple):

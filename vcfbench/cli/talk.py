@@ -1,17 +1,16 @@
 """``vcfbench talk``: the whole bench at one prompt, or one of its instruments in its own language."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from vcfbench.bench.bench import open_bench
-from vcfbench.bench.console import data_of, open_console, summary
+from vcfbench.bench.console import Console, ConsoleReply, data_of, open_console, summary
 from vcfbench.cli.options import Bench_, Runs_, Seed_, Trace_, tracing  # typer reads them
 from vcfbench.cli.person import agreed
 from vcfbench.cli.prompt import history
@@ -22,11 +21,6 @@ from vcfbench.runs.by_hand import ALIASES, WORDS, ByHand
 from vcfbench.safety.roles import filled_roles
 from vcfbench.safety.signals import Interrupted, StopSignals
 from vcfbench.station.file import read_bench
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from vcfbench.bench.console import Console, ConsoleReply
 
 _HELP = """\
 Each line is sent as typed: questions; with --raw commands too, which are compared with no limit and written down.

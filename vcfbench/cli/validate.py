@@ -1,9 +1,7 @@
 """``vcfbench validate``: what has a known answer is asked on the laboratory's own machine; one document."""
 
-from __future__ import annotations
-
-from pathlib import Path  # noqa: TC003  # typer reads the annotation when it runs
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path  # typer reads the annotation when it runs
+from typing import Annotated
 
 import typer
 from msgspec import to_builtins
@@ -11,11 +9,9 @@ from msgspec import to_builtins
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import Json_, Quiet_, Yes_, output_option  # typer reads them
 from vcfbench.validation.benches import RUNS
+from vcfbench.validation.check import Checked
 from vcfbench.validation.validate import validate as validated
 from vcfbench.validation.validate import write_validation
-
-if TYPE_CHECKING:
-    from vcfbench.validation.check import Checked
 
 
 def validate(

@@ -1,20 +1,14 @@
 """Acceptance of results: each limit of ``[acceptance]`` against its result."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Protocol, runtime_checkable
 
 from msgspec import Struct
 
 from vcfbench.analysis.conformity import conformity
 from vcfbench.records.plain import plain
-from vcfbench.records.schema import pooled_std_v
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.records.schema import Point
-    from vcfbench.station.settings import Limit
+from vcfbench.records.schema import Point, pooled_std_v
+from vcfbench.station.settings import Limit
 
 
 class Verdict(Struct, frozen=True):

@@ -4,8 +4,6 @@ They do not say what is wise on a station (that is what its ``[limits]`` are for
 number outside is a slip of the pen. docs/bench-file.md has them as a table, which a test holds to what stands here.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from msgspec import Meta

@@ -1,21 +1,16 @@
 """Checks of a bench file that types cannot make: values that must agree with each other."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Mapping
 from ipaddress import ip_address
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import structs
 
 from vcfbench.models import ROLES, find_language, find_model, languages, models_for
+from vcfbench.station.description import BenchDescription, RateTableRole
 from vcfbench.station.invalid_value import InvalidValue, lost_digits, turned_windows
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from vcfbench.station.description import BenchDescription, RateTableRole
-    from vcfbench.station.parts import LimitKey, Node
+from vcfbench.station.parts import LimitKey, Node
 
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 

@@ -3,15 +3,14 @@
 Nothing is sent to a serial port unless that is asked for: what is on it is not known, and a byte can move a table.
 """
 
-from __future__ import annotations
-
 import re
 import threading
 import warnings
+from collections.abc import Callable, Iterator, Sequence
 from contextvars import copy_context
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers.rate_table.acl import take_counted
@@ -21,9 +20,6 @@ from vcfbench.drivers.wire import SerialLine
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, TransportError
 from vcfbench.models import find_language, find_model, recognised
 from vcfbench.station.writing import value_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
 
 _T = TypeVar("_T")
 

@@ -1,17 +1,11 @@
 """The instruments of a bench with the dates of their calibration, as a run finds them on its day."""
 
-from __future__ import annotations
+from collections.abc import Collection, Iterator, Mapping
+from datetime import date
 
-from typing import TYPE_CHECKING
-
+from vcfbench.interfaces import Identity
 from vcfbench.records.metadata import Equipment
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
-    from datetime import date
-
-    from vcfbench.interfaces import Identity
-    from vcfbench.station.description import BenchDescription
+from vcfbench.station.description import BenchDescription
 
 
 def equipment_on(

@@ -1,11 +1,9 @@
 """Reads bench files: TOML to a frozen description, every mistake one line with file, key path and expected value."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
@@ -14,9 +12,6 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.strict import converted, refusal, words
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 EMBEDDED = ("paper", "lab", "ideal")
 """Names of the benches that come with the package, usable in place of a file."""

@@ -1,15 +1,10 @@
 """A value of a bench file that does not fit, and the checks of every table of numbers."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from msgspec import Struct, structs
 
 from vcfbench.station.bounds import LEAST
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 class InvalidValue(Struct, frozen=True):

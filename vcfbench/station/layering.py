@@ -1,21 +1,14 @@
 """Settings from the places that give them: each place goes before the one above it, and is named in errors."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar
 
 from msgspec import Struct
 
 from vcfbench.files import dotted, unfit_numbers
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.station.strict import converted, refusal, unknown_key
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.station.strict import Keys, Naming
+from vcfbench.station.strict import Keys, Naming, converted, refusal, unknown_key
 
 S = TypeVar("S", bound=ProcedureSettings)
 

@@ -3,22 +3,17 @@
 Each instrument wraps a driver and has the members of its protocol; those that no limit is about go straight through.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from contextlib import contextmanager
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct
 
 from vcfbench.errors import LimitError
 from vcfbench.interfaces import FunctionGenerator, PowerSupply, RateTable, TemperatureChamber
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.station.description import BenchDescription
-    from vcfbench.station.parts import Limits, RailWiring
+from vcfbench.station.description import BenchDescription
+from vcfbench.station.parts import Limits, RailWiring
 
 
 class LimitChecks(Struct, frozen=True):
@@ -31,7 +26,7 @@ class LimitChecks(Struct, frozen=True):
     rails: RailWiring
 
     @classmethod
-    def of(cls, description: BenchDescription) -> LimitChecks:
+    def of(cls, description: BenchDescription) -> "LimitChecks":
         """Return those of a bench file."""
         return cls(description.limits, description.wiring.rails)
 

@@ -1,13 +1,8 @@
 """A gyroscope on paper: a straight line that answers the steps of a plan without a bench."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from msgspec import Struct
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 class LinearGyro(Struct):

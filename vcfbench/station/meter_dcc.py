@@ -5,27 +5,22 @@ practice (``basic_...``): a table is a ``dcc:list`` of quantities, or quantities
 known is refused by its name, for a sign or a unit that is guessed would be counted as if it had been measured.
 """
 
-from __future__ import annotations
-
 import math
 import re
+from collections.abc import Iterator, Sequence
 from datetime import date
-from typing import TYPE_CHECKING, Final, NamedTuple
+from pathlib import Path
+from typing import Final, NamedTuple
 from xml.etree import ElementTree as ET
 
 from msgspec import Struct, ValidationError, structs
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import read_text, shown
+from vcfbench.station.description import MultimeterRole
 from vcfbench.station.parts import CalibrationPoint
 from vcfbench.station.strict import refusal
 from vcfbench.typed import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from vcfbench.station.description import MultimeterRole
 
 _NAMES: Final = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 _MOST: Final = 1 << 25

@@ -1,20 +1,15 @@
 """A bench file for a new station: the instruments found, put into the commented template."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from vcfbench.models import ROLES
 from vcfbench.station.consistency import LIMITS_OF
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import checked_bench, template
 from vcfbench.station.writing import value_text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from vcfbench.station.description import BenchDescription
 
 DEFAULT_LIMITS: Final[Mapping[str, float]] = {
     "max_rate_deg_s": 50.0,

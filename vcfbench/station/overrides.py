@@ -1,10 +1,9 @@
 """Single values of a dataclass by their names, as a bench file gives them: physical parameters, instrument errors."""
 
-from __future__ import annotations
-
 import difflib
 import math
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -12,9 +11,6 @@ from vcfbench.records.plain import field_names
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.layering import merged
 from vcfbench.typed import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
 
 T = TypeVar("T")
 

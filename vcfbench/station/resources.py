@@ -5,20 +5,15 @@
 recognised: nothing in its names tells.
 """
 
-from __future__ import annotations
-
 import ipaddress
 import os
 import re
 import socket
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 from urllib.parse import urlsplit
 
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 
 def require_apart(resources: Mapping[str, str]) -> None:

@@ -3,12 +3,10 @@
 msgspec says what is wrong in words of its own, which end in " - at `$.path`"; value and type are looked up there.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import msgspec
 from msgspec import inspect
@@ -16,9 +14,6 @@ from msgspec import inspect
 from vcfbench.errors import ConfigError
 from vcfbench.station.bounds import ADDRESS_PATTERN, NAME_PATTERN
 from vcfbench.typed import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 Keys = tuple[str | int, ...]
 Naming = Callable[[Keys], str]

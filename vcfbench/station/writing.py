@@ -1,17 +1,13 @@
 """Writes a bench description as a bench file."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from datetime import date
 from json import dumps
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.station.description import BenchDescription
+from vcfbench.station.description import BenchDescription
 
 
 def bench_text(description: BenchDescription) -> str:

@@ -1,20 +1,15 @@
 """Everything about temperature: a chamber or a stream of air, or one that a person sets."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from msgspec import Struct
 
+from vcfbench.bench.bench import Bench
 from vcfbench.clock import sleep
+from vcfbench.station.limits import LimitChecks
+from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.operator import AskOperator
-from vcfbench.steps.step import Effect, Step, StepResult, problem
-
-if TYPE_CHECKING:
-    from vcfbench.bench.bench import Bench
-    from vcfbench.station.limits import LimitChecks
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.step import Context
+from vcfbench.steps.step import Context, Effect, Step, StepResult, problem
 
 _POLL_S = 2.0
 

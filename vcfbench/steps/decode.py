@@ -4,9 +4,8 @@ A kind that is not known here, since the file or package that brought it is not 
 another version, comes back as it was written: :class:`Recorded`.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, TypeVar
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import msgspec
 from msgspec import Struct
@@ -14,9 +13,6 @@ from msgspec import Struct
 import vcfbench.steps  # noqa: F401  # its kinds make themselves known
 from vcfbench.steps.step import Step, StepResult
 from vcfbench.typed import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 _T = TypeVar("_T")
 

@@ -1,11 +1,9 @@
 """The check of the drive signal: looks at it until the AGC has settled and everything lies in its window."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
+from vcfbench.station.settings import DriveWindow, ProcedureSettings
 from vcfbench.steps import (
     ConfigureScope,
     DriveAmplitudes,
@@ -15,11 +13,7 @@ from vcfbench.steps import (
     ScopeReady,
     Settle,
 )
-from vcfbench.steps.step import answer
-
-if TYPE_CHECKING:
-    from vcfbench.station.settings import DriveWindow, ProcedureSettings
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine, answer
 
 _DRIVE_STEADY = 0.03
 """Largest relative difference of two looks at a steady drive amplitude: somewhat above the resolution of 8 bit."""

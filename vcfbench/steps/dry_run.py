@@ -1,22 +1,15 @@
 """Walk a plan without a bench: every step with the time at which it would begin, nothing opened or sent."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Generator
 from contextlib import closing
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
 from vcfbench.errors import LimitError, PlanError
-from vcfbench.steps.step import Step, abandon
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
-
-    from vcfbench.station.limits import LimitChecks
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.step import Plan, Routine
+from vcfbench.station.limits import LimitChecks
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.steps.step import Plan, Routine, Step, abandon
 
 
 class PlannedStep(Struct, frozen=True):

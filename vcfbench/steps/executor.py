@@ -5,31 +5,23 @@ generator and supply to rest, step by step; what was measured is kept. A person'
 the bench's safety stack makes all safe once more, and proves it.
 """
 
-from __future__ import annotations
-
 import math
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Set as AbstractSet
+from contextlib import AbstractContextManager, nullcontext, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from msgspec import Struct, to_builtins
 
+from vcfbench.bench.bench import Bench
 from vcfbench.errors import Aborted, BenchError, MeasurementError
-from vcfbench.records.schema import Status
-from vcfbench.steps.step import Context, Effect, abandon, nobody
+from vcfbench.records.journal import Journal
+from vcfbench.records.schema import Point, Status
+from vcfbench.steps import Window
+from vcfbench.steps.replay import TakenOver
+from vcfbench.steps.step import Context, Effect, Operator, Plan, Reading, Routine, Step, StepResult, abandon, nobody
 from vcfbench.steps.supply import cause_behind
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-    from collections.abc import Set as AbstractSet
-    from contextlib import AbstractContextManager
-
-    from vcfbench.bench.bench import Bench
-    from vcfbench.records.journal import Journal
-    from vcfbench.records.schema import Point
-    from vcfbench.steps import Window
-    from vcfbench.steps.replay import TakenOver
-    from vcfbench.steps.step import Operator, Plan, Reading, Routine, Step, StepResult
 
 _T = TypeVar("_T")
 

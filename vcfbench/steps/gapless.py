@@ -1,16 +1,9 @@
 """Readings that the multimeter takes by itself, one integration time after the other, as many as its memory holds."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from vcfbench.interfaces import SamplesVoltage
 from vcfbench.steps.meter import Acquire
-from vcfbench.steps.step import Reading, problem
-
-if TYPE_CHECKING:
-    from vcfbench.steps.step import Context
-    from vcfbench.steps.tally import Tally
+from vcfbench.steps.step import Context, Reading, problem
+from vcfbench.steps.tally import Tally
 
 _BETWEEN_S = 2.0
 """Estimated time between two bursts: both transfers, autozero, setting up."""

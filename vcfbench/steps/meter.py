@@ -1,30 +1,23 @@
 """Everything about the multimeter: its range, and averaging windows."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from vcfbench.bench.bench import Bench
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import ReadsAcVoltage
 from vcfbench.records.schema import Point, fits_one_chunk
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import Sources
 from vcfbench.steps.scatter import NoiseSeen
-from vcfbench.steps.step import Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, problem
 from vcfbench.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
 from vcfbench.steps.table import read_rate
 from vcfbench.steps.tally import Tally
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Self
-
-    from vcfbench.bench.bench import Bench
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.station.settings import Sources
-    from vcfbench.steps.step import Context
 
 
 class Window(StepResult, Struct, frozen=True):

@@ -1,17 +1,12 @@
 """Manual steps: a person is asked, and the run waits until it is done."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from msgspec import Struct
 
-from vcfbench.steps.step import Effect, Operator, Request, Step, StepResult
-
-if TYPE_CHECKING:
-    from vcfbench.bench.bench import Bench
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.step import Context
+from vcfbench.bench.bench import Bench
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.steps.step import Context, Effect, Operator, Request, Step, StepResult
 
 _NAMES = {"v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative": "negative rail"}
 

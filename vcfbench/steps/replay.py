@@ -5,14 +5,17 @@ the bench, which was made safe meanwhile, is brought to where it was (:func:`sta
 Nothing here opens or sends anything.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vcfbench.errors import BenchError, PlanError
+from vcfbench.records.journal import JournalRecord
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import (
     AwaitRate,
     ConfigureRail,
@@ -31,16 +34,7 @@ from vcfbench.steps import (
 )
 from vcfbench.steps.decode import result_of, step_of
 from vcfbench.steps.drive_check import check_drive
-from vcfbench.steps.step import Effect, Step, StepResult, abandon
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from collections.abc import Set as AbstractSet
-
-    from vcfbench.records.journal import JournalRecord
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.step import Outcome, Plan, Routine
+from vcfbench.steps.step import Effect, Outcome, Plan, Routine, Step, StepResult, abandon
 
 _LOOKS_AT_DRIVE = (ConfigureScope, FindDrive, MeasureDrive)
 _COMES_TO_REST = {Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, DisableVvc, DisableSupply}

@@ -1,25 +1,17 @@
 """Records that an instrument takes by itself: readings of the multimeter on a grid, the response to a sine."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
-from vcfbench.interfaces import SamplesVoltage
-from vcfbench.steps.step import Effect, Step, StepResult
+from vcfbench.interfaces import Multimeter, SamplesVoltage
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import Sources
+from vcfbench.steps.step import Context, Effect, Step, StepResult
 from vcfbench.steps.table import read_rate
-
-if TYPE_CHECKING:
-    from typing import Self
-
-    from vcfbench.interfaces import Multimeter
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.station.settings import Sources
-    from vcfbench.steps.step import Context
 
 
 class SineResponse(StepResult, Struct, frozen=True):
@@ -176,7 +168,7 @@ class SampleModulated(Step, Struct, frozen=True):
             self.interval_s, aperture_s, own.began_s, output_v, 0.0 if v_vc is None else v_vc.began_s, v_vc_v, table
         )
 
-    def _begun(self, context: Context, meter: Multimeter, role: str) -> _Begun:
+    def _begun(self, context: Context, meter: Multimeter, role: str) -> "_Begun":
         if not isinstance(meter, SamplesVoltage):
             raise _takes_none(role)
         gaps = self.interval_s > 1.001 * meter.aperture_s

@@ -9,17 +9,12 @@ A window too long for one chunk of the journal is held against the run chunk by 
 hours nothing drifts along a straight line, over a minute it does.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from msgspec import Struct, field
 
 from vcfbench.analysis.tails import f_is_improbable, t_tail
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 FALSE_ALARM = 1e-9
 """Probability that one test refuses a window of Gaussian, stationary noise.
@@ -76,7 +71,7 @@ class Scatter(Struct, frozen=True):
         return self.residual_v / (1.0 - self.leverage)
 
     @classmethod
-    def of(cls, readings_v: Sequence[float], table_v2: float = 0.0) -> Scatter | None:
+    def of(cls, readings_v: Sequence[float], table_v2: float = 0.0) -> "Scatter | None":
         """Return the scatter of equally spaced readings; None of fewer than three, which always stand on a line."""
         n = len(readings_v)
         if n < 3:

@@ -1,21 +1,15 @@
 """Everything about the oscilloscope: it looks at the drive signal before anything is measured."""
 
-from __future__ import annotations
-
 from statistics import fmean
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from msgspec import Struct
 
+from vcfbench.clock import Clock
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import AveragesWaveforms
-from vcfbench.steps.step import Effect, Step, StepResult
-
-if TYPE_CHECKING:
-    from vcfbench.clock import Clock
-    from vcfbench.interfaces import Oscilloscope
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.step import Context
+from vcfbench.interfaces import AveragesWaveforms, Oscilloscope
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.steps.step import Context, Effect, Step, StepResult
 
 _DIVISIONS = 3.0
 """Divisions of the oscilloscope's screen (eight high) that an amplitude shall fill."""

@@ -1,19 +1,14 @@
 """Everything about the generator of V_Vc."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from msgspec import Struct
 
-from vcfbench.steps.step import Done, Effect, Step, StepResult, problem
-
-if TYPE_CHECKING:
-    from vcfbench.bench.bench import Bench
-    from vcfbench.interfaces import FunctionGenerator
-    from vcfbench.station.limits import LimitChecks
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.step import Context
+from vcfbench.bench.bench import Bench
+from vcfbench.interfaces import FunctionGenerator
+from vcfbench.station.limits import LimitChecks
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.steps.step import Context, Done, Effect, Step, StepResult, problem
 
 
 class VvcSetting(StepResult, Struct, frozen=True):

@@ -5,31 +5,23 @@ can be walked without a bench: dry run, estimate of the time and limits read the
 A step of one's own is a subclass in one's own file; nothing else has to know of it.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from enum import Enum
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeVar
+from typing import Any, ClassVar, Final, Self, TypeVar
 
 from msgspec import Struct, field, to_builtins
 from msgspec.structs import replace
 
+from vcfbench.bench.bench import Bench
 from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
-from vcfbench.records.schema import CHUNK_READINGS, CHUNK_S
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Self
-
-    from vcfbench.bench.bench import Bench
-    from vcfbench.interfaces import Instrument
-    from vcfbench.records.schema import Point
-    from vcfbench.station.limits import LimitChecks
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.station.settings import Sources
-    from vcfbench.steps.scatter import NoiseSeen
+from vcfbench.interfaces import Instrument
+from vcfbench.records.schema import CHUNK_READINGS, CHUNK_S, Point
+from vcfbench.station.limits import LimitChecks
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import Sources
+from vcfbench.steps.scatter import NoiseSeen
 
 _T = TypeVar("_T")
 
@@ -194,7 +186,7 @@ class StepResult:
 
     __slots__ = ()
 
-    kinds: ClassVar[dict[str, type[StepResult]]] = {}
+    kinds: ClassVar[dict[str, "type[StepResult]"]] = {}
 
     def __init_subclass__(cls, **options: Any) -> None:
         """Make the kind known, so that a record can be read into values again; PlanError where its name is taken."""
@@ -206,7 +198,7 @@ class StepResult:
         """The point that the step adds to the run, None when it adds none."""
         return None
 
-    def corrected(self, step: Step, known: Sources) -> Self:
+    def corrected(self, step: "Step", known: Sources) -> Self:
         """Return the result of `step` with the corrections of the meters' certificates to its direct voltages.
 
         The procedure's results are made of the corrected ones; the journal keeps the readings. By default nothing is
@@ -246,7 +238,7 @@ class Step:
 
     __slots__ = ()
 
-    kinds: ClassVar[dict[str, type[Step]]] = {}
+    kinds: ClassVar[dict[str, "type[Step]"]] = {}
     effect: ClassVar[Effect] = Effect.NOTHING
     subject: ClassVar[str] = ""
     instruction: ClassVar[str] = ""
@@ -292,7 +284,7 @@ class Step:
         """Return the fields of the step's result, from those that :meth:`StepResult.as_json` wrote."""
         return result
 
-    def again(self) -> tuple[Step, ...]:
+    def again(self) -> "tuple[Step, ...]":
         """Return the steps that repeat this one on a bench made safe meanwhile: by default the step itself."""
         return (self,)
 

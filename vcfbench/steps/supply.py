@@ -1,22 +1,16 @@
 """Everything about the supply of the rails."""
 
-from __future__ import annotations
-
 from contextlib import suppress
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from msgspec import Struct
 
+from vcfbench.bench.bench import Bench
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
-from vcfbench.interfaces import Regulation
-from vcfbench.steps.step import LOOK_AT_SIGNALS, Effect, Step, StepResult, problem
-
-if TYPE_CHECKING:
-    from vcfbench.bench.bench import Bench
-    from vcfbench.interfaces import PowerSupply
-    from vcfbench.station.limits import LimitChecks
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.step import Context
+from vcfbench.interfaces import PowerSupply, Regulation
+from vcfbench.station.limits import LimitChecks
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.steps.step import LOOK_AT_SIGNALS, Context, Effect, Step, StepResult, problem
 
 
 class RailReading(Struct, frozen=True):

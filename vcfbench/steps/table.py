@@ -1,22 +1,17 @@
 """Everything about the rate table."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from msgspec import Struct
 
+from vcfbench.bench.bench import Bench
 from vcfbench.clock import Deadline, sleep
 from vcfbench.errors import InterlockError
-from vcfbench.steps.step import Effect, Step, StepResult, problem
+from vcfbench.interfaces import RateTable
+from vcfbench.station.limits import LimitChecks
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.steps.step import Context, Effect, Step, StepResult, problem
 from vcfbench.steps.wait import Settle
-
-if TYPE_CHECKING:
-    from vcfbench.bench.bench import Bench
-    from vcfbench.interfaces import RateTable
-    from vcfbench.station.limits import LimitChecks
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.steps.step import Context
 
 _POLL_S = 0.05
 """Interval of the queries whether the table is at its rate, s."""

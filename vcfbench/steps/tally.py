@@ -1,14 +1,9 @@
 """Count, mean and scatter of readings that come chunk by chunk: all that stays of a long window in memory."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from msgspec import Struct
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 class Tally(Struct):

@@ -1,28 +1,20 @@
 """V_Vc measured, not only set: beside the output by a second multimeter, or alone by whichever has its leads there."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal, Self
 
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from vcfbench.interfaces import BeginsReadings
+from vcfbench.bench.bench import Bench
+from vcfbench.interfaces import BeginsReadings, Multimeter
 from vcfbench.records.schema import Point
+from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import Sources
 from vcfbench.steps.meter import Acquire, ConfigureMeter, Window
-from vcfbench.steps.step import Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.supply import RailReading
 from vcfbench.steps.tally import Tally
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Self
-
-    from vcfbench.bench.bench import Bench
-    from vcfbench.interfaces import Multimeter
-    from vcfbench.station.linear_gyro import LinearGyro
-    from vcfbench.station.settings import Sources
-    from vcfbench.steps.step import Context
-    from vcfbench.steps.supply import RailReading
 
 
 class ConfigureVvcMeter(ConfigureMeter, frozen=True):

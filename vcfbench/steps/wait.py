@@ -1,16 +1,12 @@
 """Steps that set nothing: headings, checks that are left out, and waiting."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from msgspec import Struct
 
+from vcfbench.bench.bench import Bench
 from vcfbench.clock import sleep
 from vcfbench.steps.step import Effect, Step
-
-if TYPE_CHECKING:
-    from vcfbench.bench.bench import Bench
 
 
 class Note(Step, Struct, frozen=True):

@@ -1,11 +1,10 @@
 """Duties of every driver, whatever its instrument; run it over a registry, one's own drivers included."""
 
-from __future__ import annotations
-
 import inspect
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vcfbench.clock import Deadline, VirtualClock
 from vcfbench.drivers.rate_table.acl import AclDialect
@@ -13,6 +12,7 @@ from vcfbench.drivers.rate_table.dialect import TableLimits
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.session import Session
+from vcfbench.drivers.wire import Interface, Wire
 from vcfbench.errors import BenchError, DeadlineExceeded, InstrumentError, LinkLost
 from vcfbench.interfaces import (
     FunctionGenerator,
@@ -25,13 +25,7 @@ from vcfbench.interfaces import (
     TemperatureChamber,
     UnprovedCommand,
 )
-from vcfbench.models import MODELS, driver_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from vcfbench.drivers.wire import Interface, Wire
-    from vcfbench.models import Model
+from vcfbench.models import MODELS, Model, driver_of
 
 
 @dataclass(frozen=True, slots=True)

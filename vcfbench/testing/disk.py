@@ -13,24 +13,19 @@ directory (made, given, taken away) any selection. What was synchronised stays. 
 than what most file systems do.
 """
 
-from __future__ import annotations
-
 import io
 import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, combinations, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from random import Random
+from typing import Any, ClassVar, Self
 
 from msgspec import Struct
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from random import Random
-    from typing import Self
-
-    Before = Callable[[int, str], float | None]
-    """Called with the number of an operation, from 1, and its name, before it is done: returns the part of a write that
-    the disk takes (None: all), or raises an OSError, as a disk that is full or broken does."""
+Before = Callable[[int, str], float | None]
+"""Called with the number of an operation, from 1, and its name, before it is done: returns the part of a write that
+the disk takes (None: all), or raises an OSError, as a disk that is full or broken does."""
 
 _MOST = 4
 """Names of a directory of which every selection is tried; of more, their beginnings and all but one."""

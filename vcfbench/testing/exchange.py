@@ -7,21 +7,16 @@
         assert meter.read_voltage_v() == 10.0
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NoReturn, TypeVar
+from typing import NoReturn, TypeVar
 
-from vcfbench.clock import VirtualClock
+from vcfbench.clock import Clock, Deadline, VirtualClock
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.session import Session
+from vcfbench.drivers.wire import Interface, Wire
 from vcfbench.errors import DeadlineExceeded, LinkLost
-
-if TYPE_CHECKING:
-    from vcfbench.clock import Clock, Deadline
-    from vcfbench.drivers.wire import Interface, Wire
 
 _T = TypeVar("_T")
 

@@ -8,22 +8,16 @@
 A trace is what ``--trace FILE`` writes. Each answer comes at its time, on a clock that nobody waits for.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TypeVar
+from typing import NoReturn, TypeVar
 
 from vcfbench import errors
-from vcfbench.clock import VirtualClock
+from vcfbench.clock import Deadline, VirtualClock
 from vcfbench.drivers.trace import HEADER, TraceLine, escaped, unescaped
+from vcfbench.drivers.wire import Interface
 from vcfbench.errors import ConfigError, LinkLost, TransportError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from vcfbench.clock import Deadline
-    from vcfbench.drivers.wire import Interface
 
 _T = TypeVar("_T")
 
