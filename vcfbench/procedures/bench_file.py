@@ -16,7 +16,9 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
     """Return the bench described by the file at `path`; None is the embedded paper bench.
 
     The name of an embedded bench serves as a path where no such file exists; a directory of that name is no bench file.
-    ConfigError: the file cannot be read, is not TOML, or does not describe a bench.
+
+    Raises:
+        ConfigError: the file cannot be read, is not TOML, or does not describe a bench.
     """
     return file.read_bench(path, *_CHECKS)
 
