@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from measure import COMMAND, Figure, here, median_child, report, seconds_of
 
-from vcfbench.analysis.allan import allan_deviation
+from vcfbench.analysis.allan import Sampling, allan_deviation
 from vcfbench.analysis.noise_fit import fit_noise
-from vcfbench.analysis.sampling import Sampling
 from vcfbench.analysis.scale_factor import characterise
 
 RATE = np.array([200.0, 100, 50, 20, 10, 5, 2, 1, 0, -1, -2, -5, -10, -20, -50, -100, -200])

@@ -5,9 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vcfbench.analysis.allan import allan_deviation
-from vcfbench.analysis.bias_stability import bias_stability
-from vcfbench.analysis.sampling import Sampling
+from vcfbench.analysis.allan import Sampling, allan_deviation, bias_stability
 from vcfbench.errors import ConfigError
 
 

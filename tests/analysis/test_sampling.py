@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.analysis.noise import OVERSAMPLED
-from vcfbench.analysis.allan import Noise, allan_deviation
-from vcfbench.analysis.sampling import Sampling, block_means, deviation_factor
+from vcfbench.analysis.allan import Noise, Sampling, allan_deviation, block_means, deviation_factor
 from vcfbench.errors import ConfigError
 
 ONE_A_SECOND = Sampling(1.0, 0.2)

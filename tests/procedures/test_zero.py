@@ -13,9 +13,8 @@ from simrack_tests.cells import few
 
 import vcfbench
 from tests.procedures.fakes import FakeBench, MemoryJournal
-from vcfbench.analysis.allan import Noise
+from vcfbench.analysis.allan import Noise, Sampling, deviation_factor
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term
-from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_of

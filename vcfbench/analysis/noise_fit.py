@@ -16,11 +16,10 @@ import numpy as np
 from msgspec import Struct, structs
 from numpy.typing import ArrayLike
 
-from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, AllanPoint, Noise
+from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, AllanPoint, Noise, Sampling, deviation_factor
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.model_fit import not_negative
 from vcfbench.analysis.phase_noise import PhaseNoise, correlated_squares
-from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.errors import ConfigError
 
 _ROUNDS = 4

@@ -16,9 +16,9 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from vcfbench import steps
+from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, u_of_combination
-from vcfbench.analysis.sampling import Sampling
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure

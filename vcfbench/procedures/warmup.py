@@ -16,9 +16,9 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from vcfbench import steps
+from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients
-from vcfbench.analysis.sampling import Sampling
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN

@@ -11,8 +11,8 @@ import pytest
 from msgspec import structs
 
 import vcfbench
+from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
-from vcfbench.analysis.sampling import Sampling
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.kvc.settings import KVcSettings
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted

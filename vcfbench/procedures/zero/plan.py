@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta
 
 from vcfbench import steps
-from vcfbench.analysis.sampling import Sampling, block_means
+from vcfbench.analysis.allan import Sampling, block_means
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, Provenance

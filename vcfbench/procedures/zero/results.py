@@ -10,8 +10,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis import allan
+from vcfbench.analysis.allan import BiasStability, Sampling, bias_stability, deviation_factor
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.bias_stability import BiasStability, bias_stability
 from vcfbench.analysis.noise_fit import (
     Coefficients,
     NoiseFit,
@@ -21,7 +21,6 @@ from vcfbench.analysis.noise_fit import (
     fit_shown_noise,
     u_of_combination,
 )
-from vcfbench.analysis.sampling import Sampling, deviation_factor
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
