@@ -51,16 +51,12 @@ class Nonlinearity(Struct, frozen=True):
 
 
 class CubicFit(Struct, frozen=True):
-    """A least-squares cubic of the output in the rate, ``c0 + c1 rate + c2 rate^2 + c3 rate^3``."""
+    """A least-squares cubic of the output in the rate, ``c0 + c1 rate + c2 rate^2 + c3 rate^3``, V/(deg/s)^i."""
 
     c0: float
-    """V."""
     c1: float
-    """V/(deg/s)."""
     c2: float
-    """V/(deg/s)^2."""
     c3: float
-    """V/(deg/s)^3."""
     s_v: float | None
     """Residual standard deviation, V; None when no degree of freedom is left."""
     max_span_ppm: float
@@ -90,9 +86,8 @@ class CalibrationColumn(Struct, frozen=True, kw_only=True):
     bias_deg_s: float
     """The bias as an equivalent rate, sign kept."""
     zero_v: float | None
-    """Mean output at rate 0; None when it was not measured."""
+    """Mean output at rate 0, and the same as an equivalent rate; None when it was not measured."""
     zero_deg_s: float | None
-    """The same as an equivalent rate."""
     s_v: float
     """Residual standard deviation with `dof` degrees of freedom."""
     dof: int

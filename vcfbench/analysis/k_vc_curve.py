@@ -38,9 +38,8 @@ class KVcCurve(Struct, frozen=True):
     covariance: tuple[tuple[float, ...], ...]
     """Covariance of the coefficients."""
     v_vc_low_v: float
-    """Least matched V_Vc; the curve holds from there ..."""
     v_vc_high_v: float
-    """... to here."""
+    """Least and largest matched V_Vc, between which the curve holds."""
     residuals_deg_s: tuple[float, ...]
     """Rate less curve at the measured V_Vc, in the order of the pairs."""
     chi_square: float
@@ -154,11 +153,11 @@ def fit_k_vc_curve(
     of_v = _covariance(v_vc_covariance, v.size, "V_Vc") / scale**2
     found, covariance, weight = _solve(rate, v / scale, of_rate, of_v, order)
     units = scale ** np.arange(order + 1)
-    residuals = rate - np.vander(v / scale, order + 1, increasing=True) @ found
+    powers = np.vander(v / scale, order + 1, increasing=True)
+    residuals = rate - powers @ found
     chi_square = float(residuals @ weight @ residuals)
     dof = rate.size - order - 1
     # The root of the mean square of the residuals beyond that which their uncertainties leave after the fit
-    powers = np.vander(v / scale, order + 1, increasing=True)
     expected = np.linalg.inv(weight) - powers @ covariance @ powers.T
     beyond = float(residuals @ residuals) - float(np.trace(expected))
     return KVcCurve(

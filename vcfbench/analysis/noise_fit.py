@@ -50,18 +50,17 @@ _USUAL = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK, 
 
 
 class Coefficients(Struct, frozen=True):
-    """Noise coefficients of the whole curve; unit of the record (deg/s) and seconds."""
+    """Noise coefficients of the whole curve; unit of the record (deg/s) and seconds.
+
+    Q, deg; N, deg/sqrt(s), 60 times that is deg/sqrt(h); B, deg/s, 3600 times that is deg/h; K, (deg/s)/sqrt(s); R,
+    deg/s^2.
+    """
 
     quantisation: float = 0.0
-    """Q, deg."""
     angle_random_walk: float = 0.0
-    """N, deg/sqrt(s); 60 times that is deg/sqrt(h)."""
     bias_instability: float = 0.0
-    """B, deg/s; 3600 times that is deg/h."""
     rate_random_walk: float = 0.0
-    """K, (deg/s)/sqrt(s)."""
     rate_ramp: float = 0.0
-    """R, deg/s^2."""
 
     def squares(self) -> Floats:
         """Return Q^2, N^2, B^2, K^2, R^2."""

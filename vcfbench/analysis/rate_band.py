@@ -83,7 +83,6 @@ class RateBand(Struct, frozen=True):
     q: float
     u_q: float
     static_gain: float
-    u_static_gain: float
     plus_3_db: BandPoint
     peak: BandPoint
     peak_gain: float
@@ -420,7 +419,6 @@ def _band(fit: ModelFit, drive_hz: float, f: Floats, gain: Floats, u: Floats, *,
         q=float(fit.parameters[1]),
         u_q=u_parameters[1],
         static_gain=float(fit.parameters[2]),
-        u_static_gain=u_parameters[2],
         plus_3_db=point(lambda p: curve(p).plus_3_db()),
         peak=point(lambda p: curve(p).peak()),
         peak_gain=height(fit.parameters),

@@ -22,17 +22,14 @@ _LARGEST = 1e100
 class LineFit(Struct, frozen=True):
     """An ordinary least-squares line ``output = scale_factor * rate + bias`` and its standard uncertainties.
 
-    The uncertainties come from the scatter `s_v` about the line, so they hold lack of fit as well as noise.
+    The uncertainties come from the scatter `s_v` about the line, so they hold lack of fit as well as noise: of the
+    slope, V/(deg/s), s / sqrt(Sxx); of the intercept, V, s * sqrt(1/n + mean(rate)^2 / Sxx).
     """
 
     scale_factor: float
-    """Slope, V/(deg/s)."""
     bias: float
-    """Intercept, V."""
     u_scale_factor: float
-    """Standard uncertainty of the slope, V/(deg/s): s / sqrt(Sxx)."""
     u_bias: float
-    """Standard uncertainty of the intercept, V: s * sqrt(1/n + mean(rate)^2 / Sxx)."""
     covariance: float
     """Covariance of slope and intercept, V^2/(deg/s)."""
     s_v: float
