@@ -54,7 +54,7 @@ class Quantity(NamedTuple):
 
 
 class _Group(Struct, frozen=True):
-    """Parameters that know their ranges."""
+    """Parameters that know their ranges: each is annotated with its :class:`Quantity`."""
 
     def __post_init__(self) -> None:
         """Refuse a value with which the model has no meaning; bench files show these words beside the key.
@@ -71,127 +71,111 @@ class _Group(Struct, frozen=True):
     @classmethod
     def quantities(cls) -> dict[str, Quantity]:
         """Return the description of each parameter, by its name."""
-        return {name: quantity.__metadata__[0] for name, quantity in cls.__annotations__.items()}
+        return {name: Quantity(*annotated.__metadata__) for name, annotated in cls.__annotations__.items()}
 
 
 class DriveMode(_Group, frozen=True):
     """The anti-phase drive mode x."""
 
     frequency_hz: Annotated[
-        float, Quantity("Hz", "resonance at the reference temperature", A_FREQUENCY, f"{PAPER}, section 4.2")
+        float, "Hz", "resonance at the reference temperature", A_FREQUENCY, f"{PAPER}, section 4.2"
     ] = 3488.9
     quality: Annotated[
-        float, Quantity("1", "quality factor at the reference temperature", OSCILLATES, f"{PAPER}, section 4.2")
+        float, "1", "quality factor at the reference temperature", OSCILLATES, f"{PAPER}, section 4.2"
     ] = 1395.0
-    mass_kg: Annotated[float, Quantity("kg", "equivalent mass of the drive mode", POSITIVE)] = 5e-7
+    mass_kg: Annotated[float, "kg", "equivalent mass of the drive mode", POSITIVE] = 5e-7
     frequency_coefficient_per_k: Annotated[
-        float,
-        Quantity("1/K", "relative change of the resonance", _Range(least=-1e-3, most=1e-3), "silicon, about -30 ppm/K"),
+        float, "1/K", "relative change of the resonance", _Range(least=-1e-3, most=1e-3), "silicon, about -30 ppm/K"
     ] = 0.0
-    quality_coefficient_per_k: Annotated[float, Quantity("1/K", "relative change of the quality factor")] = 0.0
+    quality_coefficient_per_k: Annotated[float, "1/K", "relative change of the quality factor"] = 0.0
 
 
 class SenseMode(_Group, frozen=True, kw_only=True):
     """One sense mode; forces on each mass count positive in the direction of that mass's Coriolis force."""
 
     frequency_hz: Annotated[
-        float, Quantity("Hz", "resonance at the reference temperature", A_FREQUENCY, f"{PAPER}: 4.2 (y2), FEM (y1)")
+        float, "Hz", "resonance at the reference temperature", A_FREQUENCY, f"{PAPER}: 4.2 (y2), FEM (y1)"
     ]
     quality: Annotated[
-        float,
-        Quantity(
-            "1", "quality factor at the reference temperature", OSCILLATES, f"{PAPER}, 4.2 (y2); chosen equal (y1)"
-        ),
+        float, "1", "quality factor at the reference temperature", OSCILLATES, f"{PAPER}, 4.2 (y2); chosen equal (y1)"
     ] = 1224.0
-    left_participation: Annotated[float, Quantity("1", "share of a force on the left mass that drives the mode")]
-    right_participation: Annotated[float, Quantity("1", "share of a force on the right mass that drives the mode")]
-    pick_off_v_per_m: Annotated[float, Quantity("V/m", "displacement to voltage: K_inyv (y1), K_anyv (y2)")] = 2e5
-    quadrature_rad_s: Annotated[float, Quantity("rad/s", "quadrature force as the rate that would excite as much")] = (
-        0.0
-    )
+    left_participation: Annotated[float, "1", "share of a force on the left mass that drives the mode"]
+    right_participation: Annotated[float, "1", "share of a force on the right mass that drives the mode"]
+    pick_off_v_per_m: Annotated[float, "V/m", "displacement to voltage: K_inyv (y1), K_anyv (y2)"] = 2e5
+    quadrature_rad_s: Annotated[float, "rad/s", "quadrature force as the rate that would excite as much"] = 0.0
     frequency_coefficient_per_k: Annotated[
-        float, Quantity("1/K", "relative change of the resonance", _Range(least=-1e-3, most=1e-3))
+        float, "1/K", "relative change of the resonance", _Range(least=-1e-3, most=1e-3)
     ] = 0.0
-    quality_coefficient_per_k: Annotated[float, Quantity("1/K", "relative change of the quality factor")] = 0.0
+    quality_coefficient_per_k: Annotated[float, "1/K", "relative change of the quality factor"] = 0.0
 
 
 class DriveLoop(_Group, frozen=True):
     """AGC and PLL around the drive mode."""
 
-    amplitude_m: Annotated[float, Quantity("m", "drive amplitude A_x that the AGC holds", POSITIVE)] = 5e-6
-    pick_off_v_per_m: Annotated[float, Quantity("V/m", "drive pick-off, node `drive`")] = 2e5
+    amplitude_m: Annotated[float, "m", "drive amplitude A_x that the AGC holds", POSITIVE] = 5e-6
+    pick_off_v_per_m: Annotated[float, "V/m", "drive pick-off, node `drive`"] = 2e5
     agc_proportional: Annotated[
-        float, Quantity("1", "AGC proportional gain, on amplitudes relative to the set one", NOT_NEGATIVE)
+        float, "1", "AGC proportional gain, on amplitudes relative to the set one", NOT_NEGATIVE
     ] = 7.0
-    agc_integral_per_s: Annotated[float, Quantity("1/s", "AGC integral gain", NOT_NEGATIVE)] = 200.0
-    force_limit_n_per_v: Annotated[
-        float, Quantity("N/V", "largest drive force per volt of the weaker rail", POSITIVE)
-    ] = 3.5e-7
+    agc_integral_per_s: Annotated[float, "1/s", "AGC integral gain", NOT_NEGATIVE] = 200.0
+    force_limit_n_per_v: Annotated[float, "N/V", "largest drive force per volt of the weaker rail", POSITIVE] = 3.5e-7
     pll_proportional_per_s: Annotated[
-        float, Quantity("1/s", "PLL proportional gain, rad/s of frequency per rad of phase", NOT_NEGATIVE)
+        float, "1/s", "PLL proportional gain, rad/s of frequency per rad of phase", NOT_NEGATIVE
     ] = 90.0
-    pll_integral_per_s2: Annotated[float, Quantity("1/s^2", "PLL integral gain", NOT_NEGATIVE)] = 4000.0
-    pll_free_running_offset_hz: Annotated[float, Quantity("Hz", "VCO frequency before lock, minus the resonance")] = 5.0
+    pll_integral_per_s2: Annotated[float, "1/s^2", "PLL integral gain", NOT_NEGATIVE] = 4000.0
+    pll_free_running_offset_hz: Annotated[float, "Hz", "VCO frequency before lock, minus the resonance"] = 5.0
     amplitude_supply_coefficient_per_v: Annotated[
-        float, Quantity("1/V", "relative change of A_x with the weaker rail", _Range(least=-0.05, most=0.05))
+        float, "1/V", "relative change of A_x with the weaker rail", _Range(least=-0.05, most=0.05)
     ] = 0.0
 
 
 class SensePath(_Group, frozen=True):
     """From the pick-off to the low-pass filter."""
 
-    preamplifier_gain: Annotated[float, Quantity("1", "K_pre")] = 10.0
-    amplifier_gain: Annotated[float, Quantity("1", "K_amp")] = 10.0
+    preamplifier_gain: Annotated[float, "1", "K_pre"] = 10.0
+    amplifier_gain: Annotated[float, "1", "K_amp"] = 10.0
     reference_amplitude_v: Annotated[
-        float, Quantity("V", "V_dac at the nominal A_x; it follows the drive pick-off", POSITIVE)
+        float, "V", "V_dac at the nominal A_x; it follows the drive pick-off", POSITIVE
     ] = 2.0
-    demodulator_phase_rad: Annotated[
-        float, Quantity("rad", "phase of the multiplier's reference against the drive force")
-    ] = math.pi
-    multiplier_per_v: Annotated[
-        float, Quantity("1/V", "scale of the demodulator's multiplier", source="chosen, as analogue multipliers")
-    ] = 0.1
-    low_pass_hz: Annotated[float, Quantity("Hz", "cut-off of the low-pass filter", POSITIVE, f"{PAPER}, section 3")] = (
-        100.0
+    demodulator_phase_rad: Annotated[float, "rad", "phase of the multiplier's reference against the drive force"] = (
+        math.pi
     )
+    multiplier_per_v: Annotated[
+        float, "1/V", "scale of the demodulator's multiplier", ANY, "chosen, as analogue multipliers"
+    ] = 0.1
+    low_pass_hz: Annotated[float, "Hz", "cut-off of the low-pass filter", POSITIVE, f"{PAPER}, section 3"] = 100.0
     low_pass_order: Annotated[
-        int,
-        Quantity(
-            "1", "order of the Butterworth low-pass filter", _Range(least=1, most=10), "chosen; the paper gives none"
-        ),
+        int, "1", "order of the Butterworth low-pass filter", _Range(least=1, most=10), "chosen; the paper gives none"
     ] = 4
-    carrier_feedthrough: Annotated[
-        float, Quantity("V/V", "part of the carrier that is in V_s without any motion", source=OFF)
-    ] = 0.0
+    carrier_feedthrough: Annotated[float, "V/V", "part of the carrier that is in V_s without any motion", ANY, OFF] = (
+        0.0
+    )
     v_vc_feedthrough: Annotated[
-        float,
-        Quantity("V/V", "part of the modulated V_Vc, on its carrier, that is in V_s without any motion", source=OFF),
+        float, "V/V", "part of the modulated V_Vc, on its carrier, that is in V_s without any motion", ANY, OFF
     ] = 0.0
 
 
 class VirtualPath(_Group, frozen=True):
     """From the V_Vc input to the force on the feedback combs."""
 
-    pull_down_ohm: Annotated[float, Quantity("ohm", "resistor from the V_Vc input to ground", POSITIVE)] = 1e6
-    carrier_phase_rad: Annotated[float, Quantity("rad", "phase of the carrier against the drive force")] = math.pi
-    left_comb_n_per_v2: Annotated[float, Quantity("N/V^2", "K_FBY of the left feedback combs")] = 1e-8
-    right_comb_n_per_v2: Annotated[float, Quantity("N/V^2", "K_FBY of the right feedback combs (paper's Error 1)")] = (
-        1e-8
-    )
-    mass_kg: Annotated[float, Quantity("kg", "sense mass m_y, taken equal to the Coriolis mass", POSITIVE)] = 5e-7
-    offset_v: Annotated[float, Quantity("V", "modulator's leakage while its switch is closed, as V_Vc")] = 0.0
-    second_order_per_v: Annotated[float, Quantity("1/V", "modulator's curvature, on V_Vc^2")] = 0.0
-    third_order_per_v2: Annotated[float, Quantity("1/V^2", "modulator's curvature, on V_Vc^3")] = 0.0
+    pull_down_ohm: Annotated[float, "ohm", "resistor from the V_Vc input to ground", POSITIVE] = 1e6
+    carrier_phase_rad: Annotated[float, "rad", "phase of the carrier against the drive force"] = math.pi
+    left_comb_n_per_v2: Annotated[float, "N/V^2", "K_FBY of the left feedback combs"] = 1e-8
+    right_comb_n_per_v2: Annotated[float, "N/V^2", "K_FBY of the right feedback combs (paper's Error 1)"] = 1e-8
+    mass_kg: Annotated[float, "kg", "sense mass m_y, taken equal to the Coriolis mass", POSITIVE] = 5e-7
+    offset_v: Annotated[float, "V", "modulator's leakage while its switch is closed, as V_Vc"] = 0.0
+    second_order_per_v: Annotated[float, "1/V", "modulator's curvature, on V_Vc^2"] = 0.0
+    third_order_per_v2: Annotated[float, "1/V^2", "modulator's curvature, on V_Vc^3"] = 0.0
 
 
 class OutputStage(_Group, frozen=True):
     """The output amplifier: y = sum of orders[k] u^k, u = gain times the filtered signal."""
 
-    gain: Annotated[float, Quantity("1", "linear gain")] = 1.0
-    offset_v: Annotated[float, Quantity("V", "offset at the output")] = 0.0
-    second_order_per_v: Annotated[float, Quantity("1/V", "curvature, on u^2")] = 0.0
-    third_order_per_v2: Annotated[float, Quantity("1/V^2", "curvature, on u^3")] = 0.0
-    headroom_v: Annotated[float, Quantity("V", "how far from each rail the output saturates", NOT_NEGATIVE)] = 1.5
+    gain: Annotated[float, "1", "linear gain"] = 1.0
+    offset_v: Annotated[float, "V", "offset at the output"] = 0.0
+    second_order_per_v: Annotated[float, "1/V", "curvature, on u^2"] = 0.0
+    third_order_per_v2: Annotated[float, "1/V^2", "curvature, on u^3"] = 0.0
+    headroom_v: Annotated[float, "V", "how far from each rail the output saturates", NOT_NEGATIVE] = 1.5
 
     @property
     def orders(self) -> tuple[float, ...]:
@@ -202,14 +186,14 @@ class OutputStage(_Group, frozen=True):
 class Supply(_Group, frozen=True):
     """Behaviour of the PCB on its rails."""
 
-    nominal_v: Annotated[float, Quantity("V", "magnitude of both rails", POSITIVE, f"{PAPER}, section 4.1")] = 10.0
-    start_v: Annotated[float, Quantity("V", "weaker rail at which the drive loop starts", POSITIVE)] = 8.0
-    brown_out_v: Annotated[float, Quantity("V", "weaker rail below which the drive loop stops", POSITIVE)] = 7.0
-    dead_v: Annotated[float, Quantity("V", "weaker rail below which every node is 0 V", NOT_NEGATIVE)] = 4.0
-    quiescent_a: Annotated[float, Quantity("A", "current of each rail while running", NOT_NEGATIVE)] = 0.028
-    start_up_a: Annotated[float, Quantity("A", "additional current while the drive starts", NOT_NEGATIVE)] = 0.012
+    nominal_v: Annotated[float, "V", "magnitude of both rails", POSITIVE, f"{PAPER}, section 4.1"] = 10.0
+    start_v: Annotated[float, "V", "weaker rail at which the drive loop starts", POSITIVE] = 8.0
+    brown_out_v: Annotated[float, "V", "weaker rail below which the drive loop stops", POSITIVE] = 7.0
+    dead_v: Annotated[float, "V", "weaker rail below which every node is 0 V", NOT_NEGATIVE] = 4.0
+    quiescent_a: Annotated[float, "A", "current of each rail while running", NOT_NEGATIVE] = 0.028
+    start_up_a: Annotated[float, "A", "additional current while the drive starts", NOT_NEGATIVE] = 0.012
     ripple_feedthrough: Annotated[
-        float, Quantity("V/V", "part of each rail's ripple that comes through to the output", NOT_NEGATIVE)
+        float, "V/V", "part of each rail's ripple that comes through to the output", NOT_NEGATIVE
     ] = 0.0
 
 
@@ -217,35 +201,28 @@ class NoiseSources(_Group, frozen=True):
     """Random disturbances, as rates at the input."""
 
     angle_random_walk_deg_sqrt_s: Annotated[
-        float,
-        Quantity("deg/sqrt(s)", "white force noise, both quadratures", NOT_NEGATIVE, f"{PAPER}: 0.21 deg/sqrt(h)"),
+        float, "deg/sqrt(s)", "white force noise, both quadratures", NOT_NEGATIVE, f"{PAPER}: 0.21 deg/sqrt(h)"
     ] = 0.0
     bias_instability_deg_s: Annotated[
         float,
-        Quantity(
-            "deg/s",
-            "coefficient B of the flicker noise",
-            NOT_NEGATIVE,
-            f"{PAPER}: Allan minimum 3.7 deg/h, divided by 0.664",
-        ),
+        "deg/s",
+        "coefficient B of the flicker noise",
+        NOT_NEGATIVE,
+        f"{PAPER}: Allan minimum 3.7 deg/h, divided by 0.664",
     ] = 0.0
-    flicker_shortest_s: Annotated[float, Quantity("s", "shortest correlation time of the flicker noise", POSITIVE)] = (
-        0.125
-    )
+    flicker_shortest_s: Annotated[float, "s", "shortest correlation time of the flicker noise", POSITIVE] = 0.125
     flicker_processes: Annotated[
-        int, Quantity("1", "number of Ornstein-Uhlenbeck processes, each four times slower", _Range(least=0, most=30))
+        int, "1", "number of Ornstein-Uhlenbeck processes, each four times slower", _Range(least=0, most=30)
     ] = 9
     electronic_v_sqrt_hz: Annotated[
         float,
-        Quantity(
-            "V/sqrt(Hz)",
-            "white noise of the electronics behind the demodulator, at the output",
-            NOT_NEGATIVE,
-            "off: the paper's angle random walk holds it; 1e-6 would be a good amplifier's (unverified)",
-        ),
+        "V/sqrt(Hz)",
+        "white noise of the electronics behind the demodulator, at the output",
+        NOT_NEGATIVE,
+        "off: the paper's angle random walk holds it; 1e-6 would be a good amplifier's (unverified)",
     ] = 0.0
     electronic_corner_hz: Annotated[
-        float, Quantity("Hz", "where that noise is 3 dB down, first order", _Range(least=1.0, most=5e3))
+        float, "Hz", "where that noise is 3 dB down, first order", _Range(least=1.0, most=5e3)
     ] = 1000.0
     switch_on_bias_deg_s: Annotated[
         float, Quantity("deg/s", "standard deviation of the bias from switch-on to switch-on", NOT_NEGATIVE, "off")
@@ -259,88 +236,64 @@ class NoiseSources(_Group, frozen=True):
 class PickUp(_Group, frozen=True):
     """Pick-up of the mains by the leads; its phases come from the seed."""
 
-    mains_hz: Annotated[
-        float, Quantity("Hz", "nominal line frequency", _Range(least=1.0), "the bench file: site.mains_hz")
-    ] = 50.0
+    mains_hz: Annotated[float, "Hz", "nominal line frequency", _Range(least=1.0), "the bench file: site.mains_hz"] = (
+        50.0
+    )
     mains_deviation_hz: Annotated[
         float,
-        Quantity(
-            "Hz",
-            "standard deviation of the line frequency from bench to bench, constant within a run",
-            _Range(least=0.0, most=2.0),
-            "off; a grid keeps within some 0.05 Hz (unverified)",
-        ),
+        "Hz",
+        "standard deviation of the line frequency from bench to bench, constant within a run",
+        _Range(least=0.0, most=2.0),
+        "off; a grid keeps within some 0.05 Hz (unverified)",
     ] = 0.0
-    meter_leads_v: Annotated[
-        float, Quantity("V rms", "in the loop of the multimeter's leads", NOT_NEGATIVE, UNVERIFIED)
-    ] = 0.0
-    v_vc_lead_v: Annotated[float, Quantity("V rms", "in the lead from generator to V_Vc", NOT_NEGATIVE, UNVERIFIED)] = (
-        0.0
-    )
+    meter_leads_v: Annotated[float, "V rms", "in the loop of the multimeter's leads", NOT_NEGATIVE, UNVERIFIED] = 0.0
+    v_vc_lead_v: Annotated[float, "V rms", "in the lead from generator to V_Vc", NOT_NEGATIVE, UNVERIFIED] = 0.0
 
 
 class Thermal(_Group, frozen=True):
     """Temperature of the gyro and its effect on the bias."""
 
-    ambient_c: Annotated[float, Quantity("degC", "air on the bench", A_TEMPERATURE, f"{PAPER}, Table 1")] = 20.0
+    ambient_c: Annotated[float, "degC", "air on the bench", A_TEMPERATURE, f"{PAPER}, Table 1"] = 20.0
     reference_c: Annotated[
-        float, Quantity("degC", "temperature at which the parameters hold", A_TEMPERATURE, f"{PAPER}, Table 1")
+        float, "degC", "temperature at which the parameters hold", A_TEMPERATURE, f"{PAPER}, Table 1"
     ] = 20.0
-    self_heating_k: Annotated[float, Quantity("K", "rise when powered for long", _Range(least=0.0, most=100.0))] = 0.0
-    time_constant_s: Annotated[float, Quantity("s", "of the warm-up", POSITIVE)] = 300.0
-    bias_coefficient_deg_s_k: Annotated[float, Quantity("(deg/s)/K", "bias, hence the warm-up exponential")] = 0.0
+    self_heating_k: Annotated[float, "K", "rise when powered for long", _Range(least=0.0, most=100.0)] = 0.0
+    time_constant_s: Annotated[float, "s", "of the warm-up", POSITIVE] = 300.0
+    bias_coefficient_deg_s_k: Annotated[float, "(deg/s)/K", "bias, hence the warm-up exponential"] = 0.0
     refresh_k: Annotated[
-        float,
-        Quantity(
-            "K", "frequencies and quality factors are refreshed each time this much is passed", _Range(least=1e-4)
-        ),
+        float, "K", "frequencies and quality factors are refreshed each time this much is passed", _Range(least=1e-4)
     ] = 0.02
 
 
 class TableMechanics(_Group, frozen=True):
     """True motion of the rate table under its servo."""
 
-    loop_hz: Annotated[
-        float, Quantity("Hz", "natural frequency of the rate loop", POSITIVE, "BD125 data sheet: 25 Hz")
-    ] = 25.0
+    loop_hz: Annotated[float, "Hz", "natural frequency of the rate loop", POSITIVE, "BD125 data sheet: 25 Hz"] = 25.0
     loop_damping: Annotated[
-        float, Quantity("1", "damping of the rate loop", _Range(least=0.1, most=0.99), "suggested, unverified")
+        float, "1", "damping of the rate loop", _Range(least=0.1, most=0.99), "suggested, unverified"
     ] = 0.8
     rate_error: Annotated[
-        float,
-        Quantity(
-            "1", "relative error of the mean rate", _Range(least=-0.5, most=0.5), "BD125 class: 10 ppm, unverified"
-        ),
+        float, "1", "relative error of the mean rate", _Range(least=-0.5, most=0.5), "BD125 class: 10 ppm, unverified"
     ] = 0.0
     misalignment_deg: Annotated[
         float,
-        Quantity(
-            "deg",
-            "from the table's axis to the gyroscope's, which sees the cosine of its rates; no horizontal part",
-            _Range(least=0.0, most=45.0),
-            "off; 1 degree takes 152 ppm",
-        ),
+        "deg",
+        "from the table's axis to the gyroscope's, which sees the cosine of its rates; no horizontal part",
+        _Range(least=0.0, most=45.0),
+        "off; 1 degree takes 152 ppm",
     ] = 0.0
-    ripple_arcsec: Annotated[
-        tuple[float, ...], Quantity("arcsec", "amplitude of the angle error of each harmonic")
-    ] = ()
-    ripple_harmonic: Annotated[
-        tuple[int, ...], Quantity("1/turn", "periods of each harmonic in a turn", _Range(least=1))
-    ] = ()
-    ripple_phase_rad: Annotated[tuple[float, ...], Quantity("rad", "phase of each harmonic at angle zero")] = ()
+    ripple_arcsec: Annotated[tuple[float, ...], "arcsec", "amplitude of the angle error of each harmonic"] = ()
+    ripple_harmonic: Annotated[tuple[int, ...], "1/turn", "periods of each harmonic in a turn", _Range(least=1)] = ()
+    ripple_phase_rad: Annotated[tuple[float, ...], "rad", "phase of each harmonic at angle zero"] = ()
     flutter_per_sqrt_hz: Annotated[
         float,
-        Quantity(
-            "1/sqrt(Hz)",
-            "flutter of the true rate, a share of it, at the frequency of the loop",
-            NOT_NEGATIVE,
-            "chosen, unverified; 5e-4 would be the BD125's 10 ppm over a turn at 100 deg/s",
-        ),
+        "1/sqrt(Hz)",
+        "flutter of the true rate, a share of it, at the frequency of the loop",
+        NOT_NEGATIVE,
+        "chosen, unverified; 5e-4 would be the BD125's 10 ppm over a turn at 100 deg/s",
     ] = 0.0
-    friction_deg_s2: Annotated[float, Quantity("deg/s^2", "dry friction with the servo open", POSITIVE)] = 5.0
-    friction_time_s: Annotated[
-        float, Quantity("s", "time constant of viscous friction with the servo open", POSITIVE)
-    ] = 20.0
+    friction_deg_s2: Annotated[float, "deg/s^2", "dry friction with the servo open", POSITIVE] = 5.0
+    friction_time_s: Annotated[float, "s", "time constant of viscous friction with the servo open", POSITIVE] = 20.0
 
 
 class Site(_Group, frozen=True):
@@ -348,22 +301,20 @@ class Site(_Group, frozen=True):
 
     latitude_deg: Annotated[
         float,
-        Quantity(
-            "deg",
-            "geographic latitude; the table axis is vertical",
-            _Range(least=-90.0, most=90.0),
-            "Taiyuan, unverified",
-        ),
+        "deg",
+        "geographic latitude; the table axis is vertical",
+        _Range(least=-90.0, most=90.0),
+        "Taiyuan, unverified",
     ] = 0.0
 
 
 class SourceResistance(_Group, frozen=True):
     """Resistance behind the outputs of the PCB; the generator brings its own to v_vc, the rails count as 0 ohm."""
 
-    output_ohm: Annotated[float, Quantity("ohm", "node `output`: a resistor after the amplifier", NOT_NEGATIVE)] = 100.0
-    drive_ohm: Annotated[float, Quantity("ohm", "node `drive`: a resistor after the buffer", NOT_NEGATIVE)] = 100.0
-    carrier_ohm: Annotated[float, Quantity("ohm", "node `carrier`: a resistor after the buffer", NOT_NEGATIVE)] = 100.0
-    sense_ohm: Annotated[float, Quantity("ohm", "node `sense`: a resistor after the buffer", NOT_NEGATIVE)] = 100.0
+    output_ohm: Annotated[float, "ohm", "node `output`: a resistor after the amplifier", NOT_NEGATIVE] = 100.0
+    drive_ohm: Annotated[float, "ohm", "node `drive`: a resistor after the buffer", NOT_NEGATIVE] = 100.0
+    carrier_ohm: Annotated[float, "ohm", "node `carrier`: a resistor after the buffer", NOT_NEGATIVE] = 100.0
+    sense_ohm: Annotated[float, "ohm", "node `sense`: a resistor after the buffer", NOT_NEGATIVE] = 100.0
 
     def by_node(self) -> dict[str, float]:
         """Return the resistance of each of these nodes, ohm."""
