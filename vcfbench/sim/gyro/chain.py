@@ -220,6 +220,10 @@ class Chain(Struct, frozen=True, dict=True):
             exponents, forced, turned_forced = np.empty(0, complex), _none(own), _none(lag)
             free = modal - constant
             free[4:] -= turned_constant
+        # The envelope of V_s without motion; of a rate there is nothing
+        sizes = [0j] * len(forcing.rate_terms) + [self.virtual_through * a for a, _ in forcing.virtual_terms]
+        still = self.carrier_through + self.virtual_through * forcing.virtual_v
+        through = still, self.virtual_through * forcing.virtual_slope, np.array(sizes, complex)
         return Response(
             self,
             turn,
@@ -231,7 +235,7 @@ class Chain(Struct, frozen=True, dict=True):
             turned_constant,
             turned_slope,
             turned_forced,
-            self._through(forcing),
+            through,
         )
 
     def _forced(
@@ -245,12 +249,6 @@ class Chain(Struct, frozen=True, dict=True):
             acting = np.concatenate((acting, virtual), axis=1)
         turned = turn * acting[len(own) :] / (exponents + 2j * self.drive_rad_s - own[4:])
         return acting[: len(own)] / (exponents - own), turned
-
-    def _through(self, forcing: Forcing) -> tuple[complex, complex, NDArray[np.complex128]]:
-        """Return the envelope of V_s without motion; of a rate there is nothing."""
-        sizes = [0j] * len(forcing.rate_terms) + [self.virtual_through * a for a, _ in forcing.virtual_terms]
-        constant = self.carrier_through + self.virtual_through * forcing.virtual_v
-        return constant, self.virtual_through * forcing.virtual_slope, np.array(sizes, complex)
 
 
 def _none(modes: NDArray[np.complex128]) -> NDArray[np.complex128]:

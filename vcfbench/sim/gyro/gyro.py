@@ -290,14 +290,6 @@ class Gyro:
             self._next_event_s = self._event_ahead_s()
         return self._acting
 
-    def _still_limits_v(self) -> tuple[float, float] | None:
-        """Return where the output saturates on rails at rest; None while they move."""
-        positive, negative = self._pins
-        if positive.approach.terms or negative.approach.terms:
-            return None
-        stage = self._bench.output_stage
-        return output_limits(stage, positive.smooth_v(self.now_s), negative.smooth_v(self.now_s))
-
     def _end_acting(self) -> None:
         """End the present forcing of the chain now, before something changes it."""
         self._phase = self._phase_now()
@@ -344,6 +336,10 @@ class Gyro:
         """Return the stretch from now to `stop_s`."""
         # The situation while a forcing acts; somebody looks
         if self._given is None:
+            (up, down), limits_v = self._pins, None
+            if not up.approach.terms and not down.approach.terms:  # rails at rest
+                stage = self._bench.output_stage
+                limits_v = output_limits(stage, up.smooth_v(self.now_s), down.smooth_v(self.now_s))
             self._given = Situation(
                 acting.bench,
                 Answer(self._course, self.now_s),
@@ -353,7 +349,7 @@ class Gyro:
                 self._pins,
                 self._weaker_at(acting.since_s) >= acting.bench.supply.dead_v,
                 self._electronic,
-                self._still_limits_v(),
+                limits_v,
             )
         since_s, given = self.now_s - acting.since_s, self._given
         return Stretch(given, self.now_s, stop_s, since_s, self._phase_now(), noise, noise_integral_v_s)
