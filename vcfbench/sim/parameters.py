@@ -225,11 +225,10 @@ class NoiseSources(_Group, frozen=True):
         float, "Hz", "where that noise is 3 dB down, first order", _Range(least=1.0, most=5e3)
     ] = 1000.0
     switch_on_bias_deg_s: Annotated[
-        float, Quantity("deg/s", "standard deviation of the bias from switch-on to switch-on", NOT_NEGATIVE, "off")
+        float, "deg/s", "standard deviation of the bias from switch-on to switch-on", NOT_NEGATIVE, "off"
     ] = 0.0
     switch_on_scale_factor: Annotated[
-        float,
-        Quantity("1", "the same of the scale factor, relative", _Range(least=0.0, most=0.01), "off; of V_Vc alike"),
+        float, "1", "the same of the scale factor, relative", _Range(least=0.0, most=0.01), "off; of V_Vc alike"
     ] = 0.0
 
 
