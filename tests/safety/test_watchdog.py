@@ -168,8 +168,8 @@ def test_who_died_with_a_table_that_turns_is_named(tmp_path: Path) -> None:
 def test_a_watchdog_that_acts_does_not_wait_for_numpy() -> None:
     act = """
 import sys
-from vcfbench.cli.watchdog import load_wires
-load_wires()
+from vcfbench.cli.watchdog import loaded
+loaded()
 print({"pyvisa", "numpy"} & {*sys.modules})
 import numpy  # the driver of another package may want it
 """

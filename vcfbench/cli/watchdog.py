@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 TURN_S = 0.1
+_LOADING = _thread.allocate_lock()
 SILENT_TURNS = 20
 """Turns without a sign of life after which the program hangs: a stop of the whole computer stops turns too."""
 
@@ -26,33 +27,32 @@ def main() -> None:
     why = watch.until_it_ends()
     code = 0
     if why is not None and b"bench" in watch.said:
-        acting = _load()
-        load_wires()
-        code = acting.make_safe(watch.said, why)
+        code = loaded().make_safe(watch.said, why)
     if sys.stderr is not None:
         sys.stderr.flush()
     os._exit(code)  # the thread that listens has standard input, which an orderly end would want
 
 
-def _load() -> ModuleType:
-    """Return the module that makes safe; nothing of it is needed while all is well."""
-    import site  # noqa: PLC0415
+def loaded() -> ModuleType:
+    """Return the module that makes safe, with all that speaks to instruments: nothing that is needed while all is well.
 
-    site.main()  # it was started without: an editable installation may need it
-    import vcfbench.cli.left_live as acting  # noqa: PLC0415
+    Without numpy, which PyVISA wants for arrays: it takes as long as PyVISA.
+    """
+    with _LOADING:
+        if "vcfbench.cli.left_live" not in sys.modules:
+            import site  # noqa: PLC0415
 
-    return acting
+            site.main()  # it was started without: an editable installation may need it
+            sys.modules["numpy"] = None  # type: ignore[assignment]  # an import raises ImportError
+            try:
+                import vcfbench.bench.make_safe  # noqa: PLC0415
+                import vcfbench.drivers.visa_wire  # noqa: F401, PLC0415
+            except ImportError:  # whoever needs it will say so
+                pass
+            del sys.modules["numpy"]
+        import vcfbench.cli.left_live as acting  # noqa: PLC0415
 
-
-def load_wires() -> None:
-    """Load what speaks to instruments, but not numpy, which PyVISA wants for arrays: it takes as long as PyVISA."""
-    sys.modules["numpy"] = None  # type: ignore[assignment]  # an import raises ImportError
-    try:
-        import vcfbench.bench.make_safe  # noqa: PLC0415
-        import vcfbench.drivers.visa_wire  # noqa: F401, PLC0415
-    except ImportError:  # whoever needs it will say so
-        pass
-    del sys.modules["numpy"]
+        return acting
 
 
 class Watch:
@@ -61,6 +61,7 @@ class Watch:
     def __init__(self) -> None:
         self.said: dict[bytes, bytes] = {}
         self._turn = 0
+        self._prepared = False
         self._heard_turn = self._last_turn = float("inf")
         self._over = _thread.allocate_lock()
         self._over.acquire()
@@ -71,9 +72,9 @@ class Watch:
         while not self._over.acquire(timeout=TURN_S):
             self._turn += 1
             silent = self._turn - self._heard_turn
-            if silent == SILENT_TURNS // 2:
-                _load()  # it may be needed in a second
-                load_wires()
+            if (silent == SILENT_TURNS // 2 or b"late" in self.said) and not self._prepared:
+                self._prepared = True
+                _thread.start_new_thread(loaded, ())  # it may be needed in a second
             if silent >= SILENT_TURNS:
                 return self._ended(f"the program gave no sign of life for {SILENT_TURNS * TURN_S:g} s")
             if self._turn > self._last_turn:
@@ -106,5 +107,5 @@ class Watch:
 
     def _ended(self, why: str) -> str:
         """End the program that hangs: nobody else can have its wires before."""
-        _load().end_owner(self.said)
+        loaded().end_owner(self.said)
         return f"{why} and was ended"

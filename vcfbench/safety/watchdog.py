@@ -126,8 +126,9 @@ class Watchdog:
         while not self._over.wait(BEAT_S):
             call = None if self._calls is None else self._calls.overdue()
             overdue = 0 if call is None else overdue + 1
+            word = "overdue" if overdue >= _OVERDUE_BEATS else "late" if overdue >= _OVERDUE_BEATS // 2 else "beat"
             try:
-                self._put(f"overdue {call}" if overdue >= _OVERDUE_BEATS else "beat")
+                self._put(f"{word} {call or ''}")
             except (OSError, ValueError):
                 if not self._over.is_set():
                     self.lost = True
