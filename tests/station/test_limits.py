@@ -71,11 +71,13 @@ def test_the_generator_stays_within_v_vc(voltage: float) -> None:
     limited = LimitedGenerator(generator, CHECKS)
     for method, sent in ((limited.configure_dc, generator.configure_dc), (limited.set_dc, generator.set_dc)):
         try:
-            method(voltage)
+            level_v = method(voltage)
         except LimitError:
             assert not abs(voltage) <= 5.0
             sent.assert_not_called()
         else:
+            assert abs(voltage) <= 5.0
+            assert level_v is sent.return_value
             sent.assert_called_once_with(voltage)
 
 
@@ -114,11 +116,37 @@ def test_the_supply_refuses_what_the_rails_do_not_bear(output: str, voltage: flo
     supply.configure_output.assert_not_called()
 
 
-@pytest.mark.parametrize("setting", [("P25V", 10.0, 0.2), ("N25V", -10.0, 0.1), ("P6V", 0.0, 0.0), ("N25V", 0.0, 0.1)])
+@pytest.mark.parametrize(
+    "setting",
+    [
+        *(("P25V", 10.0, 0.2), ("N25V", -10.0, 0.1), ("P6V", 0.0, 0.0), ("N25V", 0.0, 0.1)),
+        *(("P25V", 9.0, 0.2), ("P25V", 11.0, 0.2), ("N25V", -9.0, 0.2), ("N25V", -11.0, 0.2)),
+    ],
+)
 def test_the_supply_gets_what_the_rails_bear(setting: tuple[str, float, float]) -> None:
     supply = driver("power")
     LimitedSupply(supply, CHECKS).configure_output(*setting)
     supply.configure_output.assert_called_once_with(*setting)
+
+
+@pytest.mark.parametrize(
+    ("temperature_c", "ramp_k_min", "words"),
+    [
+        *((-40.0, 600.0, ""), (85.0, 0.5, ""), (20.0, 1e-3, "")),
+        *((-40.1, 1.0, "outside the bench's -40 to 85 degC"), (85.1, 1.0, "outside"), (math.nan, 1.0, "outside")),
+        *((20.0, 600.1, "ramp 600.1 K/min is beyond"), (20.0, math.nan, "beyond")),
+        *((20.0, 0.0, "ramp 0 K/min is not above 0"), (20.0, -1.0, "not above 0")),
+    ],
+)
+def test_the_chamber_stays_within_its_temperatures_and_its_ramp(
+    temperature_c: float, ramp_k_min: float, words: str
+) -> None:
+    checks = LimitChecks(Limits(min_temperature_c=-40.0, max_temperature_c=85.0, max_ramp_k_min=600.0), RailWiring())
+    if not words:
+        checks.temperature(temperature_c, ramp_k_min)
+        return
+    with pytest.raises(LimitError, match=words):
+        checks.temperature(temperature_c, ramp_k_min)
 
 
 def test_no_setting_passes_by_the_limits() -> None:
