@@ -295,6 +295,8 @@ def test_readings_are_those_of_chunks_and_of_the_step_and_a_step_that_is_done_ha
     journal.close()
     record = read_journal(tmp_path / "j")
     assert record.unfinished is None
+    write(tmp_path / "short")
+    assert read_journal(tmp_path / "short").unfinished is None
     assert record.readings_of(record.chunks[-1]) == tuple(readings[:3])
     assert record.readings_of(record.steps[0]) == tuple(readings)
 
