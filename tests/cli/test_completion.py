@@ -82,5 +82,6 @@ def test_short_help(command: str) -> None:
 
 def test_the_list_of_commands_has_them_all_on_one_line_each() -> None:
     shown = CliRunner().invoke(app, ["--help"]).stdout
+    width = max(map(len, COMMANDS))
     for name, words in COMMANDS.items():
-        assert f"  {name:<7}  {words}\n" in shown
+        assert f"  {name:<{width}}  {words}\n" in shown
