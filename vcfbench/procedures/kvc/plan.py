@@ -17,20 +17,17 @@ from vcfbench.procedures.health.plan import examined
 from vcfbench.procedures.kvc.results import DRIVEN, SEARCH, TABLE, certificate, k_vc_report, k_vc_results
 from vcfbench.procedures.kvc.settings import KVcSettings
 from vcfbench.procedures.procedure import PAPER_NEEDS, PAPER_USES, Procedure
+from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled
 from vcfbench.procedures.shared.routines import powered, v_vc_on
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.steps import Note, Outcome, Plan, Settle
-from vcfbench.steps.step import Routine
 
 
+@framed(powered, watched)
 def k_vc(settings: KVcSettings) -> Plan:
     """Find the V_Vc of each rate by a null comparison with the table."""
-    return (yield from powered(settings, watched(settings, _matched(settings))))
-
-
-def _matched(settings: KVcSettings) -> Routine[Outcome]:
     yield from ready_meters(settings)
     yield Settle(settings.settle_s, "gyro settles, table at rest")
     found = yield from nulled(

@@ -169,7 +169,14 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     at_rest = [place for place, point in enumerate(points) if point.step == TABLE and point.rate_deg_s == 0.0]
     bias = null_blocks.bias_at_rest(settings, points, at_rest, levels.noise, scale_factor.value)
     pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
-    of_k_vc = [_part(name, part, levels, error.owner) for name, part in parts.items()]
+    ranges = f"{v_vc.V_VC_GAIN}, ", f"{v_vc.V_VC_OFFSET}, "
+    of_k_vc = [
+        UncertaintyPart(
+            *(name, math.sqrt(max(0.0, float(part[1, 1]))), _dof(name, levels.noise), whose(name, error.owner)),
+            rectangular=name.startswith(ranges),
+        )
+        for name, part in parts.items()
+    ]
     today = [replace(part, u=1e6 * part.u / curve.k_vc) for part in of_k_vc]
     days = days_until(settings.wanted_u95_ppm, today, settings.station.sources.k_vc_drift_ppm_per_year)
     health = health_of(settings, points)
@@ -187,7 +194,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         bias=bias,
         bias_deg_s=as_rate(bias, scale_factor.value, scale_factor.u),
         noise=levels.noise,
-        v_vc_by=_known_by(settings, error.name),
+        v_vc_by=_V_VC_BY[settings.v_vc_role].format(error.name),
         holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),
     )
 
@@ -227,13 +234,6 @@ def _characteristics(settings: KVcSettings, curved: Curvature, health: Health | 
     )
 
 
-def _part(name: str, covariance: Floats, levels: _Levels, known_by: str) -> UncertaintyPart:
-    """Return the contribution of a source to the uncertainty of k1."""
-    u = math.sqrt(max(0.0, float(covariance[1, 1])))
-    of_range = name.startswith((f"{v_vc.V_VC_GAIN}, ", f"{v_vc.V_VC_OFFSET}, "))
-    return UncertaintyPart(name, u, _dof(name, levels.noise), whose(name, known_by), rectangular=of_range)
-
-
 def whose(name: str, known_by: str) -> str | None:
     """Return whose a source is: of the instrument that V_Vc is known by, or nobody else's."""
     return known_by if name.startswith((v_vc.V_VC_GAIN, v_vc.V_VC_OFFSET)) else None
@@ -243,10 +243,8 @@ def _dof(name: str, noise: BlockNoise) -> float | None:
     return null_blocks.dof_of(noise) if name in {READ_TABLE, READ_DRIVEN} else None
 
 
-def _known_by(settings: KVcSettings, name: str) -> str:
-    if settings.v_vc_role is None:
-        return f"the setting of the {name}"
-    return f"the {name}" if settings.v_vc_role == "v_vc_meter" else f"the {name}, its leads moved by hand"
+_V_VC_BY = {None: "the setting of the {}", "v_vc_meter": "the {}", "multimeter": "the {}, its leads moved by hand"}
+"""Source of the V_Vc values by the role of the meter on V_Vc."""
 
 
 def _scale_factor(
@@ -325,17 +323,6 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
     return NewEntry(known, settings.store.root)
 
 
-def interval_words(settings: KVcSettings, results: KVcResult) -> str:
-    """Name the time until U95 of K_Vc reaches the wanted value, for reports."""
-    known, wanted = settings.station.sources, f"U95 of {settings.wanted_u95_ppm:g} ppm"
-    drift, days = drift_words(known), results.days_to_wanted_u95
-    if days is not None:
-        return f"K_Vc comes to a {wanted} after {days:.0f} days ({drift})"
-    if known.k_vc_drift_ppm_per_year:
-        return f"K_Vc has more than a {wanted} already ({drift})"
-    return f"K_Vc keeps its U95 ({drift})"
-
-
 def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:
     """Report the pairs, the curve, the budget of K_Vc, and the sources that are in no uncertainty."""
     columns = (
@@ -347,6 +334,17 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
     fits = f"chi-square {curve.chi_square:.1f}, {curve.dof} degrees of freedom, p = {curve.lack_of_fit_p or 0.0:.2g}"
     second = f"{curved.second_per_v:.5g} (u {curved.u_second_per_v:.1g})"
     third = f"{curved.third_per_v2:.5g} (u {curved.u_third_per_v2:.1g})"
+    # The time until U95 of K_Vc reaches the wanted value
+    known, days, wanted = (
+        settings.station.sources,
+        results.days_to_wanted_u95,
+        f"U95 of {settings.wanted_u95_ppm:g} ppm",
+    )
+    interval = f"K_Vc keeps its U95 ({drift_words(known)})"
+    if days is not None:
+        interval = f"K_Vc comes to a {wanted} after {days:.0f} days ({drift_words(known)})"
+    elif known.k_vc_drift_ppm_per_year:
+        interval = f"K_Vc has more than a {wanted} already ({drift_words(known)})"
     words = [
         said_of("K_Vc, small signals", results.k_vc),
         "curve: " + ", ".join(f"k{i} = {k:.8g}" for i, k in enumerate(curve.coefficients)) + " (deg/s)/V^i",
@@ -355,7 +353,7 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
         said_of("scale factor on the table, small signals", results.scale_factor),
         said_of("bias, generator off", results.bias),
         f"V_Vc is known by {results.v_vc_by}",
-        interval_words(settings, results),
+        interval,
         *v_vc.known_words(settings, "table_rate_error", "misalignment_deg"),
     ]
     rate = Axis("rate", "deg/s")
@@ -367,7 +365,7 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
             budget_table("K_Vc", results.k_vc),
             sensitivity_table(results.sensitivities),
             Figure("What the curve leaves over", rate, Axis("rate - curve", "deg/s"), [left]),
-            Text("in no uncertainty:\n" + "\n".join(f"  {each}" for each in results.holds_not)),
-            Text("what a self-calibration by this K_Vc cannot see:\n" + "\n".join(f"  {each}" for each in UNSEEN)),
+            Text("\n  ".join(["in no uncertainty:", *results.holds_not])),
+            Text("\n  ".join(["what a self-calibration by this K_Vc cannot see:", *UNSEEN])),
         ]
     )

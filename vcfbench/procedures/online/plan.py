@@ -15,32 +15,23 @@ from vcfbench.procedures.online.results import online_results
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.known.v_vc import ready_meters
 from vcfbench.steps.step import Routine
 
 
-def online(settings: OnlineSettings) -> steps.Plan:
-    """Calibrate while the gyroscope measures."""
-    return (yield from routines.energised(settings, _measuring(settings)))
-
-
-def _measuring(settings: OnlineSettings) -> Routine[steps.Outcome]:
+def _metered(settings: OnlineSettings, work: steps.Plan) -> steps.Plan:
     yield from routines.look_at_drive(settings)
     yield from ready_meters(settings)
-    if settings.station.limits.max_rate_deg_s is None:
-        return (yield from _modulated(settings, None))
-    return (yield from routines.under_servo(settings, _turning(settings)))
+    return (yield from work)
 
 
-def _turning(settings: OnlineSettings) -> Routine[steps.Outcome]:
-    """Turn the table at its rate, which may be none, all the while."""
-    if settings.rate_deg_s:
-        yield from routines.go_to_rate(settings, settings.rate_deg_s, previous_deg_s=0.0)
-    return (yield from _modulated(settings, settings.rate_deg_s))
-
-
-def _modulated(settings: OnlineSettings, table_deg_s: float | None) -> Routine[steps.Outcome]:
-    """Take V_Vc at rest, the modulation, and V_Vc at rest again."""
+@framed(routines.energised, _metered, routines.held_at_rest)
+def online(settings: OnlineSettings) -> steps.Plan:
+    """Calibrate while the gyroscope measures: V_Vc at rest, the modulation, V_Vc at rest again."""
+    table_deg_s = None if settings.station.limits.max_rate_deg_s is None else settings.rate_deg_s
+    if table_deg_s:  # the table turns all the while
+        yield from routines.go_to_rate(settings, table_deg_s, previous_deg_s=0.0)
     of: Literal["both", "output"] = "both" if settings.v_vc_role == "v_vc_meter" else "output"
     yield steps.Note("V_Vc at rest: what the true rate reads without modulation")
     yield from routines.v_vc_on()
@@ -78,15 +69,8 @@ def _sampled(
 def _sample(
     settings: OnlineSettings, amplitude_v: float, of: Literal["both", "output", "v_vc"], table_deg_s: float | None
 ) -> steps.SampleModulated:
-    return steps.SampleModulated(
-        settings.modulation_hz,
-        amplitude_v,
-        settings.burst_readings,
-        settings.aperture_s,
-        of,
-        table_deg_s,
-        settings.rate_tolerance_deg_s,
-    )
+    sampled = settings.modulation_hz, amplitude_v, settings.burst_readings, settings.aperture_s
+    return steps.SampleModulated(*sampled, of, table_deg_s, settings.rate_tolerance_deg_s)
 
 
 ONLINE = Procedure(

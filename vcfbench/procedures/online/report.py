@@ -28,18 +28,6 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
         *results.since,
         *known_words(settings),
     ]
-    parts = [
-        Text("\n".join(words)),
-        _window_table(results),
-        budget_table("the scale factor", results.scale_factor),
-        *([] if results.drift is None else drift_parts(results.drift)),
-        *_figures(results),
-        *lists_of_omissions(results.holds_not, results.unseen),
-    ]
-    return Report(parts)
-
-
-def _window_table(results: OnlineResult) -> Table:
     columns = (
         *(Column("t", "s", ".1f"), Column("scale factor", "V/(deg/s)", ".8f")),
         *(Column("u of its readings", "ppm", ".1f"), Column("u", "ppm", ".1f")),
@@ -48,7 +36,15 @@ def _window_table(results: OnlineResult) -> Table:
         (each.t_s, each.scale_factor_v_per_deg_s, _ppm(each.u_readings, each), _ppm(each.u, each))
         for each in results.windows
     ]
-    return Table(columns, rows, "scale factor, window after window")
+    parts = [
+        Text("\n".join(words)),
+        Table(columns, rows, "scale factor, window after window"),
+        budget_table("the scale factor", results.scale_factor),
+        *([] if results.drift is None else drift_parts(results.drift)),
+        *_figures(results),
+        *lists_of_omissions(results.holds_not, results.unseen),
+    ]
+    return Report(parts)
 
 
 def _ppm(u: float, window: WindowFactor) -> float:

@@ -145,12 +145,14 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
     modulated = [record for step, record in sampled if step.amplitude_v and step.of != "v_vc"]
     rest = [record for step, record in sampled if not step.amplitude_v and step.of != "v_vc"]
     frequency_hz, windows = settings.modulation_hz, settings.windows_a_burst
-    output = [
-        _demodulated(f"burst {number} of {len(modulated)}", each, frequency_hz, windows)
-        for number, each in enumerate(modulated, 1)
-    ]
-    _require_alike(output, settings.meter_resolution_v)
-    _require_rest(rest, median(each.residual_rms for each in output), settings.meter_resolution_v)
+    output = []
+    for number, each in enumerate(modulated, 1):
+        try:
+            output.append(demodulated(each.output_v, each.aperture_s, frequency_hz, windows))
+        except (ConfigError, MeasurementError) as error:  # the sine is not in it: a lead may be off
+            said = f"burst {number} of {len(modulated)}: {error.what}"
+            raise MeasurementError(said, instrument="multimeter", hint=error.hint) from error
+    _require_alike(output, rest, settings.meter_resolution_v)
     by_hand = [record for step, record in sampled if step.of == "v_vc" and step.amplitude_v]
     sines = [each for each in modulated if each.v_vc_v] or by_hand
     v_vc = [demodulated(each.v_vc_v, each.aperture_s, frequency_hz, 1) for each in sines]
@@ -169,16 +171,8 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
     )
 
 
-def _demodulated(name: str, record: ModulatedRecord, frequency_hz: float, windows: int) -> Demodulated:
-    """Fit the output of a burst; MeasurementError where the sine is not in it: a lead may be off."""
-    try:
-        return demodulated(record.output_v, record.aperture_s, frequency_hz, windows)
-    except (ConfigError, MeasurementError) as error:
-        raise MeasurementError(f"{name}: {error.what}", instrument="multimeter", hint=error.hint) from error
-
-
-def _require_alike(output: Sequence[Demodulated], resolution_v: float) -> None:
-    """See that no burst scatters, or swings, unlike the others: a lead that came off, a reading that was disturbed."""
+def _require_alike(output: Sequence[Demodulated], rest: Sequence[ModulatedRecord], resolution_v: float) -> None:
+    """See that no burst scatters, or swings, unlike the others, and no record at rest: a lead that came off."""
     scatter_v, swing_v = median(each.residual_rms for each in output), median(each.phasors[0].real for each in output)
     for number, each in enumerate(output, 1):
         if each.residual_rms > _SCATTER * max(scatter_v, resolution_v):
@@ -188,12 +182,8 @@ def _require_alike(output: Sequence[Demodulated], resolution_v: float) -> None:
         else:
             continue
         raise MeasurementError(f"burst {number} of {len(output)} {said}", instrument="multimeter")
-
-
-def _require_rest(rest: Sequence[ModulatedRecord], scatter_v: float, resolution_v: float) -> None:
-    """See that no record at rest scatters unlike those with the sine: the disturbance is told from them."""
-    for number, each in enumerate(rest, 1):
-        rms_v = float(np.std(each.output_v))
+    for number, record in enumerate(rest, 1):
+        rms_v = float(np.std(record.output_v))
         if rms_v > _SCATTER * max(scatter_v, resolution_v):
             said = f"scatters by {rms_v:.2g} V, those with the sine by {scatter_v:.2g} V about it"
             raise MeasurementError(f"record {number} of {len(rest)} at rest {said}", instrument="multimeter")
@@ -322,6 +312,15 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     ]
     left = (factors - factors.mean()) / u_readings
     disturbance, rectified, changes = _disturbance(settings, run, gain, scale_factor.value)
+    mean = abs(float(factors.mean()))
+    enough = factors.size >= 3
+    curve = allan_deviation(1e6 * factors / mean, window_s, averaging_factors(factors.size, 2)) if enough else ()
+    allan = tuple(
+        AllanOfScaleFactor(
+            each.tau_s, each.deviation, each.low, each.high, 1e6 * u_readings / mean * math.sqrt(window_s / each.tau_s)
+        )
+        for each in curve
+    )
     size = abs(scale_factor.value)
     lasted_s = run.begin_s[-1] + run.length_s - started_s
     return OnlineResult(
@@ -332,7 +331,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
             WindowFactor(t_s, float(each), u_readings, math.hypot(u_readings, u_common))
             for t_s, each in zip(times_s, factors, strict=True)
         ),
-        allan=_allan(factors, window_s, u_readings),
+        allan=allan,
         chi_square=float(left @ left),
         dof=factors.size - 1,
         rate_t_s=tuple(each - started_s + 0.5 * run.length_s for each in run.begin_s),
@@ -428,16 +427,3 @@ def _flicker(
     rest, count = len(run.rest_v), means_v.size
     share = flicker_share([*run.rest_begin_s, *run.begin_s], run.length_s, [-1.0 / rest] * rest + [1.0 / count] * count)
     return math.sqrt(b_squared * share), float(count - 1)
-
-
-def _allan(factors: Floats, window_s: float, u_readings: float) -> tuple[AllanOfScaleFactor, ...]:
-    mean = abs(float(factors.mean()))
-    if factors.size < 3:
-        return ()
-    curve = allan_deviation(1e6 * factors / mean, window_s, averaging_factors(factors.size, 2))
-    return tuple(
-        AllanOfScaleFactor(
-            each.tau_s, each.deviation, each.low, each.high, 1e6 * u_readings / mean * math.sqrt(window_s / each.tau_s)
-        )
-        for each in curve
-    )

@@ -13,6 +13,7 @@ from vcfbench.procedures.health.plan import examined, way_of
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.self_calibration import results
 from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
+from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.known.device import level_for
 from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.shared.routines import energised, look_at_drive, set_v_vc, take, v_vc_on
@@ -21,12 +22,9 @@ from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.steps.step import Routine
 
 
+@framed(energised, watched)
 def self_calibration(settings: SelfCalibrationSettings) -> Plan:
     """Calibrate by V_Vc alone."""
-    return (yield from energised(settings, watched(settings, _calibrated(settings))))
-
-
-def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
     yield from look_at_drive(settings)
     yield from ready_meters(settings)
     curve, levels_v = settings.known.k_vc, {0.0: 0.0}
@@ -38,7 +36,13 @@ def _calibrated(settings: SelfCalibrationSettings) -> Routine[Outcome]:
             yield from _at_rest(settings)
             yield from v_vc_on()
             yield Settle(settings.settle_s, "gyro settles after the generator came on")
-            yield from _block(settings, rate_deg_s, levels_v)
+            previous_v = 0.0
+            for signed in (sign * rate_deg_s for sign in CHOPPED):
+                level_v = levels_v[signed]
+                if level_v != previous_v:  # from then on the level is that which was read back
+                    levels_v[signed] = level_v = yield from set_v_vc(settings, level_v)
+                yield from take_level(settings, results.DRIVEN, rate_deg_s=signed, v_vc_v=level_v, table_deg_s=None)
+                previous_v = level_v
             yield DisableVvc()
     yield from _at_rest(settings)
     known = settings.known
@@ -63,18 +67,6 @@ def _amplitudes_wanted(settings: SelfCalibrationSettings) -> bool:
 def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:
     yield Settle(settings.settle_s, "gyro settles, generator off")
     yield from take(settings, results.AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
-
-
-def _block(settings: SelfCalibrationSettings, rate_deg_s: float, levels_v: dict[float, float]) -> Routine[None]:
-    """Take a chopped block; its levels in `levels_v` become those that were read back."""
-    previous_v = 0.0
-    for sign in CHOPPED:
-        signed = sign * rate_deg_s
-        level_v = levels_v[signed]
-        if level_v != previous_v:
-            levels_v[signed] = level_v = yield from set_v_vc(settings, level_v)
-        yield from take_level(settings, results.DRIVEN, rate_deg_s=signed, v_vc_v=level_v, table_deg_s=None)
-        previous_v = level_v
 
 
 SELF_CALIBRATION = Procedure(

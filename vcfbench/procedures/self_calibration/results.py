@@ -187,7 +187,11 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     measured = () if check is None else check.measured
-    moved = [*since.parts, *_by_phases(settings, measured), *health_check.unmeasured(settings, measured)]
+    # Once the phases are measured K_Vc is that of the phases of now
+    errors = phases.PhaseErrors.of(settings.station.sources)
+    of_phases = errors.u_scale_factor if health_check.CARRIER_PHASE in measured else errors.u_self_calibrated
+    by_phases = [UncertaintyPart(name, u) for name, u in of_phases.items()]
+    moved = [*since.parts, *by_phases, *health_check.unmeasured(settings, measured)]
     parts = _parts(settings, seen, coefficients, moved)
     amplitudes = () if check is None else (each for each in check.causes if each.cause == health_check.AMPLITUDES)
     without = health_check.missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
@@ -246,13 +250,6 @@ def _since(settings: SelfCalibrationSettings, check: health_check.HealthCheck | 
         return since
     warmed = [part for part in without.parts if part.source == K_VC_TEMPERATURE]
     return dataclasses.replace(since, parts=(*since.parts, *warmed))
-
-
-def _by_phases(settings: SelfCalibrationSettings, measured: Sequence[str]) -> list[UncertaintyPart]:
-    """Return the contributions of the bench file's phases; once they are measured K_Vc is that of the phases of now."""
-    errors = phases.PhaseErrors.of(settings.station.sources)
-    of_phases = errors.u_scale_factor if health_check.CARRIER_PHASE in measured else errors.u_self_calibrated
-    return [UncertaintyPart(name, u) for name, u in of_phases.items()]
 
 
 def _with_shape(settings: SelfCalibrationSettings, seen: _Measured, coefficients: Floats) -> _Measured:

@@ -64,9 +64,10 @@ def four_step_statement(settings: ProcedureSettings, points: Sequence[Point], ma
         of_table = table_values(table, q)
         gain, rate = 1.0 + q["meter gain"], 1.0 + q["table rate"]
         matched = 1.0 + noises_of("match", q) / span_v  # level that was found, over the one that gives the output
-        level = levels.matched(q)
-        slope = virtual.scale_factor - noises_of("virtual slope", q) - levels.slope(q)
-        bias = virtual.bias_v - noises_of("virtual bias", q) - q["meter offset"] - levels.bias(q) - q.get(TILT, 0.0)
+        level = 1.0 + levels.through("match", q)  # at the match, over its known value
+        slope = virtual.scale_factor - noises_of("virtual slope", q) - levels.through("virtual slope", q)
+        bias = virtual.bias_v - noises_of("virtual bias", q) - q["meter offset"] - levels.through("virtual bias", q)
+        bias = bias - q.get(TILT, 0.0)
         virtual_slope = slope / gain / rate * level * matched
         return four_step_values(k_vc * rate / level / matched, of_table, virtual_slope, bias / gain)
 
@@ -155,17 +156,6 @@ class _Levels(Struct, frozen=True):
             found[f"{besides}: {value}"] = 1.0
         return cls(tuple(sources), known.by, effects)
 
-    def matched(self, q: Mapping[str, Any]) -> Any:
-        """Return the level at the match over its known value."""
-        return 1.0 + self._through("match", q)
-
-    def slope(self, q: Mapping[str, Any]) -> Any:
-        """Return the effect of the levels' errors on the slope over known levels, V/(deg/s)."""
-        return self._through("virtual slope", q)
-
-    def bias(self, q: Mapping[str, Any]) -> Any:
-        """Return their effect on the intercept, V."""
-        return self._through("virtual bias", q)
-
-    def _through(self, value: str, q: Mapping[str, Any]) -> Any:
+    def through(self, value: str, q: Mapping[str, Any]) -> Any:
+        """Return the effect of the errors of V_Vc on a value."""
         return sum(size * q[name] for name, size in self.effects[value].items())

@@ -37,25 +37,25 @@ if TYPE_CHECKING:
 
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
     """Calibrate on the rate table and by the virtual Coriolis force, and compare."""
-    return (yield from routines.powered(settings, watched(settings, _four_steps(settings))))
 
+    def four_steps() -> Routine[Outcome]:
+        yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
+        if settings.k_vc_by is KvcBy.ONE_POINT:
+            yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
+            points = yield from _table_reference(settings)
+            yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
+            driven, matching = yield from _match(settings, points)
+            rates: Matching | NullMatching = matching
+        else:
+            points, driven, rates = yield from _null_match(settings)
+        yield Note("Step 3: the table turns at each rate, generator off")
+        yield DisableVvc()
+        yield from table_sweep(settings, 3, points)
+        yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {rates.k_vc:.6g} (deg/s)/V")
+        yield from _virtual_sweep(settings, rates, driven)
+        return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
 
-def _four_steps(settings: VirtualCoriolisSettings) -> Routine[Outcome]:
-    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
-    if settings.k_vc_by is KvcBy.ONE_POINT:
-        yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
-        points = yield from _table_reference(settings)
-        yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
-        driven, matching = yield from _match(settings, points)
-        rates: Matching | NullMatching = matching
-    else:
-        points, driven, rates = yield from _null_match(settings)
-    yield Note("Step 3: the table turns at each rate, generator off")
-    yield DisableVvc()
-    yield from table_sweep(settings, 3, points)
-    yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {rates.k_vc:.6g} (deg/s)/V")
-    yield from _virtual_sweep(settings, rates, driven)
-    return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
+    return (yield from routines.powered(settings, watched(settings, four_steps())))
 
 
 def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point], list[Point], NullMatching]]:
@@ -130,21 +130,17 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
             hint="check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
         )
     agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
-    yield from _confirm(settings, points, matching.best.v_vc_v)
-    matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
-    agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
-    return points, matching
-
-
-def _confirm(settings: VirtualCoriolisSettings, points: list[Point], equal_v: float) -> Routine[None]:
-    """Take the rest of the windows at 0 V and at the V_Vc that was found, in turn, and add them to `points`."""
-    previous_v = points[-1].v_vc_v
-    for pushed in _in_turn(settings.match_windows - 1):  # one of each was taken on the way here
+    # The rest of the windows at 0 V and at the V_Vc that was found, in turn: one of each was taken on the way here
+    equal_v, previous_v = matching.best.v_vc_v, points[-1].v_vc_v
+    for pushed in _in_turn(settings.match_windows - 1):
         v_vc_v = equal_v if pushed else 0.0
         if v_vc_v != previous_v:
             yield from routines.set_v_vc(settings, v_vc_v)
         points.append((yield from _take_virtual(settings, v_vc_v)))
         previous_v = v_vc_v
+    matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
+    agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
+    return points, matching
 
 
 def _in_turn(windows: int) -> Iterator[bool]:

@@ -1,7 +1,7 @@
 """Report of a four-step calibration: the paper's Table 1 and its figures, both lines, and their comparison."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from vcfbench.procedures.shared.column.report import (
     RATE,
@@ -23,7 +23,9 @@ from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Tabl
 
 def virtual_coriolis_report(_settings: object, points: Sequence[Point], results: VirtualCoriolisResult) -> Report:
     """Report a four-step calibration: steps 3 and 4 like the paper's Table 1, both lines, and how they differ."""
-    points = standing_for(at_measured_levels(points), 4, _rate_of(results))
+    k_vc = results.k_vc.value
+    by_curve = results.rate_of if isinstance(results, NullVirtualCoriolisResult) else None
+    points = standing_for(at_measured_levels(points), 4, by_curve or (lambda v_vc_v: k_vc * v_vc_v))
     table = [point for point in points if point.step == 3]
     virtual = [point for point in points if point.step == 4]
     lines = [("turntable", table, results.turntable), ("virtual Coriolis", virtual, results.virtual)]
@@ -48,13 +50,6 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
             _difference(table, virtual, results),
         ]
     )
-
-
-def _rate_of(results: VirtualCoriolisResult) -> Callable[[float], float]:
-    if isinstance(results, NullVirtualCoriolisResult):
-        return results.rate_of
-    k_vc = results.k_vc.value
-    return lambda v_vc_v: k_vc * v_vc_v
 
 
 def _nulls(results: VirtualCoriolisResult) -> list[Table | Text]:

@@ -183,7 +183,15 @@ def _four_steps(
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
-    stated = None if settings is None else _statement(settings, points, matching)
+    stated = None
+    if settings is not None and isinstance(matching, Matching):
+        from vcfbench.procedures.virtual_coriolis.budget import four_step_statement  # noqa: PLC0415  # numpy comes with it
+
+        stated = four_step_statement(settings, points, matching)
+    elif settings is not None and not isinstance(matching, Matching):
+        from vcfbench.procedures.virtual_coriolis.null_budget import null_statement  # noqa: PLC0415  # as above
+
+        stated = null_statement(settings, points, matching)
     set_v = matching.v_vc_equal_v if isinstance(matching, Matching) else math.inf  # an offset cancels in pairs
     # Of a level that is known by its setting alone: relative, rectangular limits
     u_generator = 0.0 if measured else (generator.setting + generator.offset_v / abs(set_v)) / math.sqrt(3.0)
@@ -202,16 +210,6 @@ def _four_steps(
         "u_output_v": u_v,
         "uncertainty": stated,
     }
-
-
-def _statement(settings: ProcedureSettings, points: Sequence[Point], matching: Matching | NullMatching) -> Statement:
-    if isinstance(matching, Matching):
-        from vcfbench.procedures.virtual_coriolis.budget import four_step_statement  # noqa: PLC0415  # numpy comes with it
-
-        return four_step_statement(settings, points, matching)
-    from vcfbench.procedures.virtual_coriolis.null_budget import null_statement  # noqa: PLC0415  # as above
-
-    return null_statement(settings, points, matching)
 
 
 def _relative_u(column: ScaleFactorResult) -> float:
