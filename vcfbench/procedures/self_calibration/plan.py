@@ -47,21 +47,17 @@ def self_calibration(settings: SelfCalibrationSettings) -> Plan:
     yield from _at_rest(settings)
     known = settings.known
     yield from examined(settings, known.characteristics, looked_for=settings.health, source=known.source)
-    if _amplitudes_wanted(settings):
-        yield from compared_amplitudes(settings)
+    # AC volts serve where the certificate has them, and no oscilloscope tells the amplitudes better
+    then = known.characteristics
+    if settings.health and settings.ac_volts and then is not None and then.carrier_over_drive is not None:
+        seen_better = way_of(settings)[0] == "oscilloscope" and same_oscilloscope(settings, then)
+        if not seen_better:
+            yield from compared_amplitudes(settings)
     if settings.v_vc_role == "multimeter":
         yield Note("V_Vc by the one multimeter, at every level that was used")
         yield from v_vc_on()
         yield from measured_levels(settings, levels_v.values())
     return Outcome(f"V_Vc at {2 * len(settings.magnitudes_deg_s)} levels, {settings.cycles} times")
-
-
-def _amplitudes_wanted(settings: SelfCalibrationSettings) -> bool:
-    """Tell whether AC volts serve: the certificate has them, and no oscilloscope tells the amplitudes better."""
-    then = settings.known.characteristics
-    if not (settings.health and settings.ac_volts) or then is None or then.carrier_over_drive is None:
-        return False
-    return way_of(settings)[0] != "oscilloscope" or not same_oscilloscope(settings, then)
 
 
 def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:

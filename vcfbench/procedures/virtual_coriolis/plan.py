@@ -7,7 +7,7 @@ holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under serv
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING
@@ -24,7 +24,7 @@ from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.report import virtual_coriolis_report
-from vcfbench.procedures.virtual_coriolis.results import VirtualCoriolisResult, null_results, virtual_coriolis_results
+from vcfbench.procedures.virtual_coriolis.results import null_results, virtual_coriolis_results
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import V_VC_RANGE_V
@@ -194,13 +194,6 @@ def _virtual_sweep(
         yield from routines.take_reference(settings, 4, set_v)
 
 
-def _results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
-    if settings.k_vc_by is KvcBy.ONE_POINT:
-        match, rate_deg_s = settings.match, settings.match_rate_deg_s
-        return virtual_coriolis_results(points, match, rate_deg_s, settings.meter_resolution_v, settings)
-    return null_results(points, settings)
-
-
 VIRTUAL_CORIOLIS = Procedure(
     name="virtual-coriolis",
     title=BUILT_IN["virtual-coriolis"][1],
@@ -213,7 +206,11 @@ VIRTUAL_CORIOLIS = Procedure(
     ),
     settings=VirtualCoriolisSettings,
     plan=virtual_coriolis,
-    results=_results,
+    results=lambda given, points: (
+        virtual_coriolis_results(points, given.match, given.match_rate_deg_s, given.meter_resolution_v, given)
+        if given.k_vc_by is KvcBy.ONE_POINT
+        else null_results(points, given)
+    ),
     report=virtual_coriolis_report,
     uses={**PAPER_USES, "v_vc_meter": ReadsVoltage},
 )

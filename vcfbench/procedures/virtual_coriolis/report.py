@@ -34,7 +34,15 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
         *(Column("Omega_z", "deg/s", "g"), Column("turntable", "V", ".5f")),
         *(Column("virtual Coriolis", "V", ".5f"), Column("V_Vc", "V", ".5f")),
     )
-    pairs = zip(table, virtual, strict=True)
+    pairs = list(zip(table, virtual, strict=True))
+    noise = results.turntable.type_a, results.virtual.type_a
+    u_v = None if None in noise else math.hypot(*(each.u_output_v for each in noise if each is not None))
+    difference = Series(
+        "virtual Coriolis minus turntable",
+        [left.rate_deg_s for left, _ in pairs],
+        [1e3 * (right.output_v - left.output_v) for left, right in pairs],
+        None if u_v is None else [1e3 * u_v] * len(pairs),
+    )
     sweeps = {}
     if isinstance(results, SweptVirtualCoriolisResult):
         sweeps = {"turntable": results.turntable_sweep, "virtual Coriolis": results.virtual_sweep}
@@ -47,7 +55,7 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], results:
             *statement_tables(results.uncertainty),
             outputs_figure("Output against rate, real and virtual", lines),
             residuals_figure(lines),
-            _difference(table, virtual, results),
+            Figure("Virtual Coriolis minus turntable", RATE, Axis("difference of the outputs", "mV"), [difference]),
         ]
     )
 
@@ -83,17 +91,3 @@ def _comparison(results: VirtualCoriolisResult) -> str:
     error_line = f"scale factor error {results.scale_factor_error_percent:.4f} %{as_printed}"
     fits = (line_words("turntable", results.turntable), line_words("virtual Coriolis", results.virtual))
     return "\n".join([k_vc_line, *fits, error_line, u_line])
-
-
-def _difference(table: Sequence[Point], virtual: Sequence[Point], results: VirtualCoriolisResult) -> Figure:
-    """Draw how far the virtual column is from that of the table at each rate."""
-    pairs = list(zip(table, virtual, strict=True))
-    noise = results.turntable.type_a, results.virtual.type_a
-    u_v = None if None in noise else math.hypot(*(each.u_output_v for each in noise if each is not None))
-    difference = Series(
-        "virtual Coriolis minus turntable",
-        [left.rate_deg_s for left, _ in pairs],
-        [1e3 * (right.output_v - left.output_v) for left, right in pairs],
-        None if u_v is None else [1e3 * u_v] * len(pairs),
-    )
-    return Figure("Virtual Coriolis minus turntable", RATE, Axis("difference of the outputs", "mV"), [difference])

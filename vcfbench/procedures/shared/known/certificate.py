@@ -77,8 +77,17 @@ def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit
     earlier = (known.reference, *known.history)
     base = known.reference.scale_factor_v_per_deg_s.value
     now = [each.scale_factor_v_per_deg_s.value for each in earlier] + [scale_factor.value]
-    parts = [*(_relative_kept(each) for each in earlier), _relative(scale_factor)]
-    residuals = recursive_residuals(1e6 * (np.array(now) / base - 1.0), _covariance(parts))
+    # The covariance of the entries by their parts: those of the same owner are one
+    keys: dict[str, int] = {}
+    placed = [
+        (row, keys.setdefault(_key(part) if part.of is not None else f"{row}, {number}", len(keys)), part.u)
+        for row, parts in enumerate([*(_relative_kept(each) for each in earlier), _relative(scale_factor)])
+        for number, part in enumerate(parts)
+    ]
+    by_source = np.zeros((len(now), len(keys)))
+    for row, column, u in placed:
+        by_source[row, column] += u
+    residuals = recursive_residuals(1e6 * (np.array(now) / base - 1.0), by_source @ by_source.T)
     summed = float(cusum(residuals)[-1])
     seen = first.since, first.change_ppm, first.cancelled, first.e_n, last, summed, known.failed_before
     values = Drift(*seen, "pass", ()).acceptance_values()
@@ -115,20 +124,6 @@ def _change(scale_factor: Measurand, reference: Reference) -> Change:
     found = measurand(change, "ppm", parts, missing)
     since = f"{reference.kind} {reference.name} of {reference.done[:10]}"
     return Change(since, found, tuple(cancelled), e_n(0.0, 0.0, change, found.expanded_u))
-
-
-def _covariance(results: Sequence[Sequence[UncertaintyPart]]) -> Floats:
-    """Return the covariance of results by their parts: those of the same owner are one."""
-    keys: dict[str, int] = {}
-    placed = [
-        (row, keys.setdefault(_key(part) if part.of is not None else f"{row}, {number}", len(keys)), part.u)
-        for row, parts in enumerate(results)
-        for number, part in enumerate(parts)
-    ]
-    by_source = np.zeros((len(results), len(keys)))
-    for row, column, u in placed:
-        by_source[row, column] += u
-    return np.asarray(by_source @ by_source.T)
 
 
 def _relative(found: Measurand) -> list[UncertaintyPart]:

@@ -78,7 +78,12 @@ def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
         return None
     covariance = _covariance(walk, windows, x, free)
     root = np.linalg.cholesky(covariance)
-    whitened = np.linalg.solve(root, np.column_stack([free, output, _patterns(count, at_s)]))
+    # The patterns: an offset for each stretch of windows, and a walk from each window but the first and last on
+    spans = [(first, last) for first in range(count) for last in range(first, count) if last - first < count - 1]
+    place, (begin, end) = np.arange(count)[:, None], np.array(spans).T
+    walks = np.maximum(0.0, at_s[:, None] - at_s[: count - 2]) / max(float(at_s[-1] - at_s[0]), 1e-9)
+    patterns = np.column_stack([(place >= begin) & (place <= end), walks])
+    whitened = np.linalg.solve(root, np.column_stack([free, output, patterns]))
     basis, _ = np.linalg.qr(whitened[:, : free.shape[1]])
     rest = whitened[:, free.shape[1] :]
     left = rest - basis @ (basis.T @ rest)
@@ -88,24 +93,9 @@ def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
         return None
     ratios = np.where(seen, left[:, 0] @ left[:, 1:] / np.sqrt(np.where(seen, shows, 1.0)), 0.0)
     most = int(np.abs(ratios).argmax())
-    spans = _spans(count)
     first, last = spans[most] if most < len(spans) else (most - len(spans) + 1, count - 1)
     size_v = float(ratios[most] / math.sqrt(shows[most]))
     return Jump(first, last, size_v, float(ratios[most]), walks=most >= len(spans))
-
-
-def _spans(count: int) -> list[tuple[int, int]]:
-    return [(first, last) for first in range(count) for last in range(first, count) if last - first < count - 1]
-
-
-def _patterns(count: int, at_s: Floats) -> Floats:
-    """Return columns: an offset for each stretch of windows, and a walk from each window but the first and last on."""
-    place = np.arange(count)[:, None]
-    first, last = np.array(_spans(count)).T
-    offsets = (place >= first) & (place <= last)
-    whole = max(float(at_s[-1] - at_s[0]), 1e-9)
-    walks = np.maximum(0.0, at_s[:, None] - at_s[: count - 2]) / whole
-    return np.column_stack([offsets, walks])
 
 
 def _abscissa(windows: Sequence[Seen]) -> Floats:

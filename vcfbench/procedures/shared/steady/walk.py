@@ -137,10 +137,8 @@ class Walk(Struct):
         """Take notice of a performed step; MeasurementError: a setting did not give what it gave before."""
         if isinstance(step, EnableVvc | DisableVvc):
             self.driven = isinstance(step, EnableVvc)
-        elif isinstance(step, Acquire) and isinstance(result, Window):
-            self._take(step, result)
-
-    def _take(self, step: Acquire, result: Window) -> None:
+        if not isinstance(step, Acquire) or not isinstance(result, Window):
+            return
         point, ended_s = result.point, self.windows[-1].end_s if self.windows else 0.0
         asked_s = result.readings[0].t_s if result.readings else 0.0
         begin_s = max(asked_s, ended_s + (0.0 if result.readings else self.settings.settle_s))
@@ -156,29 +154,31 @@ class Walk(Struct):
         self._squares_v2 += (point.n - 1) * point.std_v**2
         self._dof += point.n - 1
         self.windows.append(seen)
-        same = [each for each in self.windows[:-1] if each.setting == seen.setting]
-        for earlier in same:
-            self._require_same(earlier, seen)
-
-    def _require_same(self, earlier: Seen, latest: Seen) -> None:
-        one, other = earlier.point, latest.point
-        moved_v, allowed_v = other.output_v - one.output_v, self._allowed_v(earlier, latest)
-        if abs(moved_v) <= allowed_v:
-            return
-        raise MeasurementError(
-            f"the output was {one.output_v:+.6g} V at {earlier.describe()} and is now {other.output_v:+.6g} V at "
-            f"{latest.describe()}: {moved_v:+.3g} V apart, at most {allowed_v:.2g} V are noise and drift",
-            instrument="multimeter",
-            step=str(other.step),
-            hint="look at leads and contacts, at what happened between the two windows, at temperature, and let the "
-            "gyroscope warm up (procedure.warm_up_s); expected.zero_drift_v of the bench file is what may drift",
-        )
+        for earlier in [each for each in self.windows[:-1] if each.setting == seen.setting]:
+            was_v, allowed_v = earlier.point.output_v, self._allowed_v(earlier, seen)
+            moved_v = point.output_v - was_v
+            if abs(moved_v) <= allowed_v:
+                continue
+            raise MeasurementError(
+                f"the output was {was_v:+.6g} V at {earlier.describe()} and is now {point.output_v:+.6g} V at "
+                f"{seen.describe()}: {moved_v:+.3g} V apart, at most {allowed_v:.2g} V are noise and drift",
+                instrument="multimeter",
+                step=str(point.step),
+                hint="look at leads and contacts, at what happened between the two windows, at temperature, and let "
+                "the gyroscope warm up (procedure.warm_up_s); expected.zero_drift_v of the bench file is what may "
+                "drift",
+            )
 
     def _allowed_v(self, earlier: Seen, latest: Seen) -> float:
         """Return how far the means of two windows at one setting may be apart, V."""
         limits, one, other = self.limits, earlier.point, latest.point
         variance = self.variance_v2 * (1.0 / one.n + 1.0 / other.n) + limits.resolution_v**2 / 6.0
-        variance += self._table_v2(earlier)
+        if earlier.table_deg_s:  # the table's own rate, and its ripple
+            rate_deg_s = abs(earlier.table_deg_s)
+            alike = [each.point.std_v**2 for each in self.windows if abs(each.table_deg_s) == rate_deg_s]
+            ripple = max(0.0, math.fsum(alike) / len(alike) - self.variance_v2) / one.n
+            rate_v = limits.table_rate * (one.output_v - self.windows[0].point.output_v)
+            variance += 2.0 * (ripple + rate_v**2)
         apart = max(latest.middle_s - earlier.middle_s, 1e-3) / max(earlier.end_s - earlier.begin_s, 1e-3)
         variance += 2.0 / math.pi * limits.flicker_v**2 * (1.5 + math.log(max(1.0, apart)))
         moves_v = abs(earlier.point.output_v - self.windows[0].point.output_v)
@@ -191,15 +191,6 @@ class Walk(Struct):
             outputs = [each.point.output_v for each in self.windows]
             drift_v += _LOOP_DRIFT * (max(outputs) - min(outputs))
         return max(sigmas(self._dof) * math.sqrt(variance) + drift_v, 2.0 * limits.resolution_v)
-
-    def _table_v2(self, seen: Seen) -> float:
-        """Return the addition of the table's own rate, and its ripple, to the square of a difference, V^2."""
-        if not seen.table_deg_s:
-            return 0.0
-        alike = [each.point.std_v**2 for each in self.windows if abs(each.table_deg_s) == abs(seen.table_deg_s)]
-        ripple = max(0.0, math.fsum(alike) / len(alike) - self.variance_v2) / seen.point.n
-        rate_v = self.limits.table_rate * (seen.point.output_v - self.windows[0].point.output_v)
-        return 2.0 * (ripple + rate_v**2)
 
     @property
     def measured(self) -> bool:
