@@ -105,8 +105,8 @@ def test_the_end_of_an_owner_is_waited_for_and_of_one_elsewhere_never_known(hold
     clock = WallClock()
     assert not owner.ended_within(0.1)
     assert clock.now() >= 0.1
-    assert not structs.replace(owner, host="elsewhere").ended_within(600.0)
-    assert clock.now() < 300.0
+    assert not structs.replace(owner, host="elsewhere").ended_within(60.0)
+    assert clock.now() < 60.0  # of one elsewhere nothing comes to be known
     holder.kill()
     holder.wait()
     assert owner.ended_within(600.0)
