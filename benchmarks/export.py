@@ -31,12 +31,12 @@ def record(folder: Path, readings: int) -> Path:
     for chunk in range(chunks):
         places = range(chunk * CHUNK_READINGS, min((chunk + 1) * CHUNK_READINGS, readings))
         values = [{"t_s": 0.0213 * place, "voltage_v": -0.0414 + 1e-7 * (place % 997)} for place in places]
-        journal.readings({**line, "end_s": 0.0213 * places[-1], "chunk": chunk + 1, "readings": values})
+        journal.write("readings", {**line, "end_s": 0.0213 * places[-1], "chunk": chunk + 1, "readings": values})
     mean_v = -0.0414 + 1e-7 * sum(place % 997 for place in range(readings)) / readings
     point = {"step": 1, "rate_deg_s": 0.0, "v_vc_v": 0.0, "output_v": mean_v, "std_v": 3e-5, "n": readings}
     result = {"readings": [], "table_rate_deg_s": 0.0, "rails": []}
     step = {**line, "end_s": 0.0213 * readings, "result_kind": "Window", "result": result, "point": point}
-    journal.step({**step, "chunks": chunks})
+    journal.write("step", {**step, "chunks": chunks})
     journal.footer({"status": "complete", "error": None, "points": 1})
     journal.close()
     return directory

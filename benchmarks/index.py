@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import vcfbench
 from vcfbench.archive.index import RunIndex
-from vcfbench.archive.summary import selection_of
+from vcfbench.archive.summary import Selection
 from vcfbench.records.seal import Sealer
 
 if TYPE_CHECKING:
@@ -70,10 +70,10 @@ def main() -> None:
         timed(f"{count} records, no index", lambda: vcfbench.run_summaries(runs))
         index = RunIndex(runs)
         timed("made of the records", lambda: index.refresh(rebuild=True))
-        index.select(selection_of(dut="none"))
+        index.select(Selection.of(dut="none"))
         timed("held against the records", index.refresh)
         for asked in SELECTIONS:
-            timed(f"query {asked}", lambda asked=asked: index.select(selection_of(**asked)))  # type: ignore[misc]
+            timed(f"query {asked}", lambda asked=asked: index.select(Selection.of(**asked)))  # type: ignore[misc]
 
 
 if __name__ == "__main__":

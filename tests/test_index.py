@@ -16,7 +16,7 @@ from tests import warm
 from tests.seals import sealed
 from tests.test_run_summaries import NAMES, QUICK, TOLD, change
 from vcfbench.archive.index import BESIDE, RunIndex
-from vcfbench.archive.summary import RunSummary, ordered, selection_of, summary_of
+from vcfbench.archive.summary import RunSummary, Selection, ordered, summary_of
 from vcfbench.records.directory import RunDirectory
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def test_the_index_answers_as_the_records_do(runs: Path) -> None:
         for asked in ASKED:
             index = RunIndex(runs)
             index.refresh()
-            assert index.select(selection_of(**asked)) == expected[str(asked)], asked
+            assert index.select(Selection.of(**asked)) == expected[str(asked)], asked
             assert vcfbench.run_summaries(runs, **asked) == expected[str(asked)], asked
 
 
@@ -85,10 +85,10 @@ def test_only_what_changed_is_read_again(runs: Path) -> None:
     shutil.copytree(runs / NAMES[1], runs / "20260301T000000Z-turntable-00000a")
     done = index.refresh()
     assert (done.records, done.read, done.gone, done.made_again) == (3, 2, 1, None)
-    assert index.select(selection_of()) == from_records(runs)
-    assert len(index.select(selection_of(dut="G-7"))) == 2
+    assert index.select(Selection.of()) == from_records(runs)
+    assert len(index.select(Selection.of(dut="G-7"))) == 2
     assert index.refresh(rebuild=True).read == 3
-    assert index.select(selection_of()) == from_records(runs)
+    assert index.select(Selection.of()) == from_records(runs)
 
 
 def test_a_change_that_keeps_size_and_time_is_seen(runs: Path) -> None:
@@ -101,7 +101,7 @@ def test_a_change_that_keeps_size_and_time_is_seen(runs: Path) -> None:
     os.utime(journal, ns=(before.st_atime_ns, before.st_mtime_ns))
     assert journal.stat().st_size == before.st_size
     assert index.refresh().read == 1
-    assert [each.run for each in index.select(selection_of(dut="G-8"))] == [NAMES[0]]
+    assert [each.run for each in index.select(Selection.of(dut="G-8"))] == [NAMES[0]]
 
 
 def test_a_verdict_that_is_stored_later_is_seen(runs: Path) -> None:
@@ -112,7 +112,7 @@ def test_a_verdict_that_is_stored_later_is_seen(runs: Path) -> None:
     limit = {"key": "bias_v", "value": 0.0, "low": -1.0, "high": 1.0, "verdict": "pass"}
     stored.write_text(json.dumps({**values, "acceptance": {"verdict": "pass", "limits": [limit]}}))
     index.refresh()
-    assert index.select(selection_of(dut="G-1"))[0].verdict == "pass"
+    assert index.select(Selection.of(dut="G-1"))[0].verdict == "pass"
 
 
 def test_programs_that_write_at_the_same_time_take_turns(runs: Path) -> None:
@@ -122,7 +122,7 @@ def test_programs_that_write_at_the_same_time_take_turns(runs: Path) -> None:
         index = RunIndex(runs)
         for again in range(4):
             index.refresh(rebuild=again % 2 == 0)
-        found = index.select(selection_of())
+        found = index.select(Selection.of())
         return found == summaries
 
     with ThreadPoolExecutor(3) as programs:

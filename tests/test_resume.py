@@ -25,8 +25,8 @@ from vcfbench.cli.main import app
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, PlanError
 from vcfbench.records.journal import read_journal
-from vcfbench.runs.request import Checked, Request
-from vcfbench.runs.resumed import broken_off
+from vcfbench.runs.request import Request
+from vcfbench.runs.resumed import Resumed, broken_off
 from vcfbench.station.writing import bench_text
 
 if TYPE_CHECKING:
@@ -117,7 +117,8 @@ def test_a_break_on_a_real_bench_is_as_long_as_it_was(whole: Run, tmp_path: Path
     directory = cut(whole, tmp_path, 2)
     shift(directory, real)
     broken = broken_off(directory)
-    prepared = broken.prepare(Request(broken.procedure), Checked())
+    prepared = Resumed(broken, Request(broken.procedure))
+    prepared.make_ready()
     last = max(broken.record.steps, key=lambda line: line["n"])
     then = last["end_s"] + broken.record.header["began_s"]
     gone_s = utc_now() - datetime.fromisoformat(last["utc"])

@@ -6,7 +6,7 @@ import json
 import math
 import signal
 import sys
-from pathlib import Path  # noqa: TC003  # typer reads the annotations when it runs
+from pathlib import Path  # typer reads the annotations when it runs
 from typing import Annotated
 
 import typer

@@ -208,7 +208,7 @@ def test_what_breaks_while_a_run_is_closed_does_not_hide_what_is_not_safe(
         raise OSError(errno.EMFILE, "Too many open files")
 
     station.refuses = NotSafe("NOT SAFE: rate_table at COM1: it turns at 12 deg/s")
-    monkeypatch.setattr("vcfbench.runs.conduct._Record.close", no_more_files)
+    monkeypatch.setattr("vcfbench.runs.conduct._UnderWay.close", no_more_files)
     assert call("run", "turntable").exception is station.refuses
 
 

@@ -144,13 +144,10 @@ class _NoJournal:
     at_point: Mapping[int, Callable[[], None]]
     points: int = 0
 
-    def step(self, values: Mapping[str, Any]) -> None:
-        if "point" in values:
+    def write(self, kind: str, values: Mapping[str, Any]) -> None:
+        if kind == "step" and "point" in values:
             self.points += 1
             self.at_point.get(self.points, lambda: None)()
-
-    def error(self, values: Mapping[str, Any]) -> None:
-        del values
 
 
 def bench_of(dialect: str = "acl", procedure_words: str = "", meter: str = "GPIB0::22::INSTR") -> BenchDescription:

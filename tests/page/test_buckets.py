@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.page.buckets import drawn
+from vcfbench.page.view import drawn
 
 
 @given(st.lists(st.floats(-10, 10), max_size=300), st.integers(2, 100))

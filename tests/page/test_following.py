@@ -9,9 +9,8 @@ import pytest
 import vcfbench
 from vcfbench.page.following import JournalFollower, RunFollower
 from vcfbench.page.view import BrowserPosition, View
-from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.journal import Journal, being_written
-from vcfbench.runs.request import Beginning, dry_run
+from vcfbench.runs.request import Request, prepare
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,11 +22,8 @@ class Watching:
     """Follows a run by its events, and looks at its journal now and then."""
 
     def __init__(self, runs: Path) -> None:
-        planned = dry_run("turntable")
-        procedure = PROCEDURES["turntable"]
-        description = vcfbench.load_bench("paper")
         self.view = View()
-        self._follower = RunFollower(self.view, Beginning(procedure, description, planned, runs / "it"))
+        self._follower = RunFollower(self.view, prepare(Request("turntable")))
         self._runs = runs
         self.journal: JournalFollower | None = None
         self.written: bool | None = None

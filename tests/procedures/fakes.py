@@ -300,14 +300,5 @@ class MemoryJournal:
     def __init__(self) -> None:
         self.lines: list[dict[str, Any]] = []
 
-    def step(self, values: Any) -> None:
-        self.lines.append({"type": "step", **values})
-
-    def readings(self, values: Any) -> None:
-        self.lines.append({"type": "readings", **values})
-
-    def error(self, values: Any) -> None:
-        self.lines.append({"type": "error", **values})
-
-    def restored(self, values: Any) -> None:
-        self.lines.append({"type": "restored", **values})
+    def write(self, kind: str, values: Any) -> None:
+        self.lines.append({"type": kind, **values})

@@ -163,7 +163,7 @@ def test_drawn_instruments_are_within_the_uncertainty_and_what_is_shared_cancels
     only = {part.source for part in second.drift.last.change_ppm.parts if abs(part.u) > 1e-9}
     assert only == {f"{when}{each}" for when in ("", "then: ") for each in ("readings", "V_Vc's scatter", "warm-up")}
     assert first.drift.change_ppm.u < first.scale_factor.u / abs(scale_factor) * 1e6
-    kept = DeviceStore(tmp_path / "devices").history("G-1")[-1].record
+    kept = DeviceStore(tmp_path / "devices").device("G-1").self_calibrations[-1]
     assert isinstance(kept, SelfCalibration)
     assert (kept.certificate, kept.since_last_ppm.value, kept.verdict) == ("0001", 0.0, "pass")  # type: ignore[union-attr]
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.reports.test_text import FIGURE
 from vcfbench.reports.document import Column, Heading, Notice, Report, Table, Text
-from vcfbench.reports.html import html_of
+from vcfbench.reports.html_page import html_of
 
 
 def test_every_part_but_figures_is_a_piece_of_html() -> None:

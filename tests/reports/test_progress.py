@@ -12,7 +12,8 @@ import pytest
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.schema import Point, Status
-from vcfbench.reports.progress import LineProgress, LiveProgress
+from vcfbench.reports.live_progress import LiveProgress
+from vcfbench.reports.progress import LineProgress
 from vcfbench.steps import Done, Note, Settle
 from vcfbench.steps.executor import Executor, ReadingTaken, StepFinished, StepStarted
 

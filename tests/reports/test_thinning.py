@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vcfbench.reports.thinning import COLUMNS, thinned
+from vcfbench.reports.plot import COLUMNS, thinned
 
 
 @settings(max_examples=20)  # each is thousands of values

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from vcfbench.reports.document import Column, Report, Table, Text
-from vcfbench.reports.html import escaped, html_of
+from vcfbench.reports.html_page import escaped, html_of
 from vcfbench.reports.markdown import markdown_of
 from vcfbench.reports.typography import in_unicode, marked_up, marked_up_in_svg
 

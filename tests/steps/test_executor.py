@@ -312,14 +312,12 @@ def execution_steps(watcher: Watcher) -> int:
 
 def test_a_disk_that_is_full_ends_the_run_but_not_the_shut_down() -> None:
     class Full(MemoryJournal):
-        def step(self, values: Any) -> None:
-            if values["n"] == 20:
+        def write(self, kind: str, values: Any) -> None:
+            if kind == "step" and values["n"] == 20:
                 raise BenchError("the record cannot be written: no space left on device")
-            super().step(values)
-
-        def error(self, values: Any) -> None:
-            super().error(values)
-            raise BenchError("the record cannot be written: no space left on device")
+            super().write(kind, values)
+            if kind == "error":
+                raise BenchError("the record cannot be written: no space left on device")
 
     bench = FakeBench()
     execution = run("turntable", bench, Full())

@@ -65,7 +65,7 @@ def test_a_journal_keeps_every_line_that_was_written_and_forges_none(tmp_path: P
         journal.header({"run": "run"})
         said.append(0)
         for number in (1, 2, 3):
-            journal.step({"n": number, "t_s": float(number), "end_s": float(number)})
+            journal.write("step", {"n": number, "t_s": float(number), "end_s": float(number)})
             said.append(number)
         journal.footer({"status": "complete", "points": 0, "error": None})
         said.append(4)
@@ -91,7 +91,7 @@ def test_the_watchdogs_line_is_there_or_not_and_harms_no_other(tmp_path: Path) -
         path = tmp_path / "disk" / "journal.jsonl"
         journal = Journal(path)
         journal.header({"run": "run"})
-        journal.step({"n": 1, "t_s": 1.0, "end_s": 1.0})
+        journal.write("step", {"n": 1, "t_s": 1.0, "end_s": 1.0})
         journal.close()
         descriptor = os.open(path, os.O_WRONLY | os.O_APPEND)
         os.write(descriptor, b'{"type":"step","n":2,"t_s":2')  # it died there
@@ -176,7 +176,7 @@ def test_a_disk_that_cannot_synchronise_is_an_error_of_the_bench(tmp_path: Path)
             try:
                 journal = Journal(place / "journal.jsonl")
                 journal.header({"run": "run"})
-                journal.step({"n": 1, "t_s": 0.0, "end_s": 0.0})
+                journal.write("step", {"n": 1, "t_s": 0.0, "end_s": 0.0})
                 journal.close()
                 write_text(place / "points.csv", TABLE)
             except BenchError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path  # noqa: TC003  # fixtures are annotated with it
+from pathlib import Path  # fixtures are annotated with it
 from xml.etree import ElementTree as ET
 
 import pytest

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import getpass
 import socket
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
 from vcfbench.archive.recorded import directory_of
 from vcfbench.errors import ConfigError
-from vcfbench.records.amendments import amend
+from vcfbench.records.amendments import Amendment, amend
 from vcfbench.records.devices import DeviceStore
 from vcfbench.records.signing import named_key
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.records.amendments import Amendment
-    from vcfbench.records.directory import RunDirectory
-    from vcfbench.records.journal import JournalRecord
 
 
 class Amended(Struct, frozen=True):
@@ -54,18 +48,12 @@ def amend_run(
     key = named_key(None)  # no key that the record names: whose it is nobody knows
     made = amend(directory.journal, record, changes, reason=reason, by=by, key=key)
     device = next((each.was for each in made.changes if each.field == "dut"), None)
-    return Amended(directory.run, made, () if device is None else tuple(_stays(directory, record, device)))
-
-
-def _stays(directory: RunDirectory, record: JournalRecord, device: str) -> list[str]:
-    """Name the effects of a run under the serial number that it was told."""
     settings = record.header.get("settings")
-    if not isinstance(settings, dict) or settings.get("dut") != device:
-        return []
-    said = [f"the results went by what was known of {device}, where they go by what is known of a device"]
-    try:
+    if device is None or not isinstance(settings, dict) or settings.get("dut") != device:
+        return Amended(directory.run, made)
+    stays = [f"the results went by what was known of {device}, where they go by what is known of a device"]
+    with suppress(ConfigError):
         entries = DeviceStore(Path(str(settings.get("devices", "devices")))).entries(device)
-    except ConfigError:
-        return said
-    kept = [each.path for each in entries if each.record.conditions.run == directory.run]
-    return said + [f"{path} is of this run, and stays with {device}" for path in kept]
+        kept = [each.path for each in entries if each.record.conditions.run == directory.run]
+        stays += [f"{path} is of this run, and stays with {device}" for path in kept]
+    return Amended(directory.run, made, tuple(stays))

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct
 
-from vcfbench.analysis.csv_table import decode, parse_table
+from vcfbench.analysis.csv_table import Series, decode, parse_table
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.analysis.csv_table import Series
 
 
 class TableAnalysis(Struct, frozen=True):
@@ -49,7 +45,12 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None) -> TableAna
     path = Path(file)
     series = read_series(path)
     pair = compared_columns(compared, list(series), path)
-    results = _characterised(series, path)
+    results = {}
+    for column, one in series.items():
+        try:
+            results[column] = characterise(one.rate_deg_s, one.output_v, one.u_output_v)
+        except ConfigError as error:
+            raise ConfigError(f"{shown(path)}, column {column}: {error}") from error
     comparison = None if pair is None else compare(results[pair[0]], results[pair[1]])
     return TableAnalysis(results, pair, comparison)
 
@@ -69,13 +70,3 @@ def compared_columns(asked: Sequence[str] | None, columns: list[str], file: Path
         if name not in columns:
             raise ConfigError(f"{shown(file)} has no column {name!r}, only {', '.join(columns)}")
     return asked[0], asked[1]
-
-
-def _characterised(series: Mapping[str, Series], file: Path) -> dict[str, ScaleFactorResult]:
-    results = {}
-    for column, one in series.items():
-        try:
-            results[column] = characterise(one.rate_deg_s, one.output_v, one.u_output_v)
-        except ConfigError as error:
-            raise ConfigError(f"{shown(file)}, column {column}: {error}") from error
-    return results

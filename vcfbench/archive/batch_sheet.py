@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import math
-from itertools import groupby
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
 from statistics import mean, stdev
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from vcfbench.archive.compared import compare_runs
 from vcfbench.archive.index import run_summaries
 from vcfbench.archive.quantities import values_of
 from vcfbench.archive.recorded import load_run
+from vcfbench.archive.summary import RunSummary
 from vcfbench.archive.written import write_document
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import shown
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import digits_of_value, shorthand
-from vcfbench.reports.document import Cell, Column, Heading, Notice, Report, Table, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from datetime import datetime
-    from pathlib import Path
-
-    from vcfbench.archive.quantities import ResultValue
-    from vcfbench.archive.summary import RunSummary
-    from vcfbench.reports.document import Part
+from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text
 
 _UNITS: Final = (
     "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
@@ -116,7 +110,11 @@ def _before(run: RunSummary, known: Sequence[RunSummary]) -> RunSummary | None:
 def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
     run = load_run(str(summary.directory))
     values = values_of(run)
-    scale, bias, bend = (_of(values, name) for name in ("scale_factor", "bias", "nonlinearity"))
+    # the value of the run as a whole, else that on the table, else that by V_Vc
+    scale, bias, bend = (
+        next((values[key] for key in (name, f"turntable.{name}", f"virtual.{name}") if key in values), None)
+        for name in ("scale_factor", "bias", "nonlinearity")
+    )
     drift_ppm = e_n = None
     earlier = None if before is None else load_run(str(before.directory))
     if earlier is not None and scale is not None and earlier.simulated == run.simulated:
@@ -144,11 +142,6 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
     )
 
 
-def _of(values: Mapping[str, ResultValue], name: str) -> ResultValue | None:
-    """Return the value of that name: that of the run as a whole, else that on the table, else that by V_Vc."""
-    return next((values[key] for key in (name, f"turntable.{name}", f"virtual.{name}") if key in values), None)
-
-
 def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
     """Return the sheet of a batch; errors of runs without results stand below."""
     if not rows:
@@ -156,16 +149,33 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
     days = sorted({f"{each.started:%Y-%m-%d}" for each in rows})
     operators = ", ".join(sorted({each.operator for each in rows if each.operator})) or "not stated"
     simulated = any(each.simulated for each in rows)
+    devices = sorted({each.device for each in rows})
+    bad = [device for device in devices if not all(each.passed for each in rows if each.device == device)]
+    good = len(devices) - len(bad)
+    said = f"Yield: {good} of {len(devices)} devices ({100.0 * good / len(devices):.0f} %)"
     parts: list[Part] = [
         Heading(f"Batch {batch}"),
         Text(f"Measured {' to '.join(dict.fromkeys((days[0], days[-1])))}; operator: {operators}."),
         *([Notice("Measured on a simulated bench: no device stands behind these numbers.")] if simulated else []),
-        Notice(_yield_words(rows), "pass" if all(each.passed for each in rows) else "fail"),
+        Notice(f"{said}; not good: {', '.join(bad)}." if bad else f"{said}.", "fail" if bad else "pass"),
         Text(_UNITS),
     ]
-    procedures = dict.fromkeys(each.procedure for each in rows)
-    for name in procedures:
-        parts += _of_procedure(name, [each for each in rows if each.procedure == name])
+    for name in dict.fromkeys(each.procedure for each in rows):
+        of_procedure = [each for each in rows if each.procedure == name]
+        columns = [Column("device", align="left", verbatim=True), *_COLUMNS]
+        several = len({each.operator for each in of_procedure}) > 1
+        if several:
+            columns.append(Column("operator", align="left", verbatim=True))
+        cells = [[each.device, *_cells(each), *([each.operator or "-"] if several else [])] for each in of_procedure]
+        parts += [Heading(name, 2), Table(columns, cells)]
+        found = (each.scale_factor_v_per_deg_s for each in of_procedure)
+        scales = [1e3 * each for each in found if each is not None]
+        if len(scales) > 1:
+            middle, spread = mean(scales), stdev(scales)
+            relative = f" ({1e6 * spread / abs(middle):.3g} ppm)" if middle else ""
+            stated = shorthand(middle, spread / math.sqrt(len(scales)))
+            of_all = f"mean {stated} mV/(deg/s), standard deviation {spread:.2g} mV/(deg/s){relative}"
+            parts.append(Text(f"Scale factor of {len(scales)} devices: {of_all}."))
     failed = [f"{each.device}, {each.procedure}: {each.why_none}" for each in rows if each.why_none]
     if failed:
         parts += [Heading("Runs without results", 2), Text("\n".join(failed), verbatim=True)]
@@ -177,33 +187,6 @@ def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
     columns = [Column("day"), Column("procedure", align="left"), *_COLUMNS]
     cells = [[f"{each.started:%Y-%m-%d}", each.procedure, *_cells(each)] for each in rows]
     return [Heading("Runs with this device", 2), Text(_UNITS), Table(columns, cells)]
-
-
-def _yield_words(rows: Sequence[SheetRow]) -> str:
-    ordered = sorted(rows, key=lambda each: each.device)
-    passed = {device: all(each.passed for each in runs) for device, runs in groupby(ordered, lambda each: each.device)}
-    bad = [device for device, good in passed.items() if not good]
-    good = len(passed) - len(bad)
-    words = f"Yield: {good} of {len(passed)} devices ({100.0 * good / len(passed):.0f} %)"
-    return f"{words}; not good: {', '.join(bad)}." if bad else f"{words}."
-
-
-def _of_procedure(name: str, rows: Sequence[SheetRow]) -> Iterator[Part]:
-    columns = [Column("device", align="left", verbatim=True), *_COLUMNS]
-    several = len({each.operator for each in rows}) > 1
-    if several:
-        columns.append(Column("operator", align="left", verbatim=True))
-    cells = [[each.device, *_cells(each), *([each.operator or "-"] if several else [])] for each in rows]
-    yield Heading(name, 2)
-    yield Table(columns, cells)
-    scales = [1e3 * each.scale_factor_v_per_deg_s for each in rows if each.scale_factor_v_per_deg_s is not None]
-    if len(scales) > 1:
-        middle, spread = mean(scales), stdev(scales)
-        relative = f" ({1e6 * spread / abs(middle):.3g} ppm)" if middle else ""
-        yield Text(
-            f"Scale factor of {len(scales)} devices: mean {shorthand(middle, spread / math.sqrt(len(scales)))} "
-            f"mV/(deg/s), standard deviation {spread:.2g} mV/(deg/s){relative}."
-        )
 
 
 def _cells(row: SheetRow) -> list[Any]:
@@ -235,12 +218,8 @@ def write_sheet(batch: str, rows: Sequence[SheetRow], path: Path) -> tuple[Path,
     book.active.title = "batch"
     book.active.append(list(SheetRow.__struct_fields__))
     for each in rows:
-        book.active.append(
-            [
-                value.isoformat() if name == "started" else value.value if isinstance(value, Status) else value
-                for name, value in zip(SheetRow.__struct_fields__, _values(each), strict=True)
-            ]
-        )
+        values = {**structs.asdict(each), "started": each.started.isoformat(), "status": each.status.value}
+        book.active.append(list(values.values()))
         for cell in book.active[book.active.max_row]:
             cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type  # a text is no formula
     try:
@@ -248,7 +227,3 @@ def write_sheet(batch: str, rows: Sequence[SheetRow], path: Path) -> tuple[Path,
     except OSError as error:
         raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
     return (path,)
-
-
-def _values(row: SheetRow) -> list[Any]:
-    return [getattr(row, name) for name in SheetRow.__struct_fields__]

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from datetime import date
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.archive.run import Run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,19 +80,8 @@ def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, 
     unknown = [key for key in given if key not in _KNOWN]
     if unknown:
         raise ConfigError(f"certificate: expected keys of {', '.join(_KNOWN)}, came {', '.join(map(repr, unknown))}")
-    tags = {key: value for key, value in run.metadata.tags.items() if key in _KNOWN}
-    stated = {**_of_record(run), **tags, **given}
-    found = {key: " ".join(value.split()) for key, value in stated.items() if value and value.strip()}
-    try:
-        date.fromisoformat(found.get("issued", "2000-01-01"))
-    except ValueError:
-        raise ConfigError(f"issued: expected a day such as 2026-11-23, came {found['issued']!r}") from None
-    return found
-
-
-def _of_record(run: Run) -> dict[str, str | None]:
     laboratory: Mapping[str, Any] = run.header.get("bench", {}).get("laboratory") or {}
-    return {
+    recorded = {
         "laboratory": laboratory.get("name"),
         "laboratory_address": laboratory.get("address"),
         "laboratory_email": laboratory.get("email"),
@@ -104,3 +90,11 @@ def _of_record(run: Run) -> dict[str, str | None]:
         "serial": run.metadata.dut,
         "identifier": f"{run.name} revision {run.revision}" if run.amendments else run.name,
     }
+    tags = {key: value for key, value in run.metadata.tags.items() if key in _KNOWN}
+    stated = {**recorded, **tags, **given}
+    found = {key: " ".join(value.split()) for key, value in stated.items() if value and value.strip()}
+    try:
+        date.fromisoformat(found.get("issued", "2000-01-01"))
+    except ValueError:
+        raise ConfigError(f"issued: expected a day such as 2026-11-23, came {found['issued']!r}") from None
+    return found

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from itertools import chain, groupby
+from typing import Any
 
-from vcfbench.archive.quantities import values_of
+from msgspec.structs import replace
+
+from vcfbench.archive.quantities import ResultValue, values_of
+from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.records.plain import plain
-from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from vcfbench.archive.quantities import ResultValue
-    from vcfbench.archive.run import Run
-    from vcfbench.records.schema import Point
-    from vcfbench.reports.document import Part
+from vcfbench.records.schema import Point
+from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +39,7 @@ class SharedResult:
     values: tuple[float, ...]
     u: tuple[float | None, ...]
     differences: tuple[Difference, ...]
-    missing: tuple[tuple[str, ...], ...] = ()
-    """Contributions missing from each `u`."""
+    missing: tuple[tuple[str, ...], ...] = ()  # Contributions missing from each `u`
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,11 +72,19 @@ class RunComparison:
     def report(self) -> Report:
         """Return tables of common and different values, and the figures of all runs laid over each other."""
         letters = [chr(ord("A") + place) for place in range(len(self.runs))]
+        simulated = [_name(run) for run in self.runs if run.simulated]
+        of_all = "all" if len(simulated) == len(self.runs) else ", ".join(simulated)
+        heads = ("", "run", "procedure", "device", "bench", "seed", "verdict")
+        rows = []
+        for letter, run in zip(letters, self.runs, strict=True):
+            seed = None if run.seed is None else str(run.seed)
+            verdict = None if run.verdict is None else run.verdict.word.upper()
+            rows.append((letter, _name(run), run.procedure, run.metadata.dut, run.bench, seed, verdict))
         return Report(
             [
                 Heading("Comparison of runs"),
-                *_notices(self.runs),
-                _runs_table(self.runs, letters),
+                *([Notice(f"SIMULATED: {of_all}. Not measured.")] if simulated else []),
+                Table([Column(name, align="left") for name in heads], rows),
                 *_results_part(self, letters),
                 *_points_part(self, letters),
                 *_differing("Settings that differ", self.settings, letters),
@@ -104,25 +108,32 @@ def compare_runs(*runs: Run) -> RunComparison:
     if not 2 <= len(runs) <= 26:
         raise ConfigError(f"expected 2 to 26 runs to compare, came {len(runs)}")
     of_each = [values_of(run) for run in runs]
-    shared = [name for name in of_each[0] if _in_each(name, of_each)]
-    results = tuple(_shared(name, [values[name] for values in of_each]) for name in shared)
-    points = _paired(runs)
+    results = []
+    for name, first in of_each[0].items():
+        if all(name in values and values[name].unit == first.unit for values in of_each):  # V is not deg/s
+            results.append(_shared([values[name] for values in of_each]))
+    points = tuple(run.points for run in runs) if _alike(*(run.points for run in runs)) else ()
     if not results and not points:
-        has = "; ".join(
-            f"{_name(run)} ({run.procedure}) has {_few(values)}" for run, values in zip(runs, of_each, strict=True)
-        )
-        raise ConfigError(f"there is nothing to compare, the runs share neither results nor points: {has}")
-    headers = [run.header for run in runs]
-    settings = [dict(_flat(each.get("settings", {}))) for each in headers]
+        has = []
+        for run, values in zip(runs, of_each, strict=True):
+            few = f"{', '.join([*values][:5])}{', ...' if len(values) > 5 else ''}" if values else "no results"
+            has.append(f"{_name(run)} ({run.procedure}) has {few}")
+        raise ConfigError(f"there is nothing to compare, the runs share neither results nor points: {'; '.join(has)}")
+    settings = [dict(_flat(run.header.get("settings", {}))) for run in runs]
     keys = [key for key in settings[0] if not key.startswith("station.") and key != "dut"]  # the device is equipment
     alike = [key for key in keys if all(key in each for each in settings)]
+    # the instruments of each run, as far as their serial numbers tell
+    instruments = [
+        {f"{e.role} {e.model} {number}" for e in run.equipment if (number := e.serial_number or e.inventory_number)}
+        for run in runs
+    ]
     return RunComparison(
         runs,
-        results,
+        tuple(results),
         points,
         _unlike([{key: each[key] for key in alike} for each in settings]),
-        _unlike([_circumstances(run, header) for run, header in zip(runs, headers, strict=True)]),
-        _in_all(runs),
+        _unlike([_circumstances(run) for run in runs]),
+        tuple(sorted(set.intersection(*instruments))),
     )
 
 
@@ -130,48 +141,29 @@ def _name(run: Run) -> str:
     return run.name or run.procedure
 
 
-def _in_each(name: str, of_each: Sequence[Mapping[str, ResultValue]]) -> bool:
-    """Tell whether all runs have a result of that name in one unit: a bias in V is none in deg/s."""
-    return all(name in values and values[name].unit == of_each[0][name].unit for values in of_each)
-
-
-def _few(values: Mapping[str, ResultValue]) -> str:
-    names = list(values)
-    return f"{', '.join(names[:5])}{', ...' if len(names) > 5 else ''}" if names else "no results"
-
-
-def _shared(name: str, values: Sequence[ResultValue]) -> SharedResult:
+def _shared(values: Sequence[ResultValue]) -> SharedResult:
     first, *others = values
-    return SharedResult(
-        name,
-        first.unit,
-        tuple(each.value for each in values),
-        tuple(each.u for each in values),
-        tuple(_difference(first, each) for each in others),
-        tuple(each.missing for each in values),
-    )
+    differences = []
+    for other in others:
+        value, u, e_n = other.value - first.value, None, None
+        if first.u is not None and other.u is not None and first.u95 is not None and other.u95 is not None:
+            u, u95 = math.hypot(first.u, other.u), math.hypot(first.u95, other.u95)
+            e_n = abs(value) / u95 if u95 > 0.0 else None
+        differences.append(Difference(value, u, e_n))
+    numbers, u_of_each = tuple(each.value for each in values), tuple(each.u for each in values)
+    missing = tuple(each.missing for each in values)
+    return SharedResult(first.name, first.unit, numbers, u_of_each, tuple(differences), missing)
 
 
-def _difference(first: ResultValue, other: ResultValue) -> Difference:
-    value = other.value - first.value
-    if first.u is None or other.u is None or first.u95 is None or other.u95 is None:
-        return Difference(value, None, None)
-    u95 = math.hypot(first.u95, other.u95)
-    return Difference(value, math.hypot(first.u, other.u), abs(value) / u95 if u95 > 0.0 else None)
-
-
-def _paired(runs: Sequence[Run]) -> tuple[tuple[Point, ...], ...]:
-    """Return the points of each run where step by step all have as many, at nearly the same rates; else nothing."""
-    first, *others = (run.points for run in runs)
+def _alike(first: Sequence[Point], *others: Sequence[Point]) -> bool:
+    """Tell whether step by step all have as many points, at nearly the same rates: that of a V_Vc goes by K_Vc."""
     for points in others:
-        if [p.step for p in points] != [p.step for p in first] or not all(map(_same_rate, first, points)):
-            return ()
-    return tuple(run.points for run in runs) if first else ()
-
-
-def _same_rate(one: Point, other: Point) -> bool:
-    """Tell whether both stand for one rate; the rate of a V_Vc depends on the K_Vc that the run has found."""
-    return math.isclose(one.rate_deg_s, other.rate_deg_s, rel_tol=0.05, abs_tol=0.05)
+        pairs = list(zip(first, points, strict=False))
+        if [p.step for p in points] != [p.step for p in first] or not all(
+            math.isclose(one.rate_deg_s, other.rate_deg_s, rel_tol=0.05, abs_tol=0.05) for one, other in pairs
+        ):
+            return False
+    return bool(first)
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
@@ -188,7 +180,7 @@ def _unlike(of_each: Sequence[Mapping[str, str]]) -> dict[str, tuple[str, ...]]:
     return {name: row for name, row in rows.items() if len(set(row)) > 1}
 
 
-def _circumstances(run: Run, header: Mapping[str, Any]) -> dict[str, str]:
+def _circumstances(run: Run) -> dict[str, str]:
     """Return the equipment and the conditions of a run, as printed."""
     metadata = run.metadata.as_json()
     found = dict(_flat({key: value for key, value in metadata.items() if key != "note"}))
@@ -196,90 +188,48 @@ def _circumstances(run: Run, header: Mapping[str, Any]) -> dict[str, str]:
     for each in run.equipment:
         found[each.role] = f"{each.model}, {each.serial_number or each.inventory_number or 'no serial number'}"
         found[f"{each.role}, calibrated"] = str(each.calibrated or "-")
-    return found | {f"version of {name}": str(version) for name, version in header.get("versions", {}).items()}
-
-
-def _in_all(runs: Sequence[Run]) -> tuple[str, ...]:
-    """Return the instruments that all runs were made with, as far as their serial numbers tell."""
-    known = [
-        {f"{e.role} {e.model} {number}" for e in run.equipment if (number := e.serial_number or e.inventory_number)}
-        for run in runs
-    ]
-    return tuple(sorted(set.intersection(*known)))
-
-
-def _notices(runs: Sequence[Run]) -> Iterator[Notice]:
-    simulated = [_name(run) for run in runs if run.simulated]
-    if simulated:
-        yield Notice(f"SIMULATED: {'all' if len(simulated) == len(runs) else ', '.join(simulated)}. Not measured.")
-
-
-def _runs_table(runs: Sequence[Run], letters: Sequence[str]) -> Table:
-    columns = [Column(name, align="left") for name in ("", "run", "procedure", "device", "bench", "seed", "verdict")]
-    rows = [
-        (
-            *(letter, _name(run), run.procedure, run.metadata.dut, run.bench),
-            *(None if run.seed is None else str(run.seed), None if run.verdict is None else run.verdict.word.upper()),
-        )
-        for letter, run in zip(letters, runs, strict=True)
-    ]
-    return Table(columns, rows)
+    return found | {f"version of {name}": str(version) for name, version in run.header.get("versions", {}).items()}
 
 
 def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Part]:
-    if not comparison.results:
-        return
     known = [each for each in comparison.results if any(u is not None for u in each.u)]
     if known:
         yield Heading("Shared results", 2)
-        yield _results_table(known, letters)
+        columns = [Column("result", align="left"), Column("unit", align="left")]
+        for letter in letters:
+            columns += [Column(letter, format=".7g"), Column(f"u({letter})", format=".2g")]
+        for letter in letters[1:]:
+            columns += [Column(f"{letter} - A", format="+.3g"), Column("u", format=".2g"), Column("E_n", format=".2f")]
+        rows = []
+        for each in known:
+            pairs = zip(each.values, each.u, strict=True)
+            unlike = ((d.value, d.u, d.e_n) for d in each.differences)
+            rows.append((each.name, each.unit, *chain.from_iterable(pairs), *chain.from_iterable(unlike)))
+        yield Table(columns, rows)
     for each in comparison.results:
         if any(each.missing):
             lacks = zip(letters, each.missing, strict=True)
             said = (f"{letter} without {', '.join(missing)}" for letter, missing in lacks if missing)
             yield Text(f"INCOMPLETE: u of {each.name}: {'; '.join(said)}")
     if known:
-        yield Text(_independence(comparison))
-    if len(known) < len(comparison.results):
+        shared = "No instrument is known to be in all runs: serial numbers tell of none."
+        if comparison.instruments:
+            shared = (
+                "They are not where runs share instruments: in all of them are "
+                f"{', '.join(comparison.instruments)}, whose errors cancel in part, so that u of the difference is too "
+                "large there and E_n too small."
+            )
+        yield Text(
+            "E_n is the difference over its expanded uncertainty (95 %); above 1 the runs disagree. Uncertainties of "
+            f"the runs are taken as independent. {shared}"
+        )
+    unknown = [each for each in comparison.results if each not in known]
+    if unknown:
         yield Heading("Shared results without uncertainty", 2)
-        yield _values_table([each for each in comparison.results if each not in known], letters)
-
-
-def _results_table(results: Sequence[SharedResult], letters: Sequence[str]) -> Table:
-    columns = [Column("result", align="left"), Column("unit", align="left")]
-    for letter in letters:
-        columns += [Column(letter, format=".7g"), Column(f"u({letter})", format=".2g")]
-    for letter in letters[1:]:
-        columns += [Column(f"{letter} - A", format="+.3g"), Column("u", format=".2g"), Column("E_n", format=".2f")]
-    rows = []
-    for each in results:
-        pairs = zip(each.values, each.u, strict=True)
-        differences = ((d.value, d.u, d.e_n) for d in each.differences)
-        rows.append((each.name, each.unit, *(v for pair in pairs for v in pair), *(v for d in differences for v in d)))
-    return Table(columns, rows)
-
-
-def _values_table(results: Sequence[SharedResult], letters: Sequence[str]) -> Table:
-    columns = [Column("result", align="left"), Column("unit", align="left")]
-    columns += [Column(letter, format=".7g") for letter in letters]
-    columns += [Column(f"{letter} - A", format="+.3g") for letter in letters[1:]]
-    rows: list[list[float | str]] = [
-        [each.name, each.unit, *each.values, *(d.value for d in each.differences)] for each in results
-    ]
-    return Table(columns, rows)
-
-
-def _independence(comparison: RunComparison) -> str:
-    said = (
-        "E_n is the difference over its expanded uncertainty (95 %); above 1 the runs disagree. Uncertainties of the "
-        "runs are taken as independent."
-    )
-    if not comparison.instruments:
-        return f"{said} No instrument is known to be in all runs: serial numbers tell of none."
-    return (
-        f"{said} They are not where runs share instruments: in all of them are {', '.join(comparison.instruments)}, "
-        "whose errors cancel in part, so that u of the difference is too large there and E_n too small."
-    )
+        columns = [Column("result", align="left"), Column("unit", align="left")]
+        columns += [Column(letter, format=".7g") for letter in letters]
+        columns += [Column(f"{letter} - A", format="+.3g") for letter in letters[1:]]
+        yield Table(columns, [(e.name, e.unit, *e.values, *(d.value for d in e.differences)) for e in unknown])
 
 
 def _points_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Part]:
@@ -327,9 +277,5 @@ def _figures_part(runs: Sequence[Run], letters: Sequence[str]) -> Iterator[Part]
         yield Heading("Figures of all runs", 2)
     for key in shared:
         figures = zip(letters, (figures[key] for figures in of_each), strict=True)
-        series = [_called(f"{letter}: {each.label}", each) for letter, figure in figures for each in figure.series]
+        series = [replace(one, label=f"{letter}: {one.label}") for letter, figure in figures for one in figure.series]
         yield Figure(*key, series, of_each[0][key].caption)
-
-
-def _called(label: str, series: Series) -> Series:
-    return Series(label, series.x, series.y, series.u_y, series.kind, series.low, series.high)

@@ -8,27 +8,23 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import Final
 from xml.etree import ElementTree as ET
 
+from vcfbench.archive.certificate import CertificateWords
 from vcfbench.archive.front_page import days_of
-from vcfbench.archive.quantities import values_of
+from vcfbench.archive.quantities import ResultValue, values_of
 from vcfbench.archive.reported import method_of
+from vcfbench.archive.run import Run
 from vcfbench.archive.si_units import in_si
 from vcfbench.errors import ConfigError
+from vcfbench.records.metadata import Equipment
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.names import named
 from vcfbench.reports.text import printable_lines
 from vcfbench.reports.typography import in_unicode
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from vcfbench.archive.certificate import CertificateWords
-    from vcfbench.archive.quantities import ResultValue
-    from vcfbench.archive.run import Run
-    from vcfbench.records.metadata import Equipment
 
 SCHEMA_VERSION: Final = "3.3.0"
 _DCC: Final = "https://ptb.de/dcc"
@@ -106,10 +102,10 @@ def _ref_type(name: str) -> str:
 
 def _administrative(parent: ET.Element, run: Run, words: CertificateWords, values: Sequence[ResultValue]) -> None:
     software = _under(parent, "dccSoftware")
-    for name, version in _software(run):
+    for name, version in (run.header.get("versions") or {"vcfbench": "-"}).items():
         one = _under(software, "software")
         _say(one, "name", name)
-        _under(one, "release", version)
+        _under(one, "release", str(version))
     definitions = _under(parent, "refTypeDefinitions")
     for namespace, said, link in _REF_TYPES:
         one = _under(definitions, "refTypeDefinition")
@@ -133,11 +129,18 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
     _say(_under(person, "person"), "name", words.responsible)
     _under(person, "mainSigner", "true")
     _contact(_under(parent, "customer"), words.customer, words.customer_email, words.customer_address)
-    _statements(_under(parent, "statements"), run, values)
-
-
-def _software(run: Run) -> Sequence[tuple[str, str]]:
-    return [(name, str(version)) for name, version in run.header.get("versions", {}).items()] or [("vcfbench", "-")]
+    missing = dict.fromkeys(name for each in values for name in each.missing)
+    without = f"INCOMPLETE: uncertainties are stated here without {', '.join(missing)}, of which nothing was known"
+    said_of_all = [_UNSIGNED, *([_SIMULATED] if run.simulated else []), *([without] if missing else [])]
+    statements = _under(parent, "statements")
+    for each in (*said_of_all, *(f"not checked: {each}" for each in run.not_checked)):
+        _say(_under(statements, "statement"), "declaration", each)
+    if run.verdict is not None:
+        one = _under(statements, "statement")
+        one.set("refType", "basic_conformity")
+        limits = [f"{e.key} from {e.low:g} to {e.high:g}: {e.word}" for e in run.verdict.limits]
+        _say(one, "declaration", "Conformity with the limits of the bench file", *limits)
+        _under(one, "conformity", _CONFORMITY[run.verdict.word])
 
 
 def _core(parent: ET.Element, run: Run, words: CertificateWords, *, german: bool) -> None:
@@ -173,54 +176,41 @@ def _contact(parent: ET.Element, name: str, email: str, address: str, country: s
     _say(location, "further", address)
 
 
-def _statements(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> None:
-    _say(_under(parent, "statement"), "declaration", _UNSIGNED)
-    if run.simulated:
-        _say(_under(parent, "statement"), "declaration", _SIMULATED)
-    if missing := dict.fromkeys(name for each in values for name in each.missing):
-        said = f"INCOMPLETE: uncertainties are stated here without {', '.join(missing)}, of which nothing was known"
-        _say(_under(parent, "statement"), "declaration", said)
-    for each in run.not_checked:
-        _say(_under(parent, "statement"), "declaration", f"not checked: {each}")
-    if run.verdict is not None:
-        one = _under(parent, "statement")
-        one.set("refType", "basic_conformity")
-        limits = [f"{e.key} from {e.low:g} to {e.high:g}: {e.word}" for e in run.verdict.limits]
-        _say(one, "declaration", "Conformity with the limits of the bench file", *limits)
-        _under(one, "conformity", _CONFORMITY[run.verdict.word])
-
-
 def _measured(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> None:
-    header = run.header
-    _say(parent, "name", in_unicode(str(header.get("title") or run.procedure)))
+    _say(parent, "name", in_unicode(str(run.header.get("title") or run.procedure)))
     method = _under(_under(parent, "usedMethods"), "usedMethod")
     _say(method, "name", run.procedure)
     _say(method, "description", in_unicode(method_of(run)))
     if run.equipment:
         equipment = _under(parent, "measuringEquipments")
         for each in run.equipment:
-            one = _under(equipment, "measuringEquipment")
-            one.set("refType", "basic_measurementStandard")
-            _equipment(one, each)
-    _conditions(parent, run)
+            _equipment(_under(equipment, "measuringEquipment"), each)
+    measured = (
+        ("temperature of the room", "basic_temperature", run.metadata.ambient_temperature_c, r"\degreecelsius"),
+        ("relative humidity", "basic_humidityRelative", run.metadata.humidity_percent, r"\percent"),
+    )
+    known = [(name, of, value, unit) for name, of, value, unit in measured if value is not None]
+    conditions = _under(parent, "influenceConditions") if known else parent
+    for name, ref_type, value, unit in known:
+        one = _under(conditions, "influenceCondition")
+        one.set("refType", ref_type)
+        _say(one, "name", name)
+        _real(_under(_under(one, "data"), "quantity"), value, 1.0, unit)
     results = _under(parent, "results")
     result = _under(results, "result")
     _say(result, "name", "values")
     data = _under(result, "data")
-    for value in values:
-        _quantity(data, value)
+    for each_value in values:
+        _quantity(data, each_value)
     if run.points:
         _points(_under(results, "result"), run)
 
 
 def _equipment(parent: ET.Element, each: Equipment) -> None:
+    parent.set("refType", "basic_measurementStandard")
     _say(parent, "name", each.role.replace("_", " "))
-    calibration = {
-        "calibrated": each.calibrated,
-        "calibration due": each.calibration_due,
-        "certificate": each.certificate,
-    }
-    said = [f"{name}: {value}" for name, value in calibration.items() if value is not None]
+    dates = (("calibrated", each.calibrated), ("calibration due", each.calibration_due))
+    said = [f"{name}: {value}" for name, value in (*dates, ("certificate", each.certificate)) if value is not None]
     if each.overdue:
         said.append("the calibration was OVERDUE on the day of the run")
     if said:
@@ -228,31 +218,12 @@ def _equipment(parent: ET.Element, each: Equipment) -> None:
     if each.identity is not None and each.identity.maker:
         _say(_under(parent, "manufacturer"), "name", each.identity.maker)
     _under(parent, "model", each.model)
-    numbers = (
-        ("manufacturer", each.serial_number, "serial number"),
-        ("owner", each.inventory_number, "inventory number"),
-    )
-    known = [(issuer, number, name) for issuer, number, name in numbers if number]
-    if known:
+    numbers = (("manufacturer", each.serial_number, "serial"), ("owner", each.inventory_number, "inventory"))
+    if each.serial_number or each.inventory_number:
         identifications = _under(parent, "identifications")
-        for issuer, number, name in known:
-            _identification(identifications, issuer, number, name)
-
-
-def _conditions(parent: ET.Element, run: Run) -> None:
-    quantities = (
-        ("temperature of the room", "basic_temperature", run.metadata.ambient_temperature_c, r"\degreecelsius"),
-        ("relative humidity", "basic_humidityRelative", run.metadata.humidity_percent, r"\percent"),
-    )
-    known = [(name, of, value, unit) for name, of, value, unit in quantities if value is not None]
-    if known:
-        conditions = _under(parent, "influenceConditions")
-        for name, ref_type, value, unit in known:
-            one = _under(conditions, "influenceCondition")
-            one.set("refType", ref_type)
-            _say(one, "name", name)
-            quantity = _under(_under(one, "data"), "quantity")
-            _real(quantity, value, 1.0, unit)
+        for issuer, number, name in numbers:
+            if number:
+                _identification(identifications, issuer, number, f"{name} number")
 
 
 def _quantity(parent: ET.Element, value: ResultValue) -> None:

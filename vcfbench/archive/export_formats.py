@@ -1,28 +1,51 @@
-"""Writers of a table of a run, one a file format; each library is imported when its format is asked for."""
+"""Tables of a run for other programs, and their writers, one a file format; a library is imported for its own."""
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
+from vcfbench.records.damage import own_readings
+from vcfbench.records.export import point_columns
+from vcfbench.records.journal import lines_of, read_header
+from vcfbench.records.schema import Point
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
-
-_AT_ONCE: Final = 10_000
-"""Rows that are made into text together."""
-_LARGEST_ATTRIBUTE: Final = 60_000
-"""Bytes: an attribute of HDF5 takes 64 kB with its name."""
-_XLSX_ROWS: Final = 1_048_576
-"""Most rows of a sheet, its head included."""
+_UNITS: Final = {"_deg_s": "deg/s", "_v": "V", "t_s": "s"}
+_COUNTS: Final = frozenset({"number", "step", "n"})
+_READING: Final = (
+    *("number", "step", "t_s", "voltage_v", "table_rate_deg_s", "rate_deg_s", "v_vc_set_v", "v_vc_measured_v"),
+)
+_MEANINGS: Final = {
+    "number": "number of the step in the run, from 1",
+    "step": "step of the procedure, as in a point",
+    "t_s": "bench time at which the reading was asked for, since the bench was opened",
+    "voltage_v": "reading of the multimeter",
+    "table_rate_deg_s": "rate that the table read back at the end of the window",
+    "rate_deg_s": "rate that the point stands for",
+    "v_vc_set_v": "setting of V_Vc",
+    "v_vc_v": "setting of V_Vc as the generator reads it back",
+    "output_v": "mean output",
+    "std_v": "standard deviation of one reading",
+    "n": "readings of the mean",
+    "v_vc_measured_v": "V_Vc as it was measured at the same time",
+    "v_vc_std_v": "standard deviation of one such reading",
+    "moved_v": "by how much the output at rest had moved in pauses before",
+    "moved_u_v": "its standard uncertainty",
+}
+_AT_ONCE: Final = 10_000  # Rows that are made into text together
+_LARGEST_ATTRIBUTE: Final = 60_000  # Bytes: an attribute of HDF5 takes 64 kB with its name
+_XLSX_ROWS: Final = 1_048_576  # Most rows of a sheet, its head included
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +77,89 @@ class ExportTable:
         return len(self.columns[0].values)
 
 
+def points(journal: Path) -> tuple[ExportColumn, ...]:
+    """Return the points of a record, in the columns of ``points.csv``."""
+    lines = lines_of(journal)
+    found = [Point.from_json(line["point"]) for line in lines if line.get("type") == "step" and "point" in line]
+    rows = [point.as_json() for point in found]
+    return _columns({name: [row.get(name) for row in rows] for name in point_columns(found)})
+
+
+def readings(journal: Path) -> tuple[ExportColumn, ...]:
+    """Return every reading in the order of time, window after window: pieces of arrays, so that many need no more."""
+    pieces = list(_pieces(lines_of(journal), float(read_header(journal).get("began_s", 0.0))))
+    table = np.concatenate([np.empty((0, len(_READING))), *pieces])
+    del pieces
+    table = table[np.argsort(table[:, _READING.index("t_s")], kind="stable")]
+    measured = table.shape[1] - int(np.isnan(table[:, -1]).all())  # columns: the last is left out where V_Vc was not
+    return _columns(dict(zip(_READING[:measured], table.T, strict=False)))
+
+
+def _columns(values: Mapping[str, Iterable[Any]]) -> tuple[ExportColumn, ...]:
+    columns = []
+    for name, given in values.items():
+        array: Any = np.ascontiguousarray(given, dtype=np.float64)
+        if name in _COUNTS:
+            array = array.astype(np.int64)
+        unit = next((unit for end, unit in _UNITS.items() if name.endswith(end)), "1")
+        columns.append(ExportColumn(name, unit, _MEANINGS[name], array))
+    return tuple(columns)
+
+
+def _pieces(lines: Iterable[Mapping[str, Any]], began_s: float) -> Iterator[NDArray[np.float64]]:
+    """Yield the readings of each step as rows; the table's readback is known when the step is done."""
+    chunks: list[NDArray[np.float64]] = []
+    for line in lines:
+        own = line.get("readings", ()) if line.get("type") == "readings" else own_readings(line)
+        taken = ([each["t_s"] for each in own], [each["voltage_v"] for each in own], [e.get("v_vc_v") for e in own])
+        if line.get("type") == "readings":
+            chunks.append(_table(line, *taken))
+        elif line.get("type") in ("step", "error"):
+            result = line.get("result", {})
+            done = [*chunks, _table(line, *taken), *_records(line, result, began_s)]
+            chunks = []
+            table_deg_s = result.get("table_rate_deg_s")
+            for piece in done:
+                if table_deg_s is not None:
+                    piece[:, 4] = table_deg_s
+                yield piece
+    yield from chunks  # the run was cut within the step
+
+
+def _records(line: Mapping[str, Any], result: Mapping[str, Any], began_s: float) -> Iterator[NDArray[np.float64]]:
+    """Yield the lists of volts in a result: samples of a sine, of output and V_Vc, of V_Vc alone."""
+    match line.get("result_kind"):
+        case "SineResponse":  # nothing tells when each was taken but the interval, and when the step began
+            volts = result["voltages_v"]
+            times_s = [began_s + line["t_s"] + place * result["interval_s"] for place in range(len(volts))]
+            yield _table(line, times_s, volts, [None] * len(volts))
+        case "ModulatedRecord":
+            for name, at in (("output_v", "output_t_s"), ("v_vc_v", "v_vc_t_s")):
+                volts = result.get(name) or []
+                times_s = [(result[at] or 0.0) + place * result["interval_s"] for place in range(len(volts))]
+                nothing = [None] * len(volts)
+                yield _table(line, times_s, *((volts, nothing) if name == "output_v" else (nothing, volts)))
+        case "VvcMeasured":
+            taken = result["v_vc"]
+            yield _table(line, [each["t_s"] for each in taken], [None] * len(taken), [e["voltage_v"] for e in taken])
+
+
+def _table(
+    line: Mapping[str, Any], t_s: Sequence[float], volts: Sequence[float | None], v_vc_v: Sequence[float | None]
+) -> NDArray[np.float64]:
+    step = line["step"]
+    table = np.full((len(t_s), 8), np.nan)
+    table[:, 0] = line["n"]
+    table[:, 1] = step.get("step", 0)
+    table[:, 2] = t_s
+    table[:, 3] = volts
+    for column, name in ((5, "rate_deg_s"), (6, "v_vc_v")):
+        if isinstance(step.get(name), int | float):
+            table[:, column] = step[name]
+    table[:, 7] = v_vc_v
+    return table
+
+
 def _csv(table: ExportTable, path: Path) -> None:
     """Write names and values, in full precision; missing values are empty."""
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -66,16 +172,14 @@ def _parquet(table: ExportTable, path: Path) -> None:
     """Write columns with unit and meaning in their metadata, the facts of the record in that of the schema."""
     arrow, parquet = (need(name, "export", "an export to Parquet") for name in ("pyarrow", "pyarrow.parquet"))
     fields = [
-        arrow.field(each.name, arrow.from_numpy_dtype(each.values.dtype), metadata=_described(each.unit, each.meaning))
+        arrow.field(
+            each.name, arrow.from_numpy_dtype(each.values.dtype), metadata={"unit": each.unit, "meaning": each.meaning}
+        )
         for each in table.columns
     ]
     schema = arrow.schema(fields, metadata={key: str(value) for key, value in table.about.items()})
     arrays = [arrow.array(each.values, from_pandas=True) for each in table.columns]
     parquet.write_table(arrow.Table.from_arrays(arrays, schema=schema), str(path))
-
-
-def _described(unit: str, meaning: str) -> dict[str, str]:
-    return {"unit": unit, "meaning": meaning}
 
 
 def _hdf5(table: ExportTable, path: Path) -> None:
@@ -91,7 +195,7 @@ def _hdf5(table: ExportTable, path: Path) -> None:
         for each in table.columns:
             packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if table.rows else {}
             data = group.create_dataset(each.name, data=each.values, **packed)
-            data.attrs.update(_described(each.unit, each.meaning))
+            data.attrs.update({"unit": each.unit, "meaning": each.meaning})
 
 
 def _xlsx(table: ExportTable, path: Path) -> None:
@@ -131,12 +235,10 @@ def _as_text(openpyxl: Any, sheet: Any, value: str | float) -> Any:
 
 def _mat(table: ExportTable, path: Path) -> None:
     """Write a struct of columns, one of their units, and one of the facts of the record (MATLAB 5)."""
-    from scipy.io import savemat  # noqa: PLC0415  # it takes a while to load
-
-    about = {_matlab_name(key): value for key, value in table.about.items()}
+    about = {re.sub("[^A-Za-z0-9]", "_", key)[:63]: value for key, value in table.about.items()}
     units = {each.name: each.unit for each in table.columns}
     columns = {each.name: each.values for each in table.columns}
-    savemat(
+    import_module("scipy.io").savemat(  # it takes a while to load
         str(path),
         {table.name: columns, "units": units, "about": about},
         appendmat=False,
@@ -146,24 +248,18 @@ def _mat(table: ExportTable, path: Path) -> None:
     )
 
 
-def _matlab_name(key: str) -> str:
-    """Return `key` as a name that a field of a struct can have."""
-    return "".join(each if each.isascii() and each.isalnum() else "_" for each in key)[:63]
-
-
 def _rows(table: ExportTable) -> Iterator[Iterator[tuple[float | int | None, ...]]]:
     """Yield the rows, so many at a time, as numbers of Python; None is a missing value."""
     for first in range(0, table.rows, _AT_ONCE):
-        yield zip(*(_plain(each.values[first : first + _AT_ONCE]) for each in table.columns), strict=True)
+        listed = []
+        for each in table.columns:
+            values = each.values[first : first + _AT_ONCE]
+            numbers = values.tolist()
+            missing = values.dtype.kind == "f" and bool(np.isnan(values).any())
+            listed.append([None if math.isnan(one) else one for one in numbers] if missing else numbers)
+        yield zip(*listed, strict=True)
         if table.progress is not None:
             table.progress(min(first + _AT_ONCE, table.rows), table.rows)
-
-
-def _plain(values: Any) -> list[float | int | None]:
-    listed: list[float | int | None] = values.tolist()
-    if values.dtype.kind == "f" and bool((values != values).any()):  # noqa: PLR0124 - nan alone is not itself
-        return [None if each is None or math.isnan(each) else each for each in listed]
-    return listed
 
 
 WRITERS: Mapping[str, Callable[[ExportTable, Path], None]] = MappingProxyType(

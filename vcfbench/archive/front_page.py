@@ -7,33 +7,26 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
 
 from vcfbench.archive.certificate import stated_words
-from vcfbench.archive.quantities import values_of
+from vcfbench.archive.quantities import ResultValue, values_of
+from vcfbench.archive.run import Run
 from vcfbench.files import opened
 from vcfbench.records.amendments import check_of, lines_after
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import grouped, incomplete, shorthand
-from vcfbench.reports.document import Column, Heading, Notice, Table, Text
+from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Table, Text, Value
 from vcfbench.reports.names import named
+from vcfbench.station.acceptance import Verdict
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from vcfbench.archive.quantities import ResultValue
-    from vcfbench.archive.run import Run
-    from vcfbench.reports.document import Figure, Part, Value
-    from vcfbench.station.acceptance import Verdict
-
-BLANK: Final = "_" * 24
-"""Stands for what was not told."""
-_MOST: Final = 12
-"""So many results stand on the first page; the others follow."""
+BLANK: Final = "_" * 24  # Stands for what was not told
+_MOST: Final = 12  # So many results stand on the first page; the others follow
 _LIMITED: Final = {
     "scale_factor_v_per_deg_s": "scale_factor",
     "bias_v": "bias",
@@ -47,10 +40,8 @@ _RULES: Final = {
 }
 _BOUND: Final = re.compile(r"(\S+): .*; it is below (\S+) (\S+) \(95 %\)")
 """Of a value that is not stated, since errors alone may make it."""
-_KEY: Final = re.compile(r" \([a-z]+(?:_[a-z]+)+\)")
-"""Name of a setting, for programs."""
-_LONGEST_TAIL: Final = 1 << 22
-"""The last line of a record and its amendments are not longer, bytes."""
+_KEY: Final = re.compile(r" \([a-z]+(?:_[a-z]+)+\)")  # Name of a setting, for programs
+_LONGEST_TAIL: Final = 1 << 22  # The last line of a record and its amendments are not longer, bytes
 
 
 def front_page(run: Run, title: str, given: Mapping[str, str] | None, figure: Figure | None) -> Iterator[Part]:
@@ -61,16 +52,7 @@ def front_page(run: Run, title: str, given: Mapping[str, str] | None, figure: Fi
     """
     words = stated_words(run, given)
     yield Heading(title)
-    yield from _notices(run)
-    yield _facts(run, words)
-    yield from _results(run)
-    if figure is not None:
-        yield figure
-    yield from _signature(run, words.get("issued"))
-
-
-def _notices(run: Run) -> Iterator[Notice]:
-    """Yield the notices that nobody must overlook: a simulation, a run that is not whole, the verdict."""
+    # what nobody must overlook: a simulation, a run that is not whole, the verdict
     if run.simulated:
         seed = "" if run.seed is None else f" (seed {run.seed})"
         yield Notice(f"SIMULATED: instruments and gyroscope were simulated{seed}. Nothing here was measured.")
@@ -81,19 +63,32 @@ def _notices(run: Run) -> Iterator[Notice]:
         if each.overdue:
             yield Notice(f"OVERDUE: the calibration of {each.role} ({each.model}) was due {each.calibration_due}.")
     if run.verdict is not None:
-        word = run.verdict.word
-        yield Notice(f"Verdict: {word.upper()}", word)
+        yield Notice(f"Verdict: {run.verdict.word.upper()}", run.verdict.word)
+    yield _beside(_facts(run, words))
+    yield from _results(run)
+    if figure is not None:
+        yield figure
+    issued, seal = words.get("issued") or BLANK, seal_of(run) or "none"
+    yield _beside([("issued on", issued), ("signature", BLANK), ("seal of the record", seal)])
+    yield Text(
+        "These results are those of the device named above, at the time and under the conditions stated. Without a "
+        "signature this is no certificate. It is copied whole, or with the laboratory's leave."
+    )
 
 
-def _facts(run: Run, words: Mapping[str, str]) -> Table:
-    """Lay out persons, device and dates."""
+def _beside(rows: Sequence[tuple[str, str]]) -> Table:
+    return Table([Column("", align="left"), Column("", align="left", verbatim=True)], rows)
+
+
+def _facts(run: Run, words: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return persons, device and dates."""
 
     def said(*keys: str) -> str:
         return ", ".join(filter(None, map(words.get, keys))) or BLANK
 
     revision = "" if not run.amendments else f", revision {run.revision}, amended since the run (see Record)"
     certified = [f"{each.model} {each.certificate}" for each in run.equipment if each.certificate is not None]
-    rows = [
+    return [
         ("laboratory", said("laboratory", "laboratory_address", "laboratory_code")),
         ("customer", said("customer", "customer_address")),
         ("device", said("item", "item_manufacturer") if "item" in words else "MEMS gyroscope"),
@@ -106,7 +101,6 @@ def _facts(run: Run, words: Mapping[str, str]) -> Table:
         ("checked by", checked(run) or BLANK),
         ("traceable by", "; ".join(certified) or BLANK),
     ]
-    return Table([Column("", align="left"), Column("", align="left", verbatim=True)], rows)
 
 
 def days_of(run: Run) -> tuple[str, str] | None:
@@ -134,14 +128,23 @@ def _results(run: Run) -> Iterator[Part]:
     # a bias stands there once, as a rate, unless the other is limited
     again = {name for name in known if f"{name}_deg_s" in known} | {"bias_difference_v"}
     shown = [each for name, each in known.items() if name not in again or name.rpartition(".")[2] in limits]
-    rows = [_result(each, limits.pop(each.name.removeprefix("turntable."), None)) for each in shown[:_MOST]]
+    rows: list[tuple[Value, ...]] = []
+    for each in shown[:_MOST]:
+        of, u, u95, k = named(each.name, each.unit), each.u or 0.0, each.u95 or 0.0, each.coverage_factor
+        value = f"{shorthand(of.factor * each.value, abs(of.factor) * u)} {of.unit}".strip()
+        of_u = (f"{grouped(of.factor * u95)} {of.unit}".strip(), None if k is None else f"{k:.2f}")
+        window = _window(limits.pop(each.name.removeprefix("turntable."), None), of.factor)
+        rows.append((f"{of.words}{incomplete(each.missing)}", value, *of_u, *window))
     left_out = _left_out(run)
-    rows += [
-        _bounded(bound, limits.pop(bound[1].removeprefix("turntable."), None))
-        for bound in map(_BOUND.fullmatch, left_out)
-        if bound is not None
-    ]
-    rows += [_limited(each) for each in limits.values()]
+    for bound in filter(None, map(_BOUND.fullmatch, left_out)):
+        of = named(bound[1], bound[3])
+        value = f"below {grouped(of.factor * float(bound[2]))} {of.unit}".strip()
+        window = _window(limits.pop(bound[1].removeprefix("turntable."), None), of.factor)
+        rows.append((of.words, value, "not stated", "", *window))
+    for limit in limits.values():  # of values without an uncertainty
+        of = named(limit.key)
+        value = "-" if limit.value is None else f"{shorthand(limit.value, None)} {of.unit}".strip()
+        rows.append((of.words, value, "not known", "", *_window(limit, 1.0)))
     if not rows:
         return
     names = ("quantity", "value", "U95", "k", "limits", "verdict")
@@ -151,30 +154,9 @@ def _results(run: Run) -> Iterator[Part]:
     yield Text("\n".join(_said_of_results(run, shown)))
 
 
-def _result(each: ResultValue, limit: Verdict | None) -> tuple[Value, ...]:
-    of = named(each.name, each.unit)
-    u, u95, k = each.u or 0.0, each.u95 or 0.0, each.coverage_factor
-    value = f"{shorthand(of.factor * each.value, abs(of.factor) * u)} {of.unit}".strip()
-    of_u = (f"{grouped(of.factor * u95)} {of.unit}".strip(), None if k is None else f"{k:.2f}")
-    window = ("", "") if limit is None else _window(limit, of.factor)
-    return (f"{of.words}{incomplete(each.missing)}", value, *of_u, *window)
-
-
-def _bounded(bound: re.Match[str], limit: Verdict | None) -> tuple[Value, ...]:
-    """Lay out a value of which a bound alone is known."""
-    of = named(bound[1], bound[3])
-    window = ("", "") if limit is None else _window(limit, of.factor)
-    return (of.words, f"below {grouped(of.factor * float(bound[2]))} {of.unit}".strip(), "not stated", "", *window)
-
-
-def _limited(limit: Verdict) -> tuple[Value, ...]:
-    """Lay out a limit whose value has no uncertainty."""
-    of = named(limit.key)
-    value = "-" if limit.value is None else f"{shorthand(limit.value, None)} {of.unit}".strip()
-    return (of.words, value, "not known", "", *_window(limit, 1.0))
-
-
-def _window(limit: Verdict, factor: float) -> tuple[str, str]:
+def _window(limit: Verdict | None, factor: float) -> tuple[str, str]:
+    if limit is None:
+        return "", ""
     return f"{factor * limit.low:g} to {factor * limit.high:g}", limit.word.upper()
 
 
@@ -201,15 +183,6 @@ def _left_out(run: Run) -> Sequence[str]:
     results = None if run.results is None else plain(run.results)
     stated = results.get("uncertainty") if isinstance(results, dict) else None
     return (stated.get("not_in_u") or ()) if isinstance(stated, dict) else ()
-
-
-def _signature(run: Run, issued: str | None) -> Iterator[Part]:
-    rows = [("issued on", issued or BLANK), ("signature", BLANK), ("seal of the record", seal_of(run) or "none")]
-    yield Table([Column("", align="left"), Column("", align="left", verbatim=True)], rows)
-    yield Text(
-        "These results are those of the device named above, at the time and under the conditions stated. Without a "
-        "signature this is no certificate. It is copied whole, or with the laboratory's leave."
-    )
 
 
 def seal_of(run: Run) -> str | None:

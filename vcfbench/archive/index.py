@@ -8,29 +8,24 @@ from __future__ import annotations
 
 import os
 import sqlite3
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
 from msgspec import Struct, structs
 
-from vcfbench.archive.summary import KeyResult, RunSummary, Selection, ordered, selection_of, summary_of
+from vcfbench.archive.summary import KeyResult, RunSummary, Selection, ordered, summary_of
 from vcfbench.errors import ConfigError
 from vcfbench.records.directory import RunDirectory, recorded_runs
 from vcfbench.records.plain import ReadOnly, plain
 from vcfbench.records.schema import Status
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-BESIDE: Final = "index.sqlite"
-"""Name of the index that lies with the records."""
-_VERSION: Final = 5
-"""Version of the file; raised when its content changes, also in how it is made of a record."""
-_PATIENCE_S: Final = 10
-"""For another program that writes."""
+BESIDE: Final = "index.sqlite"  # Name of the index that lies with the records
+_VERSION: Final = 5  # Version of the file; raised when its content changes, also in how it is made of a record
+_PATIENCE_S: Final = 10  # For another program that writes
 
 
 class Refreshed(Struct, frozen=True):
@@ -39,8 +34,7 @@ class Refreshed(Struct, frozen=True):
     records: int
     read: int
     gone: int
-    made_again: str | None = None
-    """Reason for making the index again, None where the earlier one could be used."""
+    made_again: str | None = None  # Reason for making the index again, None where the earlier one could be used
 
 
 class _Unusable(Exception):
@@ -72,7 +66,7 @@ def run_summaries(
     Raises:
         ConfigError: there is no such status, or the date is none.
     """
-    chosen = selection_of(dut=dut, since=since, status=status, procedure=procedure, tags=tags)
+    chosen = Selection.of(dut, since, status, procedure=procedure, tags=dict(tags or {}))
     index = RunIndex(Path(runs))
     if index.path.is_file():
         with suppress(ConfigError):  # the records say the same, later
@@ -89,11 +83,7 @@ class RunIndex:
         self.path = runs / BESIDE
 
     def refresh(self, *, rebuild: bool = False) -> Refreshed:
-        """Read anew the records that differ, with `rebuild` all of them.
-
-        Raises:
-            ConfigError: the file cannot be written.
-        """
+        """Read anew the records that differ, with `rebuild` all of them; ConfigError: the file cannot be written."""
         try:
             return self._refreshed(rebuild=rebuild)
         except _Unusable as unusable:
@@ -101,11 +91,7 @@ class RunIndex:
             return structs.replace(self._refreshed(rebuild=rebuild), made_again=str(unusable))
 
     def select(self, selection: Selection) -> tuple[RunSummary, ...]:
-        """Return the selected runs, oldest first.
-
-        Raises:
-            ConfigError: the file cannot be read.
-        """
+        """Return the selected runs, oldest first; ConfigError: the file cannot be read."""
         try:
             with self._opened() as database:
                 rows = database.execute("SELECT run, summary FROM runs").fetchall()
@@ -126,7 +112,7 @@ class RunIndex:
             raise _Unusable(str(error)) from error
 
     def _refreshed(self, *, rebuild: bool) -> Refreshed:
-        present = dict(_fingerprints(self._runs))
+        present = dict(self._fingerprints())
         with self._opened() as database:
             if (found := database.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
                 raise _Unusable(f"the file is damaged: {found}")
@@ -143,29 +129,34 @@ class RunIndex:
             changed = [run for run, seen in present.items() if rebuild or before.get(run) != seen]
             gone = before.keys() - present.keys()
             database.executemany("DELETE FROM runs WHERE run = ?", [(run,) for run in gone])
-            rows = (_row(self._runs, run, present[run]) for run in changed)
+            rows = (self._row(run, present[run]) for run in changed)
             database.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?, ?)", rows)
             database.execute("COMMIT")
         return Refreshed(len(present), len(changed), len(gone))
+
+    def _fingerprints(self) -> Iterator[tuple[bytes, str]]:
+        """Yield the name of each record, as bytes, with a fingerprint that tells a changed record."""
+        try:
+            entries = list(os.scandir(self._runs))
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            raise ConfigError(f"{self._runs}: the records cannot be listed: {error.strerror}") from error
+        for entry in entries:
+            if (journal := _seen(f"{entry.path}/journal.jsonl")) is not None:
+                yield os.fsencode(entry.name), f"{journal} {_seen(f'{entry.path}/result.json')}"
+
+    def _row(self, run: bytes, seen: str) -> tuple[bytes, str, bytes]:
+        """Return the row of a record; its summary is JSON."""
+        summary = summary_of(RunDirectory(self._runs / os.fsdecode(run)))
+        kept = {key: value for key, value in plain(summary).items() if key not in {"run", "directory"}}
+        going_on = summary.status is Status.RUNNING  # to be killed changes no file
+        return run, "goes on" if going_on else seen, msgspec.json.encode(kept)
 
 
 def _known(database: sqlite3.Connection) -> dict[bytes, str]:
     """Return the fingerprints in the index by the record's name."""
     return dict(database.execute("SELECT run, fingerprint FROM runs"))
-
-
-def _fingerprints(runs: Path) -> Iterator[tuple[bytes, str]]:
-    """Yield the name of each record, as bytes, with a fingerprint that tells a changed record."""
-    try:
-        entries = list(os.scandir(runs))
-    except FileNotFoundError:
-        return
-    except OSError as error:
-        raise ConfigError(f"{runs}: the records cannot be listed: {error.strerror}") from error
-    for entry in entries:
-        journal = _seen(f"{entry.path}/journal.jsonl")
-        if journal is not None:
-            yield os.fsencode(entry.name), f"{journal} {_seen(f'{entry.path}/result.json')}"
 
 
 def _seen(path: str) -> str | None:
@@ -175,14 +166,6 @@ def _seen(path: str) -> str | None:
     except OSError:
         return None
     return f"{found.st_size}:{found.st_mtime_ns}:{found.st_ctime_ns}"
-
-
-def _row(runs: Path, run: bytes, seen: str) -> tuple[bytes, str, bytes]:
-    """Return the row of a record; its summary is JSON."""
-    summary = summary_of(RunDirectory(runs / os.fsdecode(run)))
-    kept = {key: value for key, value in plain(summary).items() if key not in {"run", "directory"}}
-    going_on = summary.status is Status.RUNNING  # to be killed changes no file
-    return run, "goes on" if going_on else seen, msgspec.json.encode(kept)
 
 
 def _summary(directory: Path, kept: dict[str, Any]) -> RunSummary:

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
 
-from vcfbench.archive.recomputed import evaluation_of
 from vcfbench.archive.recorded import directory_of
+from vcfbench.archive.results import evaluation_of
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.layers import recorded_settings
 from vcfbench.procedures.procedure import Provenance
-from vcfbench.records.devices import DeviceStore
+from vcfbench.records.devices import DeviceStore, Entry
 from vcfbench.records.schema import Status
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from vcfbench.records.devices import Entry
 
 
 def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | None = None) -> Entry:
@@ -36,15 +31,8 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
         raise ConfigError(f"{directory.run} ended with an error: nothing of it is kept")
     chosen = procedure(str(record.header.get("procedure")))
     settings = recorded_settings(chosen, record.header.get("settings"))
-    header, footer, verdict = record.header, record.footer or {}, evaluation.verdict
-    made = Provenance(
-        bench=str(header["bench"].get("name")),
-        run=directory.run,
-        simulated=bool(header.get("simulated")),
-        instruments={role: _words_of(identity) for role, identity in header.get("identities", {}).items()},
-        finished=datetime.fromisoformat(footer["utc"]),
-        verdict=None if verdict is None else verdict.word,
-    )
+    finished = datetime.fromisoformat(record.footer["utc"])
+    made = Provenance.of(record.header, directory.run, finished, evaluation.verdict)
     kept = None if chosen.entry is None else chosen.entry(settings, evaluation.results, made)
     if kept is None:
         raise ConfigError(f"{directory.run} keeps nothing of a device", hint="run it with --dut SERIAL")
@@ -53,8 +41,3 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
         if each.record.conditions.run == directory.run:
             raise ConfigError(f"{each.path} is what {directory.run} keeps of its device already")
     return store.add(kept.record)
-
-
-def _words_of(identity: dict[str, Any]) -> str:
-    fields = [str(identity.get(name) or "") for name in ("maker", "model", "serial", "firmware")]
-    return ",".join(fields) if any(fields) else "says nothing of itself"

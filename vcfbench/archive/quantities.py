@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from vcfbench.archive.run import Run
 from vcfbench.records.plain import plain
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from vcfbench.archive.run import Run
 
 _USUAL_FACTOR = 2.0
 """Coverage factor for 95 % where only the standard uncertainty is told: that of a normal distribution."""
@@ -62,20 +59,18 @@ def named_values(of_run: Any) -> dict[str, ResultValue]:
     results = plain(of_run)
     if not isinstance(results, dict):
         return {}
-    found = {each.name: each for each in _stated(results)}
-    for each in _named(results, ""):
-        found.setdefault(each.name, each)
-    return found
-
-
-def _stated(results: Mapping[str, Any]) -> Iterator[ResultValue]:
     statement = results.get("uncertainty")
     values = statement.get("values") if isinstance(statement, dict) else None
+    found: dict[str, ResultValue] = {}
     for each in values if isinstance(values, list) else ():
         if isinstance(each, dict) and isinstance(each.get("name"), str) and _number(each.get("value")) is not None:
             uncertainties = (_number(each.get("u")), _number(each.get("u95")))
             words = str(each.get("unit", "")), *uncertainties, str(each.get("of", ""))
-            yield ResultValue(each["name"], each["value"], *words, tuple(each.get("missing", ())), _causes(each))
+            missing = tuple(each.get("missing", ()))
+            found[each["name"]] = ResultValue(each["name"], each["value"], *words, missing, _causes(each))
+    for named in _named(results, ""):
+        found.setdefault(named.name, named)
+    return found
 
 
 def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from vcfbench import errors
 from vcfbench.archive.index import run_summaries
-from vcfbench.archive.recomputed import evaluation_of, printable
+from vcfbench.archive.results import evaluation_of, printable
 from vcfbench.archive.run import Run, breaks
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.directory import RunDirectory, find_run
 from vcfbench.records.directory import list_runs as recorded_runs
+from vcfbench.records.journal import JournalRecord
 from vcfbench.records.metadata import equipment_of, metadata_from
 from vcfbench.records.schema import Status
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from datetime import datetime
-
-    from vcfbench.records.journal import JournalRecord
 
 
 def load_run(name_or_path: str | Path, runs: str | Path = "runs") -> Run:
@@ -90,13 +86,20 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
     header, footer = record.header, record.footer or {}
     evaluation, why_none = evaluation_of(directory, record)
     lost, amendments = footer.get("observers_lost", ()), amendments_of(record.lines)
+    error: BenchError | None = None
+    if record.damage is not None:
+        error = ConfigError(f"the record is damaged: {record.damage}")
+    elif footer.get("error") is not None:
+        error = _of_kind(footer["error"].get("kind"), footer["error"].get("what"))
+    elif record.footer is None and record.errors:
+        error = _of_kind(record.errors[-1].get("error_kind"), record.errors[-1].get("error"))
     run = Run(
         procedure=str(header.get("procedure")),
         status=record.status,
         points=record.points,
         results=evaluation.results,
         no_results=why_none,
-        error=_error(record),
+        error=error,
         verdict=evaluation.verdict,
         directory=directory.path,
         bench=header.get("bench", {}).get("name"),
@@ -131,18 +134,6 @@ def asked_again(record: JournalRecord) -> list[str]:
 def not_checked(record: JournalRecord) -> tuple[str, ...]:
     """Return the checks that the run left out, with the reasons."""
     return tuple(str(step["not_checked"]) for step in record.steps if "not_checked" in step)
-
-
-def _error(record: JournalRecord) -> BenchError | None:
-    """Return the error that the record tells of: its damage, that of its last line, or its last failed step."""
-    if record.damage is not None:
-        return ConfigError(f"the record is damaged: {record.damage}")
-    if record.footer is not None:
-        recorded = record.footer.get("error")
-        return None if recorded is None else _of_kind(recorded.get("kind"), recorded.get("what"))
-    if record.errors:
-        return _of_kind(record.errors[-1].get("error_kind"), record.errors[-1].get("error"))
-    return None
 
 
 def _of_kind(kind: object, what: object) -> BenchError:

@@ -1,25 +1,34 @@
-"""Evaluation of the points of a run: results, the verdict on them, and the report."""
+"""Results of the points of a run, the verdict on them, and the report: computed, computed again, or as stored."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
-from msgspec import Struct
+import msgspec
+from msgspec import Raw, Struct
 
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.records.directory import RunDirectory
+from vcfbench.records.journal import JournalRecord, lines_of
+from vcfbench.records.outline import Outline
 from vcfbench.records.plain import plain, read_only
-from vcfbench.reports.document import Report, Text
-from vcfbench.reports.generic import generic_report, points_table
-from vcfbench.station.acceptance import judged
+from vcfbench.records.schema import Point, Status
+from vcfbench.reports.document import Report, Text, report_from
+from vcfbench.reports.generic import generic_report, points_table, results_table
+from vcfbench.station.acceptance import Acceptance, Verdict, judged
+from vcfbench.typed import decoder_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.records.schema import Point
-    from vcfbench.station.acceptance import Acceptance
     from vcfbench.station.settings import Limit
     from vcfbench.steps.measured import Measured
+
+STORED_SETTINGS: Final = "settings"  # Title of the table of settings below results that are shown as they were stored
 
 
 class Evaluation(Struct, frozen=True):
@@ -40,6 +49,8 @@ def nothing(points: Sequence[Point]) -> Evaluation:
 def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], measured: Measured) -> Evaluation:
     """Compute the results of `procedure`, judge them by `limits`, and make their report.
 
+    Where the report fails, points and results are shown with the reason.
+
     Raises:
         BenchError: the points give no result, or one that cannot be written.
     """
@@ -52,23 +63,124 @@ def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], me
         raise
     except Exception as error:  # the arithmetic is anybody's
         raise ConfigError(_mistake_in(error)) from error
-    return Evaluation(results, verdict, _report(procedure, settings, taken, results), measured)
-
-
-def _report(procedure: AnyProcedure, settings: Any, measured: Measured, results: Any) -> Report:
-    """Return the report of the procedure; where it fails, the points and results with the reason."""
     try:
-        made = procedure.report(settings, measured, results)
-        if isinstance(made, Report):
-            return made
-        failed = f"it returned a {type(made).__name__}"
+        report = procedure.report(settings, taken, results)
+        failed = "" if isinstance(report, Report) else f"it returned a {type(report).__name__}"
     except Exception as error:  # noqa: BLE001  # it is anybody's, and the results are there
         failed = _mistake_in(error)
-    notice = Text(f"the report of {procedure.name} failed: {failed}")
-    return Report([*generic_report(settings, measured, results).parts, notice])
+    if failed:
+        notice = Text(f"the report of {procedure.name} failed: {failed}")
+        report = Report([*generic_report(settings, taken, results).parts, notice])
+    return Evaluation(results, verdict, report, measured)
 
 
 def _mistake_in(error: BaseException) -> str:
     from vcfbench.procedures.own_code import mistake_in  # noqa: PLC0415  # most make none
 
     return mistake_in(error)
+
+
+def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
+    """Compute the results again from the points; where that cannot be, return the stored ones, with the reason."""
+    if record.status is not Status.COMPLETE:
+        return nothing(record.points), f"the record is {record.status.value}"
+    try:
+        return _computed(directory, record), None
+    except BenchError as error:
+        why = printable(error.what)
+    try:
+        return _stored(directory, record), why
+    except ConfigError as error:
+        return nothing(record.points), f"{why}; {error.what}"
+
+
+def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
+    """Compute the results again; BenchError: the procedure is not known here, or gives none of these points."""
+    # complete records alone need them
+    from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
+    from vcfbench.steps.measured import Measured  # noqa: PLC0415
+
+    name = record.header.get("procedure")
+    if not isinstance(name, str) or name not in PROCEDURES:
+        raise ConfigError(f"the procedure {name!r} is not known here")
+    settings = recorded_settings(PROCEDURES[name], record.header.get("settings"))
+    measured = Measured(record.points, lambda: record.lines)  # they have been read: a million readings take a second
+    try:
+        return evaluate(PROCEDURES[name], settings, settings.acceptance, measured)
+    except BenchError as error:
+        raise ConfigError(f"the points give no result: {error.what}") from error
+    finally:
+        measured.read_again_from(partial(lines_of, directory.journal))  # and are not held in memory
+
+
+def printable(value: object) -> str:
+    """Return a text of a record as it can be printed: a file must not write on the terminal by itself."""
+    text = str(value)
+    return text if text.isprintable() else ascii(text)
+
+
+def _stored(directory: RunDirectory, record: JournalRecord) -> Evaluation:
+    """Return the stored results; ConfigError: there is no ``result.json``, or it is none of these points."""
+    path = directory.path / "result.json"
+    answer = _decoded(path, msgspec.json.Decoder(dict[str, Any]))
+    points = record.points
+    if (answer.get("procedure"), answer.get("points")) != (
+        record.header.get("procedure"),
+        [each.as_json() for each in points],
+    ):
+        raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
+    results = read_only(answer.get("results") or {})
+    kept = answer.get("report")
+    if isinstance(kept, list):
+        parts = report_from(kept).parts
+    else:
+        parts = (points_table(points), *results_table(results, "results, as they were stored"))
+    own = record.header.get("settings")
+    if isinstance(own, dict):
+        own = {key: each for key, each in own.items() if key != "station"}
+    settings = results_table(own, STORED_SETTINGS, "setting")
+    return Evaluation(results, _stored_verdict(answer.get("acceptance")), Report([*parts, *settings]))
+
+
+class _Stored(Struct, frozen=True):
+    """Stored file of results: points and results undecoded, the verdict."""
+
+    procedure: str
+    points: tuple[Raw, ...]
+    results: dict[str, Raw]
+    bench_seconds: float = 0.0
+    acceptance: dict[str, Any] | None = None
+
+
+def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Mapping[str, Raw]]:
+    """Return the verdict in the ``result.json`` of a run, None if there is none, and its results as they stand there.
+
+    Raises:
+        ConfigError: there is no such file, or it is none of the run's points.
+    """
+    answer = _decoded(path, decoder_of(_Stored))
+    of_run = (outline.procedure, outline.points, outline.bench_seconds or 0.0)
+    if (answer.procedure, len(answer.points), answer.bench_seconds) != of_run:
+        raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
+    return _stored_verdict(answer.acceptance), answer.results
+
+
+def _decoded(path: Path, decoder: msgspec.json.Decoder[Any]) -> Any:
+    try:
+        return decoder.decode(read_file(path, "the result of a run", MOST_TABLE))
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ConfigError(f"{shown(path)}: expected the result of a run, it is no JSON object: {error}") from None
+
+
+def _stored_verdict(acceptance: Any) -> Acceptance | None:
+    """Return the verdict that was stored, None if there is none."""
+    if acceptance is None:
+        return None
+    try:
+        limits = [
+            (e["key"], e["value"], float(e["low"]), float(e["high"]), e["verdict"] != "not measured", e.get("u95"))
+            for e in acceptance["limits"]
+        ]
+        return Acceptance(tuple(Verdict(*each) for each in limits))
+    except (KeyError, TypeError):
+        return None

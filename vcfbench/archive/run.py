@@ -2,32 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from zlib import crc32
 
 from msgspec import Struct, field
 from msgspec.structs import astuple
 
-from vcfbench.errors import ConfigError
+from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.damage import own_readings
 from vcfbench.records.export import point_columns
 from vcfbench.records.journal import lines_of, read_header, read_journal
-from vcfbench.records.metadata import RunMetadata
+from vcfbench.records.metadata import Equipment, RunMetadata
 from vcfbench.records.plain import plain
+from vcfbench.records.schema import Point, Status
 from vcfbench.reports.document import Report, Text
 from vcfbench.reports.generic import verdict_table
+from vcfbench.station.acceptance import Acceptance
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    from vcfbench.errors import BenchError
     from vcfbench.records.amendments import Amendment
-    from vcfbench.records.journal import JournalRecord
-    from vcfbench.records.metadata import Equipment
-    from vcfbench.records.schema import Point, Status
-    from vcfbench.station.acceptance import Acceptance
     from vcfbench.steps.measured import Measured
 
 
@@ -138,7 +134,18 @@ class Run(Struct, frozen=True, eq=False):
         """
         if self.directory is None:
             return ()
-        return tuple(sorted(_readings(read_journal(self.directory / "journal.jsonl")), key=lambda each: each.t_s))
+        record = read_journal(self.directory / "journal.jsonl")
+        found = []
+        try:
+            tables = {line["n"]: line["result"].get("table_rate_deg_s") for line in record.steps}
+            for line in (*record.chunks, *record.steps, *record.errors):  # windows whole or in chunks, and those cut
+                number, table_deg_s = line["n"], tables.get(line["n"])
+                for reading in own_readings(line):
+                    seen = (reading["t_s"], reading["voltage_v"], table_deg_s, reading.get("v_vc_v"))
+                    found.append(RawReading(number, line["step"]["step"], *seen))
+        except (AttributeError, KeyError, TypeError) as error:
+            raise ConfigError(f"the readings are not those of this program: {error!r}") from error
+        return tuple(sorted(found, key=lambda each: each.t_s))
 
     def table(self) -> Any:
         """Return the points as a pandas DataFrame, a row each, with the columns of ``points.csv``.
@@ -216,33 +223,17 @@ def breaks(header: Mapping[str, Any], points: int) -> tuple[str, ...]:
         raise ConfigError(f"resumed_from: expected the earlier breaks as a list, came {str(earlier)[:60]}")
     in_process = header.get("simulated") and header.get("bench", {}).get("served") is None
     anew = "; the simulated world began anew" if in_process else ""
-    return tuple(
-        f"{_measured(each, points)} before the break of {_clock(each, 'ended_utc')}, in {each.get('run')}; "
-        f"the bench was started up again at {_clock(each, 'resumed_utc')}{anew}"
-        for each in (*earlier, resumed_from)
-    )
+    said = []
+    for each in (*earlier, resumed_from):
+        some = f"of {points} points {each.get('points')} were measured"
+        taken = some if points else f"{each.get('measurements')} records were taken"
+        said.append(
+            f"{taken} before the break of {clock(each.get('ended_utc'))}, in {each.get('run')}; "
+            f"the bench was started up again at {clock(each.get('resumed_utc'))}{anew}"
+        )
+    return tuple(said)
 
 
-def _measured(earlier: Mapping[str, Any], points: int) -> str:
-    """Say how much was measured before a break: points, where the run has some."""
-    if points:
-        return f"of {points} points {earlier.get('points')} were measured"
-    return f"{earlier.get('measurements')} records were taken"
-
-
-def _clock(earlier: Mapping[str, Any], name: str) -> str:
-    """Return a time of day to the second."""
-    return f"{str(earlier.get(name))[:19].replace('T', ' ')} UTC"
-
-
-def _readings(record: JournalRecord) -> Iterator[RawReading]:
-    """Yield the readings of all steps: chunks of long windows, whole windows, and those that failed."""
-    try:
-        tables = {line["n"]: line["result"].get("table_rate_deg_s") for line in record.steps}
-        for line in (*record.chunks, *record.steps, *record.errors):
-            number, table_deg_s = line["n"], tables.get(line["n"])
-            for reading in own_readings(line):
-                seen = (reading["t_s"], reading["voltage_v"], table_deg_s, reading.get("v_vc_v"))
-                yield RawReading(number, line["step"]["step"], *seen)
-    except (AttributeError, KeyError, TypeError) as error:
-        raise ConfigError(f"the readings are not those of this program: {error!r}") from error
+def clock(utc: object) -> str:
+    """Return a time of day of a record to the second."""
+    return f"{str(utc)[:19].replace('T', ' ')} UTC"

@@ -36,12 +36,10 @@ def in_si(unit: str) -> tuple[float, str] | None:
     """Return the factor of a value in `unit` and the unit it then has in D-SI; None for an unknown unit."""
     powers: dict[str, float] = {}
     scale = _read(unit.strip(), 1.0, powers)
-    parts = [_power(word, power) for word, power in powers.items() if word and power]
+    parts = [
+        word if power == 1.0 else f"{word}\\tothe{{{power:g}}}" for word, power in powers.items() if word and power
+    ]
     return None if scale is None else (scale, "".join(parts) or r"\one")
-
-
-def _power(word: str, power: float) -> str:
-    return word if power == 1.0 else f"{word}\\tothe{{{power:g}}}"
 
 
 def _read(text: str, sign: float, powers: dict[str, float]) -> float | None:

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import msgspec
 from msgspec import structs
 
-from vcfbench.archive.recomputed import evaluation_of
-from vcfbench.archive.stored import stored_outcome
+from vcfbench.archive.results import evaluation_of, stored_outcome
 from vcfbench.errors import ConfigError
 from vcfbench.records.amendments import amended, amended_fields, amendments_of
 from vcfbench.records.directory import RunDirectory, began
 from vcfbench.records.metadata import metadata_from
-from vcfbench.records.outline import outline_of
+from vcfbench.records.outline import ListedMetadata, Outline, outline_of
 from vcfbench.records.plain import ReadOnly, plain
 from vcfbench.records.schema import Status
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
+from vcfbench.station.acceptance import Acceptance
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +103,26 @@ class Selection:
     procedure: str | None = None
     tags: Mapping[str, str] = field(default_factory=dict)
 
+    @classmethod
+    def of(
+        cls,
+        dut: str | None = None,
+        since: str | datetime | None = None,
+        status: str | None = None,
+        **others: Any,
+    ) -> Selection:
+        """Return the selection by values as :func:`vcfbench.run_summaries` takes them; errors as there."""
+        known = [each.value for each in Status]
+        if status is not None and status not in known:
+            raise ConfigError(f"status: expected one of {', '.join(known)}, came {status!r}")
+        try:
+            instant = datetime.fromisoformat(since) if isinstance(since, str) else since
+        except ValueError:
+            raise ConfigError(f"since: expected a date, as in 2026-01-15, came {since!r}") from None
+        if instant is not None and instant.tzinfo is None:
+            instant = instant.replace(tzinfo=UTC)
+        return cls(dut=dut, since=instant, status=None if status is None else Status(status), **others)
+
     def takes(self, summary: RunSummary) -> bool:
         """Tell whether a run is one of those."""
         return (
@@ -114,44 +132,6 @@ class Selection:
             and (self.since is None or summary.started >= self.since)
             and all(summary.tags.get(key) == value for key, value in self.tags.items())
         )
-
-
-def selection_of(
-    *,
-    dut: str | None = None,
-    since: str | datetime | None = None,
-    status: str | None = None,
-    procedure: str | None = None,
-    tags: Mapping[str, str] | None = None,
-) -> Selection:
-    """Return which runs are meant.
-
-    Args:
-        dut: serial number of the device.
-        since: the day or the instant from which on they began, ``2026-01-15`` or ``2026-01-15T10:30``; UTC where no
-            time zone is said.
-        status: how they ended.
-        procedure: its name.
-        tags: what they must all have.
-
-    Raises:
-        ConfigError: there is no such status, or the date is none.
-    """
-    known = [each.value for each in Status]
-    if status is not None and status not in known:
-        raise ConfigError(f"status: expected one of {', '.join(known)}, came {status!r}")
-    ended = None if status is None else Status(status)
-    return Selection(dut=dut, since=_instant(since), status=ended, procedure=procedure, tags=dict(tags or {}))
-
-
-def _instant(utc: str | datetime | None) -> datetime | None:
-    if utc is None:
-        return None
-    try:
-        instant = utc if isinstance(utc, datetime) else datetime.fromisoformat(utc)
-    except ValueError:
-        raise ConfigError(f"since: expected a date, as in 2026-01-15, came {utc!r}") from None
-    return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)
 
 
 def ordered(summaries: Iterator[RunSummary]) -> tuple[RunSummary, ...]:
@@ -164,65 +144,58 @@ def summary_of(directory: RunDirectory) -> RunSummary:
     outline = outline_of(directory.journal)
     if outline is not None:
         with suppress(ConfigError):  # what was not stored with the run is computed from its points
-            verdict, results = stored_outcome(directory.path / "result.json", outline)
-            as_run = structs.replace(outline.metadata, dut=outline.metadata.dut or outline.device)
-            metadata = amended(as_run, outline.amendments)
-            return RunSummary(
-                run=directory.run,
-                directory=directory.path,
-                started=began(directory, outline.utc),
-                status=outline.status,
-                procedure=outline.procedure,
-                bench=outline.bench,
-                seed=outline.seed,
-                points=outline.points,
-                dut=metadata.dut,
-                operator=metadata.operator,
-                note=metadata.note,
-                tags=ReadOnly(metadata.tags),
-                results=ReadOnly(dict(_stored_results(results))),
-                verdict=None if verdict is None else verdict.word,
-                revision=len(outline.amendments) + 1,
-                amended=amended_fields(outline.amendments),
-            )
+            return _summary(directory, outline, *stored_outcome(directory.path / "result.json", outline))
     try:
-        return _read(directory)
+        record = directory.read()
+        header, metadata = record.header, metadata_from(record.header)
+        outline = Outline(
+            procedure=header.get("procedure"),  # type: ignore[arg-type]  # None of a record that has no header
+            bench=header.get("bench", {}).get("name"),
+            seed=header.get("seed"),
+            status=record.status,
+            points=len(record.points),
+            utc=header.get("utc"),
+            metadata=ListedMetadata(metadata.dut, metadata.operator, metadata.note, dict(metadata.tags)),
+            amendments=amendments_of(record.lines),
+        )
+        evaluation, _ = evaluation_of(directory, record)
+        values = {} if evaluation.results is None else plain(evaluation.results)
+        encoded = {name: msgspec.Raw(msgspec.json.encode(value)) for name, value in values.items()}
+        return _summary(directory, outline, evaluation.verdict, encoded, record.damage)
     except ConfigError as error:
-        started = began(directory, None)
+        began_at, why = began(directory, None), str(error)
         return RunSummary(
-            run=directory.run,
-            directory=directory.path,
-            started=started,
-            status=Status.UNREADABLE,
-            problem=str(error),
+            run=directory.run, directory=directory.path, started=began_at, status=Status.UNREADABLE, problem=why
         )
 
 
-def _read(directory: RunDirectory) -> RunSummary:
-    """Read a record in full, and compute its results again where they are not stored."""
-    record = directory.read()
-    header, amendments = record.header, amendments_of(record.lines)
-    metadata = amended(metadata_from(header), amendments)
-    evaluation, _ = evaluation_of(directory, record)
-    verdict = evaluation.verdict
+def _summary(
+    directory: RunDirectory,
+    outline: Outline,
+    verdict: Acceptance | None,
+    results: Mapping[str, msgspec.Raw],
+    damage: str | None = None,
+) -> RunSummary:
+    as_run = structs.replace(outline.metadata, dut=outline.metadata.dut or outline.device)
+    metadata = amended(as_run, outline.amendments)
     return RunSummary(
         run=directory.run,
         directory=directory.path,
-        started=began(directory, header.get("utc")),
-        status=record.status,
-        procedure=header.get("procedure"),
-        bench=header.get("bench", {}).get("name"),
-        seed=header.get("seed"),
-        points=len(record.points),
+        started=began(directory, outline.utc),
+        status=outline.status,
+        procedure=outline.procedure,
+        bench=outline.bench,
+        seed=outline.seed,
+        points=outline.points,
         dut=metadata.dut,
         operator=metadata.operator,
         note=metadata.note,
-        tags=metadata.tags,
-        results=ReadOnly(dict(_stored_results(_encoded(evaluation.results)))),
+        tags=ReadOnly(metadata.tags),
+        results=ReadOnly(dict(_stored_results(results))),
         verdict=None if verdict is None else verdict.word,
-        damage=record.damage,
-        revision=len(amendments) + 1,
-        amended=amended_fields(amendments),
+        damage=damage,
+        revision=len(outline.amendments) + 1,
+        amended=amended_fields(outline.amendments),
     )
 
 
@@ -233,15 +206,9 @@ class _Quantity(msgspec.Struct, frozen=True, gc=False):
     missing: tuple[str, ...] = ()
 
 
-_VALUE_FIRST = 64
-"""Bytes in which the first name of an object stands, however far it is indented."""
+_VALUE_FIRST = 64  # Bytes in which the first name of an object stands, however far it is indented
 
 _QUANTITY = msgspec.json.Decoder(_Quantity)
-
-
-def _encoded(results: Any) -> dict[str, msgspec.Raw]:
-    values = {} if results is None else plain(results)
-    return {name: msgspec.Raw(msgspec.json.encode(value)) for name, value in values.items()}
 
 
 def _stored_results(results: Mapping[str, msgspec.Raw]) -> Iterator[tuple[str, KeyResult]]:

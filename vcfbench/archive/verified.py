@@ -5,20 +5,22 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Iterator, Mapping, Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import msgspec
 from msgspec import Struct, field
 
-from vcfbench.archive.recomputed import evaluation_of
 from vcfbench.archive.recorded import directory_of
+from vcfbench.archive.results import evaluation_of
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import read_file, shown
 from vcfbench.records.amendments import amendments_of
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.export import points_csv
+from vcfbench.records.journal import JournalRecord
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point, Status
 from vcfbench.records.signing import is_signed
@@ -26,11 +28,6 @@ from vcfbench.steps.decode import Recorded, result_of, step_of
 from vcfbench.steps.step import Step, StepResult
 from vcfbench.typed import typed
 from vcfbench.version import other_versions
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from vcfbench.records.journal import JournalRecord
 
 _KINDS: Final = frozenset(
     {"header", "step", "readings", "restored", "error", "watchdog", "footer", "amendment", "signature"}
@@ -133,8 +130,7 @@ class _Check(Struct):
         if not record.header:
             yield "line 1: there is no whole header"
         yield from self._form()
-        amendments = amendments_of(self.record.lines)
-        for number, each in enumerate(amendments, 2):
+        for number, each in enumerate(amendments_of(record.lines), 2):
             if each.revision != number:
                 yield f"amendment {number - 1} says revision {each.revision}, it makes revision {number}"
         yield from self._signatures()
@@ -169,35 +165,33 @@ class _Check(Struct):
         promised = record.header.get("signed_by")
         for place, line in enumerate(record.lines):
             if line.get("type") == "signature":
-                yield from self._signature(place, line)
+                if not is_signed(line, record.seals[place - 1]):
+                    yield f"line {place + 1} is no signature of the line before"
+                if self.keys and line["key"] not in self.keys:
+                    yield f"line {place + 1} is signed by another key: {line['key']}"
+                self.signed_by.append(line["key"])
                 signed = True
             elif line.get("type") != "amendment":
                 signed = False
             elif promised is not None and not signed:  # who amends signs what is amended, not what was measured
                 yield f"line {place + 1} amends what was to be signed before, and is not"
-        yield from self._end_signed(promised, signed=signed)
+        yield from self._signed_end(promised) if signed else self._unsigned_end(promised)
 
-    def _end_signed(self, promised: str | None, *, signed: bool) -> Iterator[str]:
-        record = self.record
-        if self.keys and not signed:
+    def _unsigned_end(self, promised: str | None) -> Iterator[str]:
+        if self.keys:
             yield "it ends without a signature"
-        if promised is not None and not signed and record.status is not Status.RUNNING:
+        if promised is not None and self.record.status is not Status.RUNNING:
             yield "it was to be signed, and ends without a signature: lines may be missing from its end"
-        if signed and promised not in self.signed_by:
+
+    def _signed_end(self, promised: str | None) -> Iterator[str]:
+        if promised not in self.signed_by:
             yield f"it is not signed by the key that its header names, {promised}"
-        if signed and record.lines[-1].get("type") != "signature":
+        if self.record.lines[-1].get("type") != "signature":
             if self.keys:
                 yield "what was amended after the last signature is not signed"
             self.notes.append("what was amended after the last signature is not signed")
-        if signed and not self.keys:
+        if not self.keys:
             self.notes.append("whose key signed it was not asked: --key")
-
-    def _signature(self, place: int, line: Mapping[str, Any]) -> Iterator[str]:
-        if not is_signed(line, self.record.seals[place - 1]):
-            yield f"line {place + 1} is no signature of the line before"
-        if self.keys and line["key"] not in self.keys:
-            yield f"line {place + 1} is signed by another key: {line['key']}"
-        self.signed_by.append(line["key"])
 
     def _files(self) -> Iterator[str]:
         """Hold the files beside the journal against their sums in the footer."""
@@ -259,9 +253,9 @@ class _Check(Struct):
             yield f"{name}, which it was resumed from: {before.damage}"
         if resumed_from.get("seal") is not None and resumed_from["seal"] not in before.seals:
             yield f"{name}, which it was resumed from, has no such seal any more: it was changed, or lines were cut off"
-        had = {line["n"]: line for line in before.steps}
+        had = {line["n"]: _apart(line) for line in before.steps}
         for place, line in enumerate(self.record.lines, 1):
-            if line.get("type") == "step" and "taken_over" in line and not _same_step(line, had.get(line["n"])):
+            if line.get("type") == "step" and "taken_over" in line and had.get(line["n"]) != _apart(line):
                 yield f"line {place}: step {line['n']} is not that of {name}"
 
     def _say_what_is_not_known(self) -> None:
@@ -281,10 +275,8 @@ class _Check(Struct):
 def _step(line: Mapping[str, Any], own: set[str]) -> Iterator[str]:
     """Yield the deviations of a step: its form, its key, its point; kinds that are not known here go to `own`."""
     step, result = step_of(line), result_of(line)
-    for made, kind, known in (
-        (step, line["step_kind"], Step.kinds),
-        (result, line["result_kind"], StepResult.kinds),
-    ):
+    kinds = ((step, line["step_kind"], Step.kinds), (result, line["result_kind"], StepResult.kinds))
+    for made, kind, known in kinds:
         if isinstance(made, Recorded) and kind in known:
             yield f"a {kind} of this form is not known"
         elif isinstance(made, Recorded):
@@ -292,18 +284,14 @@ def _step(line: Mapping[str, Any], own: set[str]) -> Iterator[str]:
     if isinstance(step, Step) and step.key != line["key"]:
         yield f"it says {step.key}, its key is {line['key']}"
     if isinstance(result, StepResult) and not isinstance(step, Recorded):
-        point = result.recorded_point
         stated = Point.from_json(line["point"]) if "point" in line else None
-        if point != stated:
+        if result.recorded_point != stated:
             yield "its point is not that of its result"
 
 
-def _same_step(line: Mapping[str, Any], had: Mapping[str, Any] | None) -> bool:
-    """Tell whether a step that was taken over is the one that was there."""
-    apart = {"taken_over", "utc", "seal"}
-    return had is not None and {k: v for k, v in line.items() if k not in apart} == {
-        k: v for k, v in had.items() if k not in apart
-    }
+def _apart(line: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a step without what its being taken over changes."""
+    return {key: value for key, value in line.items() if key not in {"taken_over", "utc", "seal"}}
 
 
 def _differences(stored: Any, again: Any, name: str = "") -> Iterator[str]:

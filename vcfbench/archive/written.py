@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from urllib.parse import quote
 
 from vcfbench.archive.certificate import certificate_words
 from vcfbench.archive.dcc import dcc_of
 from vcfbench.archive.reported import full_report, title_of
+from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import read_file, shown
-from vcfbench.reports.document import Figure
+from vcfbench.reports.document import Figure, Report
 from vcfbench.reports.html_page import page_of
 from vcfbench.reports.markdown import markdown_of
 from vcfbench.reports.plot import save_figure
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from vcfbench.archive.run import Run
-    from vcfbench.reports.document import Report
 
 
 def write_report(run: Run, path: str | Path, words: Mapping[str, str] | None = None) -> tuple[Path, ...]:
@@ -47,14 +43,6 @@ def write_report(run: Run, path: str | Path, words: Mapping[str, str] | None = N
 _PICTURES: Final = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
 _LARGEST_LOGO: Final = 1 << 20
 _LARGEST_DOCUMENT: Final = 1 << 26
-
-
-def _picture(logo: str) -> str:
-    """Return a picture as an address that holds it."""
-    kind = _PICTURES.get(Path(logo).suffix.lower())
-    if kind is None:
-        raise ConfigError(f"logo {logo!r}: expected a name that ends in {', '.join(_PICTURES)}")
-    return f"data:{kind};base64,{b64encode(read_file(Path(logo), 'a logo', _LARGEST_LOGO)).decode()}"
 
 
 def write_certificate(
@@ -122,26 +110,32 @@ def write_document(report: Report, title: str, name: str, path: Path, logo: str 
     if writer is None:
         raise ConfigError(f"{shown(path)}: expected a name that ends in {', '.join(_WRITERS)}")
     try:
-        return writer(report, title, name, path, _picture(logo) if logo else logo)
+        if logo:  # a picture becomes an address that holds it
+            kind = _PICTURES.get(Path(logo).suffix.lower())
+            if kind is None:
+                raise ConfigError(f"logo {logo!r}: expected a name that ends in {', '.join(_PICTURES)}")
+            picture = b64encode(read_file(Path(logo), "a logo", _LARGEST_LOGO)).decode()
+            logo = f"data:{kind};base64,{picture}"
+        return writer(report, title, name, path, logo)
     except OSError as error:
         raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
 
 
-def _html(report: Report, title: str, name: str, path: Path, logo: str | None) -> tuple[Path, ...]:
-    path.write_bytes(page_of(report, f"{title} ({name})", name, logo=logo).encode())
-    return (path,)
-
-
-def _pdf(report: Report, title: str, name: str, path: Path, logo: str | None) -> tuple[Path, ...]:
-    try:
-        weasyprint = need("weasyprint", "pdf", "a report as PDF")
-    except OSError as error:  # its wheel brings no Pango
-        hint = "install Pango (Debian: apt install libpango-1.0-0 libpangoft2-1.0-0), or print the .html from a browser"
-        raise ConfigError(f"a report as PDF needs WeasyPrint, which cannot be loaded: {error}", hint=hint) from error
-    page = page_of(report, f"{title} ({name})", name, printed=True, logo=logo)
-    # a report holds all that it shows, its logo too: nothing is asked for from elsewhere
-    fetcher = weasyprint.urls.URLFetcher(allowed_protocols=("data",), fail_on_errors=True)
-    path.write_bytes(weasyprint.HTML(string=page, url_fetcher=fetcher).write_pdf())
+def _page(report: Report, title: str, name: str, path: Path, logo: str | None) -> tuple[Path, ...]:
+    printed = path.suffix.lower() == ".pdf"
+    data = page_of(report, f"{title} ({name})", name, printed=printed, logo=logo).encode()
+    if printed:
+        try:
+            weasyprint = need("weasyprint", "pdf", "a report as PDF")
+        except OSError as error:  # its wheel brings no Pango
+            hint = "install Pango (Debian: apt install libpango-1.0-0 libpangoft2-1.0-0), or print the .html"
+            raise ConfigError(
+                f"a report as PDF needs WeasyPrint, which cannot be loaded: {error}", hint=hint
+            ) from error
+        # a report holds all that it shows, its logo too: nothing is asked for from elsewhere
+        fetcher = weasyprint.urls.URLFetcher(allowed_protocols=("data",), fail_on_errors=True)
+        data = weasyprint.HTML(string=data.decode(), url_fetcher=fetcher).write_pdf()
+    path.write_bytes(data)
     return (path,)
 
 
@@ -160,7 +154,7 @@ def _markdown(report: Report, _title: str, _name: str, path: Path, _logo: str | 
 
 
 _WRITERS: Final[dict[str, Callable[[Report, str, str, Path, str | None], tuple[Path, ...]]]] = {
-    ".html": _html,
-    ".pdf": _pdf,
+    ".html": _page,
+    ".pdf": _page,
     ".md": _markdown,
 }

@@ -16,7 +16,7 @@ from vcfbench.cli.options import Json_, Plain_, Quiet_, Runs_, Speed_, Yes_  # t
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
 from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import Batch, BatchRun, read_batch, with_operator
-from vcfbench.runs.request import prepare
+from vcfbench.runs.request import Prepared
 from vcfbench.safety.signals import StopSignals
 
 _WIDTH = 80
@@ -105,7 +105,7 @@ def _carry_out(asked: Batch, each: BatchRun, serial: str, options: RunOptions) -
     request = asked.request(each, serial, options.runs, options.speed)
     try:
         with StopSignals() as signals:
-            run = attended(request, prepare, structs.replace(options, seed=request.seed), signals, None)
+            run = attended(request, Prepared, structs.replace(options, seed=request.seed), signals, None)
     except (Aborted, NotSafe):
         raise
     except BenchError as error:

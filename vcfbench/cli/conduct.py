@@ -16,10 +16,10 @@ from vcfbench.cli.keys import Keys
 from vcfbench.cli.person import agreed, at_the_terminal
 from vcfbench.errors import BenchError
 from vcfbench.records.metadata import metadata_of
-from vcfbench.reports.progress import LineProgress, LiveProgress
+from vcfbench.reports.progress import LineProgress
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.runs.conduct import conduct as conducted
-from vcfbench.runs.request import Checked, Request, prepare
+from vcfbench.runs.request import Prepared, Preparing, Request, prepare
 from vcfbench.safety.control import RunControl
 from vcfbench.safety.signals import StopSignals
 
@@ -30,9 +30,7 @@ if TYPE_CHECKING:
     from vcfbench.archive.run import Run
     from vcfbench.cli.ending import SignalsWithoutBench
     from vcfbench.page.server import LivePage
-    from vcfbench.runs.conduct import Preparing
     from vcfbench.runs.expected import Expectation
-    from vcfbench.runs.request import Beginning
 
 _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
 """Terminals on which nothing can be drawn in place, by the name that they give themselves."""
@@ -109,18 +107,19 @@ def attended(
         if page is not None:
             page.view.say(0.0, words, "warning")
 
-    def display(beginning: Beginning) -> NoProgress:
+    def display(prepared: Prepared) -> NoProgress:
         if page is not None:
-            page.begin(beginning)
-        estimate_s = beginning.planned.bench_seconds
+            page.begin(prepared)
+        estimate_s = prepared.planned().bench_seconds
         shown = NoProgress()
         if not options.quiet:
             plain = options.plain or not sys.stderr.isatty() or os.environ.get("TERM") in _WITHOUT_CURSOR
-            shown = (
-                LineProgress(sys.stderr, estimate_s)
-                if plain
-                else LiveProgress(sys.stderr, estimate_s, beginning.points)
-            )
+            if plain:
+                shown = LineProgress(sys.stderr, estimate_s)
+            else:
+                from vcfbench.reports.live_progress import LiveProgress  # noqa: PLC0415  # rich comes with it
+
+                shown = LiveProgress(sys.stderr, estimate_s, prepared.points())
         if control is not None:
             control.tell(shown.hear)
         return shown
@@ -165,7 +164,7 @@ def _show(run: Run, options: RunOptions) -> None:
 def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_json: bool) -> None:
     """Print every step of a procedure, and the estimated bench time; nothing is opened."""
     try:
-        planned = prepare(structs.replace(request, metadata=metadata_of(metadata)), Checked()).planned()
+        planned = prepare(structs.replace(request, metadata=metadata_of(metadata))).planned()
     except BenchError as error:
         if as_json:
             print_json({"procedure": name, "dry_run": True, "error": str(error)})

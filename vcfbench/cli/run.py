@@ -23,8 +23,8 @@ from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
 from vcfbench.procedures.keys import SettableKey, settable_keys
 from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.metadata import metadata_of
-from vcfbench.runs.request import Request, prepare
-from vcfbench.runs.resumed import broken_off
+from vcfbench.runs.request import Prepared, Request
+from vcfbench.runs.resumed import Resumed, broken_off
 
 
 class Procedures(TyperGroup):
@@ -165,7 +165,7 @@ def run(
             settings=asked.values,
             metadata=metadata,
         )
-        conduct.carry_out(request, prepare, how, context.find_object(SignalsWithoutBench))
+        conduct.carry_out(request, Prepared, how, context.find_object(SignalsWithoutBench))
 
 
 def _ambient(text: str | None) -> dict[str, Any]:
@@ -238,4 +238,4 @@ def resume(
         beside = broken.directory.path.parent
         request = Request(procedure or broken.procedure, bench, runs=beside, speed=speed)
         with broken.directory.alone():
-            conduct.carry_out(request, broken.prepare, how, context.find_object(SignalsWithoutBench))
+            conduct.carry_out(request, partial(Resumed, broken), how, context.find_object(SignalsWithoutBench))

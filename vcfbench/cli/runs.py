@@ -14,8 +14,8 @@ from msgspec import to_builtins
 from vcfbench.archive.amending import amend_run
 from vcfbench.archive.export import export_run
 from vcfbench.archive.index import RunIndex, run_summaries
-from vcfbench.archive.recomputed import printable
 from vcfbench.archive.recorded import recorded_run
+from vcfbench.archive.results import printable
 from vcfbench.archive.run import Run
 from vcfbench.archive.summary import RunSummary
 from vcfbench.archive.verified import verify_run

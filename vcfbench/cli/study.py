@@ -13,7 +13,7 @@ from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import Json_, output_option  # typer reads them
 from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.text import left_table, text_of
-from vcfbench.studies.conduct import Quiet, StudyOptions, conduct, journal_of, plan_of
+from vcfbench.studies.conduct import Progress, StudyOptions, conduct, journal_of, plan_of
 from vcfbench.studies.file import read_study
 from vcfbench.studies.progress import BarProgress, StudyLineProgress
 from vcfbench.studies.result import beside
@@ -75,7 +75,7 @@ def study(
 def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
     """Show the progress of the study on stderr; when it is stopped say which runs are kept."""
     if quiet:
-        yield Quiet()
+        yield Progress()
         return
     outlet = Outlet(sys.stderr)
     outlet.open()

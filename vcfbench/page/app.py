@@ -27,25 +27,22 @@ from vcfbench.clock import WallClock
 from vcfbench.errors import BenchError
 from vcfbench.page.following import JournalFollower
 from vcfbench.page.parts import end_of
-from vcfbench.page.view import BrowserPosition
+from vcfbench.page.station import StationDirectories
+from vcfbench.page.view import BrowserPosition, View
 from vcfbench.records.journal import being_written
 from vcfbench.reports.html_page import page_of
+from vcfbench.safety.control import RunControl
 
 if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-    from vcfbench.page.station import StationDirectories
-    from vcfbench.page.view import View
-    from vcfbench.safety.control import RunControl
 
-LIVE: Final = "live"
-"""The name of the run of this process."""
+LIVE: Final = "live"  # The name of the run of this process
 
 _HERE = Path(__file__).parent
 _TICK_S: Final = 0.2
-_READING_S: Final = 0.3
-"""Time for which a journal is read before its view is told, s."""
+_READING_S: Final = 0.3  # Time for which a journal is read before its view is told, s
 _ALIVE_S: Final = 10.0
 """Interval in which a browser is told that somebody is there, s; its time-out for each message, too."""
 _MOST_BROWSERS: Final = 32
@@ -53,8 +50,7 @@ _MOST_VIEWS: Final = 8
 _MOST_POINTS: Final = 20_000
 _BY: Final = "the page"
 
-_DRAWING: Final = Lock()
-"""Matplotlib draws one figure at a time."""
+_DRAWING: Final = Lock()  # Matplotlib draws one figure at a time
 
 _OF_REPORTS: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
 """A report has its style and figures in it, and no script."""
@@ -112,27 +108,16 @@ class PageContent:
                 pass
             view = follower.view
             if view.end is not None and "parts" not in view.end:
-                view.finished({**view.end, **_ended(follower.path.parent)})
+                try:
+                    ended = end_of(load_run(follower.path.parent))
+                except BenchError as error:
+                    ended = {"parts": [], "error": str(error)}
+                view.finished({**view.end, **ended})
             elif view.end is None and not being_written(follower.path) and not follower.read_on() and view.end is None:
                 view.finished({"status": "incomplete", "error": "the record ends here, nobody writes it any more"})
         except OSError as error:
             raise HTTPException(404, f"the record cannot be read: {error.strerror}") from error
         return follower.view
-
-
-def _ended(directory: Path) -> dict[str, Any]:
-    """Return results and verdict of a recorded run as the page shows them."""
-    try:
-        return end_of(load_run(directory))
-    except BenchError as error:
-        return {"parts": [], "error": str(error)}
-
-
-def _report(directory: Path) -> str:
-    """Return the whole report of a recorded run as one HTML file."""
-    with _DRAWING:
-        run = load_run(directory)
-        return page_of(full_report(run), title_of(run), directory.name)
 
 
 class EventStream:
@@ -148,9 +133,14 @@ class EventStream:
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one browser."""
         del scope
+
+        async def gone_from() -> None:
+            while (await receive())["type"] != "http.disconnect":
+                pass
+
         self._shown.browsers += 1
         try:
-            gone = asyncio.ensure_future(_gone(receive))
+            gone = asyncio.ensure_future(gone_from())
             await asyncio.wait({gone, asyncio.ensure_future(self._tell(send))}, return_when=asyncio.FIRST_COMPLETED)
         finally:
             gone.cancel()
@@ -164,7 +154,9 @@ class EventStream:
             closing = self._shown.closing
             view = await run_in_threadpool(self._shown.view, self._name)
             news = await run_in_threadpool(view.news, seen)
-            over = closing or (news is not None and news["end"] is not None and _is_whole(news["end"]))
+            end = None if news is None else news["end"]
+            # nothing more will be said: the run is over, and its results are there if it has some
+            over = closing or (end is not None and ("parts" in end or end.get("status") == "incomplete"))
             if over and news is not None:
                 news["drawn"] = await run_in_threadpool(view.drawn, None, None, 4000)
             silent_s += _TICK_S
@@ -176,17 +168,6 @@ class EventStream:
                     await send({"type": "http.response.body", "body": data, "more_body": not over})
             if not over:
                 await asyncio.sleep(_TICK_S)
-
-
-def _is_whole(end: Any) -> bool:
-    """Tell whether nothing more will be said of a run: it is over, and its results are there if it has some."""
-    return "parts" in end or end.get("status") == "incomplete"
-
-
-async def _gone(receive: Receive) -> None:
-    """Wait until the browser is gone."""
-    while (await receive())["type"] != "http.disconnect":
-        pass
 
 
 class _Guarded:
@@ -275,8 +256,14 @@ class _Routes:
         directory = self._shown.station.directory(request.path_params["name"])
         if directory is None:
             raise HTTPException(404, "there is no such run")
+
+        def whole_report(path: Path) -> str:
+            with _DRAWING:
+                run = load_run(path)
+                return page_of(full_report(run), title_of(run), path.name)
+
         try:
-            text = await run_in_threadpool(_report, directory.path)
+            text = await run_in_threadpool(whole_report, directory.path)
         except BenchError as error:
             raise HTTPException(404, str(error)) from error
         return Response(text, media_type="text/html", headers={"content-security-policy": _OF_REPORTS})
@@ -298,21 +285,13 @@ class _Routes:
     def _control(self, request: Request) -> RunControl:
         """Return the control of the run, for a caller with the token; HTTPException for anybody else."""
         shown = self._shown
-        if not _same_origin(request) or not _knows(request.headers.get("x-vcfbench-token"), shown.token):
+        origin, sent = request.headers.get("origin"), request.headers.get("x-vcfbench-token") or ""
+        elsewhere = origin is not None and urlsplit(origin).netloc != request.headers.get("host")
+        if elsewhere or not shown.token or not hmac.compare_digest(sent.encode(), shown.token.encode()):
             raise HTTPException(403, "this address can only look: open the one that the terminal shows")
         if shown.control is None or shown.live is None or shown.live.end is not None:
             raise HTTPException(409, "no run goes here any more")
         return shown.control
-
-
-def _same_origin(request: Request) -> bool:
-    """Tell whether the page that asks, if a page does, is this one."""
-    origin = request.headers.get("origin")
-    return origin is None or urlsplit(origin).netloc == request.headers.get("host")
-
-
-def _knows(sent: str | None, token: str) -> bool:
-    return bool(token) and hmac.compare_digest((sent or "").encode(), token.encode())
 
 
 def _number(request: Request, name: str) -> float | None:

@@ -7,10 +7,8 @@ from typing import Any, Final
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-_MOST: Final = 64
-"""Connections at a time: 32 browsers that follow a run, and the files they load besides."""
-_ASKING_S: Final = 5.0
-"""Within which a new connection must have put its first request, wall time."""
+_MOST: Final = 64  # Connections at a time: 32 browsers that follow a run, and the files they load besides
+_ASKING_S: Final = 5.0  # Within which a new connection must have put its first request, wall time
 
 
 class BoundedConnection(H11Protocol):
@@ -25,14 +23,12 @@ class BoundedConnection(H11Protocol):
             transport.abort()
             return
         super().connection_made(transport)
-        self._unasked = asyncio.get_running_loop().call_later(_ASKING_S, self._close_unasked)
+        self._unasked = asyncio.get_running_loop().call_later(
+            _ASKING_S, lambda: self.cycle is None and transport.close()
+        )
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget it."""
         if self._unasked is not None:
             self._unasked.cancel()
         super().connection_lost(exc)
-
-    def _close_unasked(self) -> None:
-        if self.cycle is None:
-            self.transport.close()

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 from msgspec import Struct
 
 from vcfbench.files import shown
 from vcfbench.page.view import View
+from vcfbench.runs.request import Prepared
 from vcfbench.steps import Note
 from vcfbench.steps.decode import result_of, step_of
-from vcfbench.steps.executor import Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.steps.executor import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
 from vcfbench.typed import typed
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from vcfbench.runs.request import Beginning
-    from vcfbench.steps.executor import Event
-
-_AT_ONCE = 1 << 22
-"""Bytes of a journal that are read at once: a long one must not hold up readers of another."""
+_AT_ONCE = 1 << 22  # Bytes of a journal that are read at once: a long one must not hold up readers of another
 
 
 _NO_LINE_OF_OURS = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
@@ -34,20 +29,20 @@ _NO_LINE_OF_OURS = (ArithmeticError, AttributeError, LookupError, RecursionError
 class RunFollower:
     """Tells a view the events of a run: an observer of it."""
 
-    def __init__(self, view: View, beginning: Beginning) -> None:
+    def __init__(self, view: View, prepared: Prepared) -> None:
         self._view = view
-        description = beginning.description
-        view.planned_s = beginning.planned.bench_seconds
-        view.headings = [each.step.describe() for each in beginning.planned.steps if isinstance(each.step, Note)]
+        description = prepared.description
+        view.planned_s = prepared.planned().bench_seconds
+        view.headings = [each.step.describe() for each in prepared.planned().steps if isinstance(each.step, Note)]
         view.about = {
-            "run": beginning.procedure.name if beginning.directory is None else beginning.directory.name,
-            "procedure": beginning.procedure.name,
-            "title": beginning.procedure.title,
+            "run": prepared.procedure.name if prepared.directory is None else prepared.directory.run,
+            "procedure": prepared.procedure.name,
+            "title": prepared.procedure.title,
             "bench": description.name,
             "simulated": description.simulated,
             "limits": _limits(msgspec.to_builtins(description.limits)),
         }
-        view.points += beginning.points
+        view.points += prepared.points()
         view.version += 1
 
     def handle(self, event: Event) -> None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from vcfbench.reports.document import Figure, Heading, Notice, Table, Text
-
-if TYPE_CHECKING:
-    from vcfbench.archive.run import Run
-    from vcfbench.reports.document import Part, Report
+from vcfbench.archive.run import Run
+from vcfbench.reports.document import Figure, Heading, Notice, Part, Report, Table, Text
 
 
 def parts_of(report: Report) -> list[dict[str, Any]]:

@@ -4,32 +4,26 @@ from __future__ import annotations
 
 import secrets
 import socket
+from collections.abc import Callable
+from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Final, Self
+from typing import Any, Final, Self
 
+from vcfbench.archive.run import Run
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.extras import need
+from vcfbench.page.app import PageContent
 from vcfbench.page.following import RunFollower
 from vcfbench.page.parts import end_of
 from vcfbench.page.station import StationDirectories
 from vcfbench.page.view import View
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-    from types import TracebackType
-    from typing import Any
-
-    from vcfbench.archive.run import Run
-    from vcfbench.page.app import PageContent
-    from vcfbench.runs.request import Beginning
-    from vcfbench.safety.control import RunControl
-    from vcfbench.steps.executor import Event
+from vcfbench.runs.request import Prepared
+from vcfbench.safety.control import RunControl
+from vcfbench.steps.executor import Event
 
 LOOPBACK: Final = "127.0.0.1"
 _WHAT: Final = "the page in a browser"
-_PARTING_S: Final = 1.5
-"""Time of browsers for the last of a run, s: the command does not wait for them any longer."""
+_PARTING_S: Final = 1.5  # Time of browsers for the last of a run, s: the command does not wait for them any longer
 _STARTING_S: Final = 10.0
 
 
@@ -63,17 +57,10 @@ def _server(shown: PageContent) -> Any:
     from vcfbench.page.app import application  # noqa: PLC0415  # starlette comes with it
     from vcfbench.page.connections import BoundedConnection  # noqa: PLC0415  # as above
 
-    config = uvicorn.Config(
-        application(shown),
-        http=BoundedConnection,
-        log_config=None,
-        log_level="critical",
-        access_log=False,
-        lifespan="off",
-        ws="none",
-        timeout_graceful_shutdown=1,
+    how = {"log_config": None, "log_level": "critical", "access_log": False, "lifespan": "off", "ws": "none"}
+    return uvicorn.Server(
+        uvicorn.Config(application(shown), http=BoundedConnection, timeout_graceful_shutdown=1, **how)
     )
-    return uvicorn.Server(config)
 
 
 class LivePage:
@@ -92,9 +79,9 @@ class LivePage:
         control.tell(self.view.hear)
         self._server = _server(self._shown)
         self._socket = _bound(port)
-        self._beginning: Beginning | None = None
+        self._prepared: Prepared | None = None
         self._follower: RunFollower | None = None
-        self._thread = Thread(target=self._serve, name="page", daemon=True)
+        self._thread = Thread(target=self._server.run, args=([self._socket],), name="page", daemon=True)
 
     @property
     def address(self) -> str:
@@ -105,33 +92,28 @@ class LivePage:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Tell the browsers that the run is over, and go."""
         if self.view.end is None:
-            self.view.finished({"status": "aborted", "error": str(error or "the command ended")})
+            self.view.finished({"status": "aborted", "error": str(error[1] or "the command ended")})
         self._shown.closing = True
         self._server.should_exit = True
         self._thread.join(_PARTING_S)
 
-    def begin(self, beginning: Beginning) -> None:
+    def begin(self, prepared: Prepared) -> None:
         """Take in the beginning of a run."""
-        self._beginning = beginning
+        self._prepared = prepared
 
     def handle(self, event: Event) -> None:
         """Pass on an event of the run."""
-        if self._follower is None and self._beginning is not None:
-            self._follower = RunFollower(self.view, self._beginning)
+        if self._follower is None and self._prepared is not None:
+            self._follower = RunFollower(self.view, self._prepared)
         if self._follower is not None:
             self._follower.handle(event)
 
     def ended(self, run: Run) -> None:
         """Tell the end of the run."""
         self.view.finished(end_of(run))
-
-    def _serve(self) -> None:
-        self._server.run(sockets=[self._socket])
 
 
 def serve_station(runs: Path, devices: Path, port: int, said: Callable[[str], None]) -> None:
@@ -144,7 +126,7 @@ def serve_station(runs: Path, devices: Path, port: int, said: Callable[[str], No
     shown = _shown(runs, devices)
     server, listening = _server(shown), _bound(port)
     said(f"http://{LOOPBACK}:{listening.getsockname()[1]}/")
-    thread = Thread(target=lambda: server.run(sockets=[listening]), name="page", daemon=True)
+    thread = Thread(target=server.run, args=([listening],), name="page", daemon=True)
     thread.start()
     try:
         while thread.is_alive():

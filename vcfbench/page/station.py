@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from contextlib import suppress
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 from vcfbench.archive.summary import summary_of
 from vcfbench.errors import BenchError
-from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, StaticNoise
+from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, Entry, StaticNoise
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import being_written, read_header
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from vcfbench.records.devices import Entry
 
 _MOST_RUNS: Final = 500
 _KEY_VALUES: Final = 3

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vcfbench.analysis.regression import line_so_far
+from vcfbench.records.schema import Point
 from vcfbench.reports.bench_state import BenchState
 from vcfbench.safety.control import RunState
 from vcfbench.steps import NotChecked, Note
-from vcfbench.steps.step import Effect
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.records.schema import Point
-    from vcfbench.steps.decode import Recorded
-    from vcfbench.steps.step import Step, StepResult
+from vcfbench.steps.decode import Recorded
+from vcfbench.steps.step import Effect, Step, StepResult
 
 
 @dataclass(slots=True)
@@ -143,8 +140,6 @@ class View:
 
     def drawn(self, first_s: float | None, last_s: float | None, most: int) -> dict[str, Any]:
         """Return the readings from `first_s` to `last_s` (bench time, s; None: all), at most about `most` to draw."""
-        from vcfbench.page.buckets import drawn  # noqa: PLC0415
-
         count = self.readings
         t_s, value = np.array(self._reading_t_s[:count]), np.array(self._reading_v[:count])
         low = 0 if first_s is None else int(np.searchsorted(t_s, first_s))
@@ -205,3 +200,25 @@ class View:
                     }
                 )
         return lines
+
+
+def drawn(
+    t_s: NDArray[np.float64], value: NDArray[np.float64], most: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return at most about `most` of the points, those that an eye would miss: least and largest of each stretch.
+
+    Args:
+        t_s: instants, rising.
+        value: as many values.
+        most: how many points are drawn; half as many stretches, all with as many readings.
+    """
+    count = t_s.size
+    if count <= most:
+        return t_s, value
+    starts = np.linspace(0, count, most // 2, endpoint=False).astype(np.intp)
+    lengths = np.diff(np.append(starts, count))
+    least, largest = np.minimum.reduceat(value, starts), np.maximum.reduceat(value, starts)
+    middle = t_s[starts + lengths // 2]
+    both = np.empty(2 * starts.size)
+    both[0::2], both[1::2] = least, largest
+    return np.repeat(middle, 2), both

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from vcfbench.records.devices import NewEntry
     from vcfbench.reports.document import Report
+    from vcfbench.station.acceptance import Acceptance
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Plan
 
@@ -108,6 +109,24 @@ class Provenance(Struct, frozen=True):
     finished: datetime
     verdict: Literal["pass", "marginal", "fail"] | None
     """Verdict on the acceptance limits, None where nothing was judged."""
+
+    @classmethod
+    def of(cls, header: Mapping[str, Any], run: str, finished: datetime, verdict: Acceptance | None) -> Provenance:
+        """Return it by the header of the record called `run`."""
+        answered = {
+            role: [str(identity.get(name) or "") for name in ("maker", "model", "serial", "firmware")]
+            for role, identity in header.get("identities", {}).items()
+        }
+        return cls(
+            bench=str(header["bench"].get("name")),
+            run=run,
+            simulated=bool(header.get("simulated")),
+            instruments={
+                role: ",".join(fields) if any(fields) else "says nothing of itself" for role, fields in answered.items()
+            },
+            finished=finished,
+            verdict=None if verdict is None else verdict.word,
+        )
 
 
 AnyProcedure = Procedure[Any, Any]

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import os
 import re
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, TypeVar
 
 import msgspec
 from msgspec import Struct, to_builtins
@@ -15,27 +17,18 @@ from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import opened, shown
-from vcfbench.records.journal import append_line
+from vcfbench.records.journal import JournalRecord, append_line
 from vcfbench.records.metadata import metadata_from
+from vcfbench.records.signing import SigningKey
 from vcfbench.typed import typed
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from vcfbench.records.journal import JournalRecord
-    from vcfbench.records.metadata import RunMetadata
-    from vcfbench.records.signing import SigningKey
-
-_Said = TypeVar("_Said", bound=Struct)
-"""Metadata of a record: all of it, or as much as lists show."""
+_Said = TypeVar("_Said", bound=Struct)  # Metadata of a record: all of it, or as much as lists show
 CHECKED_BY: Final = "checked_by"
 _WORDS: Final = ("dut", "operator", "note")
 _TAG: Final = re.compile(r"tags?\.(.+)")
 _OF_CERTIFICATE: Final = ("customer", "customer_address", "customer_email", "item", "item_manufacturer", "item_model")
 """Tags that a certificate takes its words from, by their names alone."""
-_AFTER: Final = (b'{"type":"amendment"', b'{"type":"signature"')
-"""Beginnings of the lines that may follow the footer."""
+_AFTER: Final = (b'{"type":"amendment"', b'{"type":"signature"')  # Beginnings of the lines that may follow the footer
 _LONGEST_TAIL: Final = 1 << 22
 
 
@@ -71,11 +64,7 @@ class Check(Struct, frozen=True):
 
 
 def amendments_of(lines: Iterable[Mapping[str, Any]]) -> tuple[Amendment, ...]:
-    """Return the amendments, in order.
-
-    Raises:
-        ConfigError: a line is none of this program.
-    """
+    """Return the amendments, in order; ConfigError: a line is none of this program."""
     try:
         return tuple(typed(line, Amendment) for line in lines if line.get("type") == "amendment")
     except msgspec.ValidationError as error:
@@ -99,11 +88,7 @@ def lines_after(data: bytes) -> tuple[list[bytes], int]:
 
 
 def amended(metadata: _Said, amendments: Sequence[Amendment]) -> _Said:
-    """Return the metadata of a record with all amendments applied.
-
-    Raises:
-        ConfigError: a value cannot be what it is to be.
-    """
+    """Return the metadata of a record with all amendments applied; ConfigError: a value cannot be what it is to be."""
     for each in amendments:
         for change in each.changes:
             metadata = _changed(metadata, change.field, change.now)
@@ -151,7 +136,12 @@ def amend(
     metadata = amended(metadata_from(record.header), before)
     for name, value in given.items():
         field, now = _field(name), value.strip() or None
-        was = _value(metadata, before, field)
+        if field == CHECKED_BY:
+            check = check_of(before)
+            was = None if check is None else check.by
+        else:
+            tag = _TAG.fullmatch(field)
+            was = metadata.tags.get(tag[1]) if tag else getattr(metadata, field)
         if was == now:
             raise ConfigError(f"{name}: it is {now or 'nothing'} already")
         metadata = _changed(metadata, field, now)
@@ -176,16 +166,6 @@ def _field(name: str) -> str:
         f"{name}: it cannot be amended, only what a person says of a run can: {known}",
         hint="what was measured, set or answered stays; if it is wrong, run it anew",
     )
-
-
-def _value(metadata: RunMetadata, amendments: Sequence[Amendment], field: str) -> str | None:
-    if field == CHECKED_BY:
-        check = check_of(amendments)
-        return None if check is None else check.by
-    if tag := _TAG.fullmatch(field):
-        return metadata.tags.get(tag[1])
-    value: str | None = getattr(metadata, field)
-    return value
 
 
 def _changed(metadata: _Said, field: str, now: str | None) -> _Said:

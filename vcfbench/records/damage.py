@@ -8,16 +8,13 @@ has none.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 _WINDOWS = frozenset({"Acquire", "AcquireGapless", "AcquireWithVvc"})
 """Kinds of steps whose point is the mean of their readings."""
-_LARGEST = 1e50
-"""Beyond an overload (9.9e37), and its square is a number."""
+_LARGEST = 1e50  # Beyond an overload (9.9e37), and its square is a number
 _AFTER_FOOTER = frozenset({"amendment", "signature"})
 
 
@@ -56,7 +53,8 @@ def _times(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     for place, line in _performed(lines):
         for name in ("t_s", "end_s"):
             now_s = line.get(name, before_s)
-            if not _is_number(now_s) or now_s < before_s:
+            is_number = isinstance(now_s, int | float) and not isinstance(now_s, bool) and math.isfinite(now_s)
+            if not is_number or now_s < before_s:
                 yield f"line {place}: bench time goes back from {before_s:.6g} s to {name} = {now_s!r}"
                 return
             before_s = now_s
@@ -69,7 +67,14 @@ def _chunks(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         kind, number = line.get("type"), line.get("n")
         if kind == "readings":
             if number != step + 1 or line.get("chunk") != chunk + 1:
-                yield f"line {place} is chunk {line.get('chunk')!r} of step {number!r}, {_after(step, chunk)}"
+                after = (
+                    f"after chunk {chunk} of step {step + 1}"
+                    if chunk
+                    else f"after step {step}"
+                    if step
+                    else "the first"
+                )
+                yield f"line {place} is chunk {line.get('chunk')!r} of step {number!r}, {after}"
             for reading in line["readings"]:
                 if reading["t_s"] < before_s:
                     yield f"line {place}: a reading of {reading['t_s']:.6g} s comes after one of {before_s:.6g} s"
@@ -79,13 +84,6 @@ def _chunks(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             if line.get("chunks", 0) != chunk:
                 yield f"line {place}: step {number!r} has {chunk} chunks of readings, not {line.get('chunks', 0)!r}"
             step, chunk, before_s = number if type(number) is int else step, 0, -math.inf
-
-
-def _after(step: int, chunk: int) -> str:
-    """Say in words the line expected before a chunk."""
-    if chunk:
-        return f"after chunk {chunk} of step {step + 1}"
-    return f"after step {step}" if step else "the first"
 
 
 def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -106,12 +104,10 @@ def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             yield f"line {place}: a point of {point['n']} readings has {len(readings)}"
             continue
         for name, column in (("output_v", "voltage_v"), ("v_vc_measured_v", "v_vc_v")):
-            if name in point and not _is_mean(point[name], [reading[column] for reading in readings]):
+            volts = [reading[column] for reading in readings] if name in point else [0.0]
+            mean_v = math.fsum(volts) / len(volts)
+            if name in point and not math.isclose(point[name], mean_v, rel_tol=1e-9, abs_tol=1e-12):
                 yield f"line {place}: the point's {point[name]!r} V is not the mean of its readings"
-
-
-def _is_mean(recorded_v: float, volts: Sequence[float]) -> bool:
-    return math.isclose(recorded_v, math.fsum(volts) / len(volts), rel_tol=1e-9, abs_tol=1e-12)
 
 
 def own_readings(line: Mapping[str, Any]) -> Sequence[Mapping[str, float]]:
@@ -131,7 +127,3 @@ def _count(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 def _performed(lines: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Mapping[str, Any]]]:
     """Yield the lines of steps, performed or failed, with their numbers in the file."""
     return ((place, line) for place, line in enumerate(lines, start=1) if line.get("type") in ("step", "error"))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -10,12 +10,13 @@ import math
 import os
 import re
 import secrets
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import msgspec
 from msgspec import Meta, Struct, structs
@@ -24,11 +25,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_SETTINGS, read_text, shown, synchronise_names
 from vcfbench.typed import typed
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-FORMAT = 1
-"""Version of the entries' layout; raised when a reader of the old one would misread the new one."""
+FORMAT = 1  # Version of the entries' layout; raised when a reader of the old one would misread the new one
 
 _SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}(?:\.[A-Za-z0-9_-]{1,63}){0,7}", re.ASCII)
 _RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
@@ -37,6 +34,7 @@ _ENTRY = re.compile(r"(\d{4,})\.json", re.ASCII)
 
 Uncertainty = Annotated[float, Meta(ge=0.0)]
 Text = Annotated[str, Meta(min_length=1, max_length=1000)]
+Freedom = Annotated[float, Meta(gt=0.0)]
 Instant = Annotated[datetime, Meta(tz=True)]
 
 
@@ -47,41 +45,29 @@ class _Value(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class Share(_Value, frozen=True, kw_only=True):
     """Contribution of one source to a standard uncertainty, in the unit of the value."""
 
-    source: Text
-    """Name of the source, in words."""
-    u: float
-    """Contribution; the sign is that of its effect, the same in all entries."""
-    of: Text | None = None
-    """Instrument or certificate that other entries have the same contribution from. It cancels between them."""
-    dof: Annotated[float, Meta(gt=0.0)] | None = None
-    """Its degrees of freedom; None is as many as one likes."""
+    source: Text  # Name of the source, in words
+    u: float  # Contribution; the sign is that of its effect, the same in all entries
+    of: Text | None = None  # Instrument or certificate that gives other entries the same; it cancels
+    dof: Freedom | None = None  # Its degrees of freedom; None is as many as one likes
 
 
 class Measured(_Value, frozen=True, kw_only=True):
     """A value with its standard uncertainty; the unit is in the name of the field that holds it."""
 
     value: float
-    u: Uncertainty
-    """Standard uncertainty (k = 1), in the unit of the value."""
-    dof: Annotated[float, Meta(gt=0.0)] | None = None
-    """Effective degrees of freedom of `u`; None is as many as one likes."""
-    shares: tuple[Share, ...] = ()
-    """Contributions to `u`, where they are known: their squares add up to its square."""
-    missing: tuple[Text, ...] = ()
-    """Contributions that `u` lacks, because nobody told them."""
+    u: Uncertainty  # Standard uncertainty (k = 1), in the unit of the value
+    dof: Freedom | None = None  # Effective degrees of freedom of `u`; None is as many as one likes
+    shares: tuple[Share, ...] = ()  # Contributions to `u`, where they are known: their squares add up to its square
+    missing: tuple[Text, ...] = ()  # Contributions that `u` lacks, because nobody told them
 
 
 class CurveShare(_Value, frozen=True, kw_only=True):
     """Contribution of one source to the covariance of a curve."""
 
-    source: Text
-    """Name of the source, in words."""
-    of: Text | None = None
-    """Instrument or certificate, as of a :class:`Share`."""
-    dof: Annotated[float, Meta(gt=0.0)] | None = None
-    """Its degrees of freedom; None is as many as one likes."""
-    covariance: tuple[tuple[float, ...], ...]
-    """Covariance from this source; all together are the covariance of the curve."""
+    source: Text  # Name of the source, in words
+    of: Text | None = None  # Instrument or certificate, as of a :class:`Share`
+    dof: Freedom | None = None  # Its degrees of freedom; None is as many as one likes
+    covariance: tuple[tuple[float, ...], ...]  # Covariance from this source; all add up to that of the curve
 
 
 _HIGHEST_V = 1e3
@@ -92,20 +78,13 @@ _LARGEST = 1e100
 class KvcCurve(_Value, frozen=True, kw_only=True):
     """The rate that a V_Vc stands for: the sum of ``coefficients[i] * V_Vc**i``, deg/s for V_Vc in V."""
 
-    coefficients: Annotated[tuple[float, ...], Meta(min_length=2, max_length=8)]
-    """k0 (deg/s), k1 (deg/s/V), k2 (deg/s/V^2), ..."""
-    covariance: tuple[tuple[float, ...], ...]
-    """Covariance of the coefficients, row by row, in the products of their units."""
-    v_vc_min_v: float
-    """Lowest V_Vc at which it was measured; the curve says nothing below."""
-    v_vc_max_v: float
-    """Highest V_Vc at which it was measured."""
-    shares: tuple[CurveShare, ...] = ()
-    """Contributions to the covariance, where they are known."""
-    lack_of_fit_deg_s: float | None = None
-    """Lack of fit beyond the uncertainties, root mean square; it is in no uncertainty."""
-    missing: tuple[Text, ...] = ()
-    """Contributions that the covariance lacks, because nobody told them."""
+    coefficients: Annotated[tuple[float, ...], Meta(min_length=2, max_length=8)]  # k0 deg/s, k1 deg/s/V, ...
+    covariance: tuple[tuple[float, ...], ...]  # Of the coefficients, row by row, in the products of their units
+    v_vc_min_v: float  # Lowest V_Vc at which it was measured; the curve says nothing below
+    v_vc_max_v: float  # Highest V_Vc at which it was measured
+    shares: tuple[CurveShare, ...] = ()  # Contributions to the covariance, where they are known
+    lack_of_fit_deg_s: float | None = None  # Root mean square of what uncertainties do not explain; in no uncertainty
+    missing: tuple[Text, ...] = ()  # Contributions that the covariance lacks, because nobody told them
 
     def __post_init__(self) -> None:
         """See that the parts fit together; ValueError when they do not."""
@@ -113,9 +92,7 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
         if len(rows) != size or any(len(row) != size for row in rows):
             raise ValueError(f"expected a covariance of {size} rows of {size} numbers")
         for i in range(size):
-            # The allowed difference of two elements that should be one: the rounding error of their variances.
-            # Coefficients of even and odd order are hardly correlated where the levels are symmetric: of 0, rounding
-            # is all
+            # two elements that should be one may differ by the rounding error of their variances: of 0, that is all
             if rows[i][i] < 0.0 or any(
                 abs(rows[i][j] - rows[j][i]) > (1e-6 * math.sqrt(abs(rows[i][i] * rows[j][j]))) for j in range(i)
             ):
@@ -126,45 +103,25 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
             raise ValueError(f"expected coefficients and a covariance up to {_LARGEST:g}")
 
     def rate_deg_s(self, v_vc_v: float) -> float:
-        """Return the rate that `v_vc_v` stands for.
-
-        Raises:
-            ValueError: it lies outside of what was measured.
-        """
-        return math.fsum(c * p for c, p in zip(self.coefficients, self._powers(v_vc_v), strict=True))
-
-    def u_rate_deg_s(self, v_vc_v: float) -> float:
-        """Return the standard uncertainty of that rate, from the covariance; ValueError as above."""
-        powers = self._powers(v_vc_v)
-        rows = zip(powers, self.covariance, strict=True)
-        terms = [power * c * other for power, row in rows for other, c in zip(powers, row, strict=True)]
-        return math.sqrt(max(0.0, math.fsum(terms)))
-
-    def _powers(self, v_vc_v: float) -> list[float]:
+        """Return the rate that `v_vc_v` stands for; ValueError: it lies outside of what was measured."""
         if not self.v_vc_min_v <= v_vc_v <= self.v_vc_max_v:
             raise ValueError(
                 f"V_Vc of {v_vc_v:g} V is outside of {self.v_vc_min_v:g} to {self.v_vc_max_v:g} V, where K_Vc is known"
             )
-        return [v_vc_v**power for power in range(len(self.coefficients))]
+        powers = (v_vc_v**power for power in range(len(self.coefficients)))
+        return math.fsum(c * p for c, p in zip(self.coefficients, powers, strict=True))
 
 
 class Conditions(_Value, frozen=True, kw_only=True):
     """Conditions of a measurement."""
 
-    bench: Text
-    """Name of the station."""
-    run: Text
-    """Name of the record."""
-    simulated: bool
-    """True on a simulated bench."""
-    positive_rail_v: float
-    """Positive rail of the PCB, V."""
-    negative_rail_v: float
-    """Negative rail, V."""
-    temperature_c: float | None = None
-    """Temperature of the device or of the air at it, degC; None where nobody measured it."""
-    instruments: dict[str, str] = {}
-    """Instruments used: ``*IDN?`` by role."""
+    bench: Text  # Name of the station
+    run: Text  # Name of the record
+    simulated: bool  # True on a simulated bench
+    positive_rail_v: float  # Positive rail of the PCB, V
+    negative_rail_v: float  # Negative rail, V
+    temperature_c: float | None = None  # Of the device or of the air at it, degC; None where nobody measured it
+    instruments: dict[str, str] = {}  # Instruments used: ``*IDN?`` by role
 
 
 class Characteristics(_Value, frozen=True, kw_only=True):
@@ -173,120 +130,68 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     The names of what `vcfbench.analysis.k_vc_model` knows are those that it has there.
     """
 
-    temperature_c: Measured | None = None
-    """Temperature at which the rest was measured, degC."""
-    drive_hz: Measured | None = None
-    """Drive frequency, locked."""
-    split_hz: Measured | None = None
-    """Drive less anti-phase sense frequency."""
-    q_anti_phase: Measured | None = None
-    """Quality factor of that mode."""
-    in_phase_split_hz: Measured | None = None
-    """Drive less in-phase sense frequency."""
-    q_in_phase: Measured | None = None
-    """Quality factor of that mode."""
-    in_phase_share: Measured | None = None
-    """Part of the in-phase mode in the static response to V_Vc, each mode by its stiffness; 0 to 1."""
-    carrier_phase_deg: Measured | None = None
-    """Phase of the carrier against the drive's velocity, apart from half turns; 0 is ideal."""
-    demodulator_phase_deg: Measured | None = None
-    """Phase of the demodulator's reference against the same."""
-    comb_mismatch: Measured | None = None
-    """In-phase over anti-phase force of the combs, over the same of a rate, less 1; 0 for equal combs."""
-    v_vc_feedthrough: Measured | None = None
-    """Feedthrough of the modulated V_Vc into the sense signal without motion, over the modes' response to V_Vc."""
-    drive_amplitude_v: Measured | None = None
-    """Amplitude of the drive signal, V."""
-    carrier_amplitude_v: Measured | None = None
-    """Amplitude of the carrier, V."""
-    carrier_over_drive: Measured | None = None
-    """Carrier's amplitude over the drive's as the multimeter's AC volts have it."""
-    modulator_second_per_v: Measured | None = None
-    """Second order of the modulator, which acts as V + second V^2 + third V^3; 1/V."""
-    modulator_third_per_v2: Measured | None = None
-    """Its third order, 1/V^2."""
-    output_second_per_deg_s: Measured | None = None
-    """Second order of the output against the rate, which goes as rate + second rate^2 + third rate^3; 1/(deg/s)."""
-    output_third_per_deg_s2: Measured | None = None
-    """Its third order, 1/(deg/s)^2."""
-    sense_phase_deg: Measured | None = None
-    """Phase of the sense signal's response to V_Vc, less that by carrier, splits and quality factors."""
-    positive_rail_v: Measured | None = None
-    """Positive rail as it was read back, V."""
-    negative_rail_v: Measured | None = None
-    """Negative rail."""
-    drive_ppm_k: Measured | None = None
-    """Change of the drive frequency with temperature, ppm of it a kelvin."""
-    split_hz_k: Measured | None = None
-    """Change of `split_hz`, Hz/K."""
-    q_per_k: Measured | None = None
-    """Change of both quality factors, relative, 1/K."""
-    table_slope_ppm_k: Measured | None = None
-    """Change of output over rate with temperature, ppm/K, the table turning."""
-    v_vc_slope_ppm_k: Measured | None = None
-    """Change of output over V_Vc with temperature."""
-    table_slope_ppm_v: Measured | None = None
-    """Change of output over rate with the size of both rails, ppm a volt."""
-    v_vc_slope_ppm_v: Measured | None = None
-    """Change of output over V_Vc with the same."""
-    k_vc_ppm_k: Measured | None = None
-    """Change of K_Vc itself: that of output over V_Vc less that of output over rate."""
-    k_vc_ppm_v: Measured | None = None
-    """The same with the size of both rails."""
-    least_temperature_c: float | None = None
-    """Lowest temperature at which any coefficient was measured, degC."""
-    most_temperature_c: float | None = None
-    """Highest."""
+    temperature_c: Measured | None = None  # Temperature at which the rest was measured, degC
+    drive_hz: Measured | None = None  # Drive frequency, locked
+    split_hz: Measured | None = None  # Drive less anti-phase sense frequency
+    q_anti_phase: Measured | None = None  # Quality factor of that mode
+    in_phase_split_hz: Measured | None = None  # Drive less in-phase sense frequency
+    q_in_phase: Measured | None = None  # Quality factor of that mode
+    in_phase_share: Measured | None = None  # Part of that mode in the static response to V_Vc, by stiffness; 0 to 1
+    carrier_phase_deg: Measured | None = None  # Against the drive's velocity, apart from half turns; 0 is ideal
+    demodulator_phase_deg: Measured | None = None  # Phase of the demodulator's reference against the same
+    comb_mismatch: Measured | None = None  # In-phase over anti-phase force, over that of a rate, less 1; 0: equal combs
+    v_vc_feedthrough: Measured | None = None  # Of V_Vc into the sense signal without motion, over the modes' response
+    drive_amplitude_v: Measured | None = None  # Amplitude of the drive signal, V
+    carrier_amplitude_v: Measured | None = None  # Amplitude of the carrier, V
+    carrier_over_drive: Measured | None = None  # Carrier's amplitude over the drive's by the multimeter's AC volts
+    modulator_second_per_v: Measured | None = None  # Of the modulator, which acts as V + second V^2 + third V^3; 1/V
+    modulator_third_per_v2: Measured | None = None  # Its third order, 1/V^2
+    output_second_per_deg_s: Measured | None = None  # Of output against rate, as rate + second rate^2 + ...; 1/(deg/s)
+    output_third_per_deg_s2: Measured | None = None  # Its third order, 1/(deg/s)^2
+    sense_phase_deg: Measured | None = None  # Of the response to V_Vc, less that by carrier, splits and Q
+    positive_rail_v: Measured | None = None  # Positive rail as it was read back, V
+    negative_rail_v: Measured | None = None  # Negative rail
+    drive_ppm_k: Measured | None = None  # Change of the drive frequency with temperature, ppm of it a kelvin
+    split_hz_k: Measured | None = None  # Change of `split_hz`, Hz/K
+    q_per_k: Measured | None = None  # Change of both quality factors, relative, 1/K
+    table_slope_ppm_k: Measured | None = None  # Change of output over rate with temperature, ppm/K, the table turning
+    v_vc_slope_ppm_k: Measured | None = None  # Change of output over V_Vc with temperature
+    table_slope_ppm_v: Measured | None = None  # Change of output over rate with the size of both rails, ppm a volt
+    v_vc_slope_ppm_v: Measured | None = None  # Change of output over V_Vc with the same
+    k_vc_ppm_k: Measured | None = None  # Change of K_Vc itself: that of output over V_Vc less that of output over rate
+    k_vc_ppm_v: Measured | None = None  # The same with the size of both rails
+    least_temperature_c: float | None = None  # Lowest temperature at which any coefficient was measured, degC
+    most_temperature_c: float | None = None  # Highest
 
 
 class Sensitivity(_Value, frozen=True, kw_only=True):
     """By how much K_Vc changes with one quantity, the others held, ppm for one `unit` of it."""
 
-    quantity: Text
-    """Name of the quantity; `rails_v` is the level of both rails."""
-    unit: str
-    """Its unit; empty for a ratio."""
-    ppm_per_unit: float
-    """Change of K_Vc, ppm, for one unit of it."""
-    u_ppm_per_unit: Uncertainty
-    """Standard uncertainty of that."""
-    assumed: bool
-    """True where the value is that of the device's class, because nobody measured the quantity itself."""
+    quantity: Text  # Name of the quantity; `rails_v` is the level of both rails
+    unit: str  # Its unit; empty for a ratio
+    ppm_per_unit: float  # Change of K_Vc, ppm, for one unit of it
+    u_ppm_per_unit: Uncertainty  # Standard uncertainty of that
+    assumed: bool  # True where the value is that of the device's class, because nobody measured the quantity itself
 
 
 class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="certificate"):
     """Certificate from a calibration on a rate table, by which a device can calibrate itself from then on."""
 
-    serial: str
-    """Serial number of the device."""
-    issued: Instant
-    """Time of the measurement."""
-    valid_until: Instant | None = None
-    """After that it is out of date; None is no end."""
-    procedure: Text
-    """Name of the procedure."""
-    k_vc: KvcCurve
-    """The rate against V_Vc."""
-    conditions: Conditions
-    """Conditions of the measurement."""
-    scale_factor_v_per_deg_s: Measured | None = None
-    """Scale factor on the table on that day, to compare with."""
-    bias_v: Measured | None = None
-    """Output at rest on that day, V."""
-    characteristics: Characteristics | None = None
-    """Properties of the device on that day, to compare with; None where nobody measured them."""
-    sensitivities: tuple[Sensitivity, ...] = ()
-    """Sensitivities of K_Vc to each quantity."""
-    k_vc_drift_ppm_per_year: Uncertainty | None = None
-    """Most by which changes unseen without a table were taken to move K_Vc in a year, ppm."""
-    wanted_u95_ppm: Uncertainty | None = None
-    """U95 of K_Vc that was wanted of it, ppm."""
-    u95_until: Instant | None = None
-    """Time at which U95 of K_Vc comes to that; None where it is beyond it already, or never will be."""
-    unseen: tuple[Text, ...] = ()
-    """Changes that a self-calibration by this certificate cannot see, in words."""
-    remarks: tuple[Text, ...] = ()
-    """Further remarks."""
+    serial: str  # Serial number of the device
+    issued: Instant  # Time of the measurement
+    valid_until: Instant | None = None  # After that it is out of date; None is no end
+    procedure: Text  # Name of the procedure
+    k_vc: KvcCurve  # The rate against V_Vc
+    conditions: Conditions  # Conditions of the measurement
+    scale_factor_v_per_deg_s: Measured | None = None  # Scale factor on the table on that day, to compare with
+    bias_v: Measured | None = None  # Output at rest on that day, V
+    characteristics: Characteristics | None = None  # Properties on that day, to compare with; None: not measured
+    sensitivities: tuple[Sensitivity, ...] = ()  # Sensitivities of K_Vc to each quantity
+    k_vc_drift_ppm_per_year: Uncertainty | None = None  # Most of K_Vc in a year, ppm, by what no table has seen
+    wanted_u95_ppm: Uncertainty | None = None  # U95 of K_Vc that was wanted of it, ppm
+    u95_until: Instant | None = None  # When U95 of K_Vc comes to that; None: it is beyond it, or never will be
+    unseen: tuple[Text, ...] = ()  # Changes that a self-calibration by this certificate cannot see, in words
+    remarks: tuple[Text, ...] = ()  # Further remarks
 
     def valid_at(self, instant: datetime) -> bool:
         """Tell whether it is valid at `instant`, which has a time zone."""
@@ -296,59 +201,35 @@ class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="cert
 class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="self-calibration"):
     """Result of a calibration without a table: one entry of the device's history."""
 
-    serial: str
-    """Serial number of the device."""
-    done: Instant
-    """Time of the measurement."""
-    procedure: Text
-    """Name of the procedure."""
-    certificate: Text | None
-    """Name of the entry whose K_Vc it used; None where that came from elsewhere, which `remarks` tells."""
-    scale_factor_v_per_deg_s: Measured
-    """Scale factor."""
-    bias_v: Measured
-    """Output at rest, V."""
-    nonlinearity_ppm: Measured | None = None
-    """Largest residual over the span of the outputs, ppm."""
-    conditions: Conditions
-    """Conditions of the measurement."""
-    drift_ppm: Measured | None = None
-    """Change of the scale factor since the certificate, ppm of it."""
-    e_n: float | None = None
-    """Normalised error of that change."""
-    since_last_ppm: Measured | None = None
-    """Its change since the self-calibration before by the same certificate; None where that is the first."""
-    cusum: float | None = None
-    """Creep over the entries by the certificate: their cumulative sum, in standard uncertainties."""
-    drift_verdict: Literal["pass", "marginal", "fail"] | None = None
-    """Verdict on the drift; after ``fail`` the device has failed until it has another certificate."""
-    verdict: Literal["pass", "marginal", "fail"] | None = None
-    """Verdict of all acceptance limits."""
-    characteristics: Characteristics | None = None
-    """Properties of the device, as far as they were measured."""
-    remarks: tuple[Text, ...] = ()
-    """Further remarks."""
+    serial: str  # Serial number of the device
+    done: Instant  # Time of the measurement
+    procedure: Text  # Name of the procedure
+    certificate: Text | None  # Entry whose K_Vc it used; None: from elsewhere, as `remarks` tells
+    scale_factor_v_per_deg_s: Measured  # Scale factor
+    bias_v: Measured  # Output at rest, V
+    nonlinearity_ppm: Measured | None = None  # Largest residual over the span of the outputs, ppm
+    conditions: Conditions  # Conditions of the measurement
+    drift_ppm: Measured | None = None  # Change of the scale factor since the certificate, ppm of it
+    e_n: float | None = None  # Normalised error of that change
+    since_last_ppm: Measured | None = None  # Since the one before by the same certificate; None: it is the first
+    cusum: float | None = None  # Creep: the certificate's entries summed up, in standard uncertainties
+    drift_verdict: Literal["pass", "marginal", "fail"] | None = None  # After ``fail`` it has failed until certified
+    verdict: Literal["pass", "marginal", "fail"] | None = None  # Verdict of all acceptance limits
+    characteristics: Characteristics | None = None  # Properties of the device, as far as they were measured
+    remarks: tuple[Text, ...] = ()  # Further remarks
 
 
 class StaticNoise(_Value, frozen=True, kw_only=True, tag_field="kind", tag="static-noise"):
     """Noise of a device from a static record, for the budgets of later runs."""
 
-    serial: str
-    """Serial number of the device."""
-    done: Instant
-    """Time of the measurement."""
-    valid_until: Instant | None = None
-    """After that it is out of date; None is no end."""
-    procedure: Text
-    """Name of the procedure."""
-    bias_instability_deg_h: Measured
-    """Coefficient B of the flicker."""
-    duration_s: Annotated[float, Meta(gt=0.0)]
-    """Length of the record."""
-    conditions: Conditions
-    """Conditions of the measurement."""
-    remarks: tuple[Text, ...] = ()
-    """Further remarks."""
+    serial: str  # Serial number of the device
+    done: Instant  # Time of the measurement
+    valid_until: Instant | None = None  # After that it is out of date; None is no end
+    procedure: Text  # Name of the procedure
+    bias_instability_deg_h: Measured  # Coefficient B of the flicker
+    duration_s: Annotated[float, Meta(gt=0.0)]  # Length of the record
+    conditions: Conditions  # Conditions of the measurement
+    remarks: tuple[Text, ...] = ()  # Further remarks
 
     def valid_at(self, instant: datetime) -> bool:
         """Tell whether it is valid at `instant`, which has a time zone."""
@@ -358,33 +239,25 @@ class StaticNoise(_Value, frozen=True, kw_only=True, tag_field="kind", tag="stat
 class Characterisation(_Value, frozen=True, kw_only=True, tag_field="kind", tag="characterisation"):
     """Properties of a device on which K_Vc depends, as a procedure measured them, for the next certificate."""
 
-    serial: str
-    """Serial number of the device."""
-    done: Instant
-    """Time of the measurement."""
-    procedure: Text
-    """Name of the procedure."""
-    characteristics: Characteristics
-    """Properties that were measured."""
-    conditions: Conditions
-    """Conditions of the measurement."""
-    remarks: tuple[Text, ...] = ()
-    """Further remarks."""
+    serial: str  # Serial number of the device
+    done: Instant  # Time of the measurement
+    procedure: Text  # Name of the procedure
+    characteristics: Characteristics  # Properties that were measured
+    conditions: Conditions  # Conditions of the measurement
+    remarks: tuple[Text, ...] = ()  # Further remarks
 
 
 DeviceRecord = Certificate | SelfCalibration | StaticNoise | Characterisation
 
 
-@dataclass(frozen=True, slots=True)
-class NewEntry:
+class NewEntry(Struct, frozen=True):
     """An entry to be added to a device store."""
 
     record: DeviceRecord
     store: Path
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(Struct, frozen=True):
     """One entry of a device, and the file that it stands in."""
 
     path: Path
@@ -420,8 +293,7 @@ class Device:
         return tuple(each.record for each in self.entries if isinstance(each.record, SelfCalibration))
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceStore:
+class DeviceStore(Struct, frozen=True):
     """The devices under one directory, which need not be there before the first entry."""
 
     root: Path = Path("devices")
@@ -431,20 +303,16 @@ class DeviceStore:
         return tuple(sorted(each.name for each in self._directories() if any(_numbered(each))))
 
     def entries(self, serial: str) -> tuple[Entry, ...]:
-        """Return all entries of a device, oldest first; none when it has none.
-
-        Raises:
-            ConfigError: the serial number cannot be one, or an entry cannot be read.
-        """
+        """Return all entries of a device, oldest first; ConfigError: it can have none, or one cannot be read."""
         require_serial(serial)
-        return tuple(Entry(path, _read(path, serial)) for _, path in _numbered(self.root / serial))
+        found = tuple(Entry(path, read_entry(path)) for _, path in _numbered(self.root / serial))
+        for path, record in ((each.path, each.record) for each in found):
+            if record.serial != serial:
+                raise ConfigError(f"{shown(path)}: it is of device {record.serial!r}, and lies with {serial!r}")
+        return found
 
     def device(self, serial: str) -> Device:
-        """Return the calibration history of a device.
-
-        Raises:
-        ConfigError: nothing is known of it, or an entry cannot be read.
-        """
+        """Return the calibration history of a device; ConfigError: nothing is known of it, or it cannot be read."""
         entries = self.entries(serial)
         if not entries:
             raise ConfigError(
@@ -473,15 +341,8 @@ class DeviceStore:
         seen = [each.characteristics for each in records if isinstance(each, Characterisation)]
         return together(seen) if seen else None
 
-    def history(self, serial: str) -> tuple[Entry, ...]:
-        """Return the self-calibrations of a device, oldest first."""
-        return tuple(each for each in self.entries(serial) if isinstance(each.record, SelfCalibration))
-
     def require_room(self, serial: str) -> None:
-        """See that an entry of a device could be added, as far as can be told without trying; ConfigError if not.
-
-        It is asked before a run, which takes hours, not after it.
-        """
+        """See, before a run of hours, that an entry of a device could be added; ConfigError if not."""
         require_serial(serial)
         self._require_own(serial)
         place = self.root / serial
@@ -497,12 +358,15 @@ class DeviceStore:
             ConfigError: a number in it is none, its serial number cannot be one, or it cannot be written.
         """
         require_serial(record.serial)
-        text = _text(record)
+        text = msgspec.json.format(msgspec.json.encode({"format": FORMAT, **msgspec.to_builtins(record)}), indent=2)
+        source = f"the {type(record).__struct_config__.tag} of {record.serial}".replace("static-noise", "static noise")
+        if _record(text.decode() + "\n", source) != record:  # as with a NaN
+            raise ConfigError(f"{source}: it cannot be written so that it comes back as it is")
         directory = self.root / record.serial
         self._require_own(record.serial)
         try:
             directory.mkdir(parents=True, exist_ok=True)
-            path = _placed(directory, text)
+            path = _placed(directory, text + b"\n")
         except OSError as error:
             raise ConfigError(f"{shown(directory)}: no entry can be kept there: {error.strerror}") from error
         return Entry(path, record)
@@ -556,11 +420,7 @@ def since_certificate(entries: Sequence[Entry]) -> tuple[Entry, ...]:
 
 def failed_drifts(entries: Sequence[Entry]) -> tuple[Entry, ...]:
     """Return those of them whose drift failed: the device has failed until it has a new certificate."""
-    return tuple(
-        each
-        for each in since_certificate(entries)
-        if isinstance(each.record, SelfCalibration) and each.record.drift_verdict == "fail"
-    )
+    return tuple(each for each in since_certificate(entries) if getattr(each.record, "drift_verdict", None) == "fail")
 
 
 def load_device(serial: str, devices: Path | str = "devices") -> Device:
@@ -593,22 +453,6 @@ def _numbered(directory: Path) -> list[tuple[int, Path]]:
     return sorted((int(match[1]), path) for match, path in found)
 
 
-def _text(record: DeviceRecord) -> str:
-    """Return the entry as JSON; ConfigError where it does not come back from there the same, as with a NaN."""
-    values = {"format": FORMAT, **msgspec.to_builtins(record)}
-    text = msgspec.json.format(msgspec.json.encode(values), indent=2).decode() + "\n"
-    kinds = {
-        Certificate: "certificate",
-        SelfCalibration: "self-calibration",
-        StaticNoise: "static noise",
-        Characterisation: "characterisation",
-    }
-    source = f"the {kinds[type(record)]} of {record.serial}"
-    if _record(text, source) != record:
-        raise ConfigError(f"{source}: it cannot be written so that it comes back as it is")
-    return text
-
-
 def _record(text: str, source: str) -> DeviceRecord:
     try:
         values: Any = msgspec.json.decode(text)
@@ -630,19 +474,12 @@ def read_entry(path: Path) -> DeviceRecord:
     return _record(read_text(path, "an entry of a device", MOST_SETTINGS), shown(path))
 
 
-def _read(path: Path, serial: str) -> DeviceRecord:
-    record = read_entry(path)
-    if record.serial != serial:
-        raise ConfigError(f"{shown(path)}: it is of device {record.serial!r}, and lies with {serial!r}")
-    return record
-
-
-def _placed(directory: Path, text: str) -> Path:
+def _placed(directory: Path, data: bytes) -> Path:
     """Write a new file under the next number that is free, whole or not at all; return where."""
     draft = directory / f".draft-{secrets.token_hex(6)}"
     try:
         with draft.open("xb") as file:
-            file.write(text.encode())
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         while True:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import secrets
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from msgspec import Struct
 
@@ -15,14 +16,9 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import shown, try_lock
 from vcfbench.records.journal import JournalRecord, read_journal, read_start
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
 _STAMP = "%Y%m%dT%H%M%SZ"
 _STAMP_LENGTH = len("20260821T142530Z")
-_CLOCKS_DIFFER = timedelta(minutes=1)
-"""Two hosts that share a directory need not agree to the second."""
+_CLOCKS_DIFFER = timedelta(minutes=1)  # Two hosts that share a directory need not agree to the second
 _TRIAL_BYTES = 65_536
 
 
@@ -103,18 +99,17 @@ def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
 
     Names can be changed and files copied, so the name's stamp and the file's time count only where there is no header.
     """
-    return tuple(sorted(recorded_runs(runs), key=_age))
+
+    def age(run: RunDirectory) -> tuple[datetime, int, str]:
+        changed_ns = _changed_ns(run)
+        return _started(run) or datetime.fromtimestamp(changed_ns / 1e9, UTC), changed_ns, run.run
+
+    return tuple(sorted(recorded_runs(runs), key=age))
 
 
 def recorded_runs(runs: Path) -> Iterator[RunDirectory]:
     """Yield the runs under `runs`, in no order."""
     return (RunDirectory(journal.parent) for journal in runs.glob("*/journal.jsonl"))
-
-
-def _age(run: RunDirectory) -> tuple[datetime, int, str]:
-    """Return the sorting key of a run: its start, then its end."""
-    changed_ns = _changed_ns(run)
-    return _started(run) or datetime.fromtimestamp(changed_ns / 1e9, UTC), changed_ns, run.run
 
 
 def _changed_ns(run: RunDirectory) -> int:
@@ -160,21 +155,17 @@ def find_run(runs: Path, name: str) -> RunDirectory:
         raise ConfigError(f"{shown(runs)}: expected the name of a run, its beginning or end, or 'last', came nothing")
     known = list_runs(runs)
     if name == "last" and known:
-        return _last(known[-1])
+        newest, started = known[-1], _started(known[-1])
+        if started is not None and started > utc_now() + _CLOCKS_DIFFER:
+            raise ConfigError(
+                f"which run is the last cannot be told: {newest.run} began at {started:%Y-%m-%d %H:%M:%S} UTC, which "
+                "is still to come: the clock was set back",
+                hint="give the run's name; vcfbench runs list shows them",
+            )
+        return newest
     exact = [run for run in known if run.run == name]
     found = exact or [run for run in known if run.run.startswith(name) or run.run.endswith(name)]
     if len(found) != 1:
         what = f"{len(found)} runs are called" if found else "there is no run"
         raise ConfigError(f"{shown(runs)}: {what} {name!r}", hint="vcfbench runs list shows them")
     return found[0]
-
-
-def _last(newest: RunDirectory) -> RunDirectory:
-    started = _started(newest)
-    if started is not None and started > utc_now() + _CLOCKS_DIFFER:
-        raise ConfigError(
-            f"which run is the last cannot be told: {newest.run} began at {started:%Y-%m-%d %H:%M:%S} UTC, which is "
-            "still to come: the clock was set back",
-            hint="give the run's name; vcfbench runs list shows them",
-        )
-    return newest

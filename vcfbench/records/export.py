@@ -3,28 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from vcfbench.errors import BenchError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from vcfbench.records.schema import Point
-
-POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
-"""Columns of ``points.csv``, which ``vcfbench analyze`` reads back."""
-
-
-V_VC_COLUMNS = ("v_vc_measured_v", "v_vc_std_v")
-"""Further columns where V_Vc was measured; empty in the lines of points where it was not."""
-
-PAUSE_COLUMNS = ("moved_v", "moved_u_v")
-"""Further columns of a run that paused; empty in the lines of points before."""
+from vcfbench.records.schema import PAUSE_COLUMNS, POINT_COLUMNS, V_VC_COLUMNS, Point
 
 
 def point_columns(points: Sequence[Point]) -> tuple[str, ...]:

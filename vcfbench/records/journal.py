@@ -15,8 +15,10 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import IO, TYPE_CHECKING, Any
+from pathlib import Path
+from typing import IO, Any
 from zlib import crc32
 
 import msgspec
@@ -29,16 +31,10 @@ from vcfbench.files import opened, shown, synchronise_names, try_lock, unlock
 from vcfbench.records.damage import first_damage, own_readings
 from vcfbench.records.schema import FORMAT, READABLE, SEALED, Point, Status
 from vcfbench.records.seal import SealChecker, Sealer
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from vcfbench.records.signing import SigningKey
+from vcfbench.records.signing import SigningKey
 
 _EXPECTED = "the journal of a run"
-_LONGEST_LINE = 1 << 24
-"""Bytes: a window of 100 000 readings, which format 1 wrote in one line, has some 5 MB."""
+_LONGEST_LINE = 1 << 24  # Bytes: a window of 100 000 readings, which format 1 wrote in one line, has some 5 MB
 _INSTANT_S = 0.2
 
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
@@ -68,38 +64,18 @@ class Journal:
         self._append({"type": "header", "format": FORMAT, "utc": _stamp(), **values})
         self._see_names_to_disk()
 
-    def step(self, values: Mapping[str, Any]) -> None:
-        """Write one performed step."""
-        self._append({"type": "step", "utc": _stamp(), **values})
-
-    def readings(self, values: Mapping[str, Any]) -> None:
-        """Write a chunk of the readings of a step that is not yet done."""
-        self._append({"type": "readings", "utc": _stamp(), **values})
-
-    def restored(self, values: Mapping[str, Any]) -> None:
-        """Write one step that brings a bench to where it was when its run was broken off."""
-        self._append({"type": "restored", "utc": _stamp(), **values})
-
-    def paused(self, values: Mapping[str, Any]) -> None:
-        """Write that somebody pauses the run; the steps that bring the bench to rest are `restored`."""
-        self._append({"type": "paused", "utc": _stamp(), **values})
-
-    def went_on(self, values: Mapping[str, Any]) -> None:
-        """Write that somebody has it go on, how long it paused, and by how much the output moved."""
-        self._append({"type": "went_on", "utc": _stamp(), **values})
-
-    def error(self, values: Mapping[str, Any]) -> None:
-        """Write one failed step, with its measurements before it failed."""
-        self._append({"type": "error", "utc": _stamp(), **values})
+    def write(self, kind: str, values: Mapping[str, Any]) -> None:
+        """Write a line of a `kind` that stands between header and footer: `step`, `readings`, `error`, ..."""
+        self._append({"type": kind, "utc": _stamp(), **values})
 
     def footer(self, values: Mapping[str, Any]) -> None:
         """Write the last line."""
-        self._append({"type": "footer", "utc": _stamp(), **values})
+        self.write("footer", values)
 
     def signature(self, key: SigningKey) -> None:
         """Sign all lines until now."""
         if self._sealer.seal is not None:
-            self._append({"type": "signature", "utc": _stamp(), **key.signature(self._sealer.seal)})
+            self.write("signature", key.signature(self._sealer.seal))
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield all lines until now, in order."""
@@ -215,42 +191,44 @@ def append_line(path: Path, values: Mapping[str, Any], key: SigningKey | None = 
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
         try:
-            _add_lines(descriptor, path, values, key)
+            if not _locked(descriptor):
+                raise BenchError(f"the record {shown(path)} is being written: its run goes on")
+            with os.fdopen(descriptor, "rb", closefd=False) as file:
+                data = file.read()
+            kept = data[: data.rfind(b"\n") + 1]
+            lines = _sealed_after(kept, msgspec.json.encode({**values, "utc": _stamp()}), key)
+            if len(kept) < len(data):
+                os.ftruncate(descriptor, len(kept))
+            written = 0
+            try:
+                written = os.write(descriptor, lines)
+                _sync(descriptor)
+            except OSError:
+                written = 0
+                raise
+            finally:
+                if written != len(lines):
+                    os.ftruncate(descriptor, len(kept))
         finally:
             os.close(descriptor)
     except OSError as error:
         raise BenchError(f"the record {shown(path)} cannot be written: {error.strerror}") from error
+    if written != len(lines):
+        raise BenchError(f"the record {shown(path)} cannot be written: the disk took {written} of {len(lines)} bytes")
 
 
-def _add_lines(descriptor: int, path: Path, values: Mapping[str, Any], key: SigningKey | None) -> None:
-    if not _locked(descriptor):
-        raise BenchError(f"the record {shown(path)} is being written: its run goes on")
-    with os.fdopen(descriptor, "rb", closefd=False) as file:
-        data = file.read()
-    kept = data[: data.rfind(b"\n") + 1]
-    line = msgspec.json.encode({**values, "utc": _stamp()})
-    if _is_sealed(_decoded(kept[: kept.find(b"\n") + 1]) or {}):
-        sealer = Sealer(kept.replace(b"\r\n", b"\n"))
-        line = sealer.sealed(line)
-        sealer.keep()
-        if key is not None and sealer.seal is not None:
-            signed = {"type": "signature", "utc": _stamp(), **key.signature(sealer.seal)}
-            line += sealer.sealed(msgspec.json.encode(signed))
-    else:
-        line += b"\n"
-    if len(kept) < len(data):
-        os.ftruncate(descriptor, len(kept))
-    try:
-        written = os.write(descriptor, line)
-        _sync(descriptor)
-    except OSError:
-        written = 0
-        raise
-    finally:
-        if written != len(line):
-            os.ftruncate(descriptor, len(kept))
-    if written != len(line):
-        raise BenchError(f"the record {shown(path)} cannot be written: the disk took {written} of {len(line)} bytes")
+def _sealed_after(kept: bytes, line: bytes, key: SigningKey | None) -> bytes:
+    """Return a line as it follows the lines `kept`, with the one that signs it where there is a `key`."""
+    if not _is_sealed(_decoded(kept[: kept.find(b"\n") + 1]) or {}):
+        return line + b"\n"
+    sealer = Sealer(kept.replace(b"\r\n", b"\n"))
+    line = sealer.sealed(line)
+    sealer.keep()
+    if key is None or sealer.seal is None:
+        return line
+    return line + sealer.sealed(
+        msgspec.json.encode({"type": "signature", "utc": _stamp(), **key.signature(sealer.seal)})
+    )
 
 
 def _locked(descriptor: int) -> bool:
@@ -287,12 +265,9 @@ class JournalRecord(Struct, frozen=True):
     damage: str | None = None
     chunks: tuple[Mapping[str, Any], ...] = ()
     restored: tuple[Mapping[str, Any], ...] = ()
-    lines: tuple[Mapping[str, Any], ...] = ()
-    """All of them, in the order of the file, without their seals."""
-    running: bool = False
-    """True while its run goes on."""
-    seals: tuple[str | None, ...] = ()
-    """Seal of each line; None where the record is of before there were seals."""
+    lines: tuple[Mapping[str, Any], ...] = ()  # All of them, in the order of the file, without their seals
+    running: bool = False  # True while its run goes on
+    seals: tuple[str | None, ...] = ()  # Seal of each line; None where the record is of before there were seals
 
     @property
     def seal(self) -> str | None:

@@ -9,7 +9,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping
-from datetime import date  # noqa: TC003 - msgspec reads it
+from datetime import date
 from typing import Any, Final, Literal
 
 import msgspec
@@ -18,7 +18,7 @@ from msgspec.structs import asdict, force_setattr
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import is_utf8
-from vcfbench.interfaces import Identity  # noqa: TC001 - msgspec reads it
+from vcfbench.interfaces import Identity
 from vcfbench.records.plain import ReadOnly
 from vcfbench.typed import typed
 
@@ -50,7 +50,12 @@ class RunMetadata(Struct, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         """See that each value can be one, and let no tag be changed from now on."""
         if self.dut is not None:
-            _serial_number(self.dut)
+            from vcfbench.records.devices import require_serial  # noqa: PLC0415  # many runs are of no device with a name
+
+            try:
+                require_serial(_text("dut", self.dut, _LINE))
+            except ConfigError as error:
+                raise ConfigError(error.what if error.what.startswith("dut") else f"dut: {error.what}") from None
         if self.operator is not None:
             _text("operator", self.operator, _LINE)
         if self.note is not None:
@@ -147,7 +152,16 @@ def equipment_of(header: Mapping[str, Any]) -> tuple[Equipment, ...]:
     identities, bench = header.get("identities", {}), header.get("bench", {})
     recorded = header.get("equipment")
     if recorded is None:
-        recorded = [_of_before(role, bench.get(role) or {}) for role in identities]
+        parts = ((role, bench.get(role) or {}) for role in identities)
+        recorded = [
+            {
+                "role": role,
+                "model": part.get("model", part.get("dialect", "")),
+                "resource": part.get("resource", ""),
+                "serial_number": part.get("serial_number"),
+            }
+            for role, part in parts
+        ]
     try:
         rows = [{**each, "identity": identities.get(each["role"])} for each in recorded]
         made = typed(rows, tuple[Equipment, ...])
@@ -156,30 +170,12 @@ def equipment_of(header: Mapping[str, Any]) -> tuple[Equipment, ...]:
     return made
 
 
-def _of_before(role: str, part: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "role": role,
-        "model": part.get("model", part.get("dialect", "")),
-        "resource": part.get("resource", ""),
-        "serial_number": part.get("serial_number"),
-    }
-
-
 def _text(name: str, value: object, most: int) -> str:
     if not isinstance(value, str) or not value.strip() or len(value) > most:
         raise ConfigError(f"{name}: expected a text of 1 to {most} characters, came {_short(value)}")
     if not is_utf8(value):  # no record could hold it
         raise ConfigError(f"{name}: expected a text in UTF-8, came {ascii(value)[:60]}")
     return value
-
-
-def _serial_number(value: object) -> None:
-    from vcfbench.records.devices import require_serial  # noqa: PLC0415  # many runs are of no device with a name
-
-    try:
-        require_serial(_text("dut", value, _LINE))
-    except ConfigError as error:
-        raise ConfigError(error.what if error.what.startswith("dut") else f"dut: {error.what}") from None
 
 
 def _number(name: str, value: object, low: float, high: float) -> None:

@@ -64,7 +64,9 @@ def _single(value: object, name: str) -> Any:
                 raise ConfigError(f"{name}: expected a whole number of 64 bits, came a longer one")
             return value
         case float():
-            return _finite(float(value), name)
+            if not math.isfinite(value):
+                raise ConfigError(f"{name}: expected a finite number, or None where there is none, came {value}")
+            return float(value)
         case set() | frozenset():
             return plain(sorted(value), name)
     hold = None if isinstance(value, type) else getattr(value, "tolist", None)
@@ -74,12 +76,6 @@ def _single(value: object, name: str) -> Any:
     raise ConfigError(
         f"{name}: expected numbers, texts, lists, or a frozen dataclass of them, came a {type(value).__name__}"
     )
-
-
-def _finite(value: float, name: str) -> float:
-    if not math.isfinite(value):
-        raise ConfigError(f"{name}: expected a finite number, or None where there is none, came {value}")
-    return value
 
 
 def _key(key: object, name: str) -> str:

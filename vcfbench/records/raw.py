@@ -6,15 +6,12 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import msgspec
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 class RawRecord:

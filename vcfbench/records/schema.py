@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import Final
 
 from msgspec import Struct
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from vcfbench.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 FORMAT = 3
 """Version of the journal's layout (docs/records.md); raised when a reader of the old one would misread the new one."""
 
 READABLE = frozenset({1, 2, FORMAT})
 """Formats that are read: 1 has no `readings` lines, and a reader of 1 calls a record that has some damaged."""
-SEALED = (FORMAT,)
-"""Formats whose lines have seals."""
+SEALED = (FORMAT,)  # Formats whose lines have seals
 
 CHUNK_READINGS = 1000
 CHUNK_S = 60.0
@@ -75,37 +72,26 @@ class Point(Struct, frozen=True):
 
     def as_json(self) -> dict[str, float | int]:
         """Return the point with the names of the command's JSON output; V_Vc's readings only where it was measured."""
-        point: dict[str, float | int] = {
-            "step": self.step,
-            "rate_deg_s": self.rate_deg_s,
-            "v_vc_v": self.v_vc_v,
-            "output_v": self.output_v,
-            "std_v": self.std_v,
-            "n": self.n,
-        }
-        if self.v_vc_measured_v is not None and self.v_vc_std_v is not None:
-            point |= {"v_vc_measured_v": self.v_vc_measured_v, "v_vc_std_v": self.v_vc_std_v}
-        if self.moved_u_v:
-            point |= {"moved_v": self.moved_v, "moved_u_v": self.moved_u_v}
+        point = asdict(self)
+        left_out = ("v_vc_measured_v", "v_vc_std_v") if None in (self.v_vc_measured_v, self.v_vc_std_v) else ()
+        for name in (*left_out, *(() if self.moved_u_v else ("moved_v", "moved_u_v"))):
+            del point[name]
         return point
 
     @classmethod
     def from_json(cls, values: Mapping[str, float]) -> Point:
         """Return the point that :meth:`as_json` wrote; KeyError, TypeError or ValueError if it did not."""
-        return cls(
-            _whole(values["step"]),
-            _measured(values["rate_deg_s"]),
-            _measured(values["v_vc_v"]),
-            _measured(values["output_v"]),
-            _measured(values["std_v"]),
-            _whole(values["n"]),
-            *(_measured(values[name]) for name in ("v_vc_measured_v", "v_vc_std_v") if "v_vc_measured_v" in values),
-            **{name: _measured(values[name]) for name in ("moved_v", "moved_u_v") if "moved_u_v" in values},
-        )
+        names = POINT_COLUMNS + (V_VC_COLUMNS if "v_vc_measured_v" in values else ())
+        names += PAUSE_COLUMNS if "moved_u_v" in values else ()
+        return cls(**{name: _COUNTED.get(name, _measured)(values[name]) for name in names})  # type: ignore[arg-type]
 
 
-_MOST = 1e9
-"""Largest magnitude: no table turns so many deg/s, no wire carries so many volts, and squares stay finite."""
+POINT_COLUMNS: Final = Point.__struct_fields__[:6]  # Columns of ``points.csv``, which ``vcfbench analyze`` reads back
+V_VC_COLUMNS: Final = Point.__struct_fields__[6:8]
+"""Further columns where V_Vc was measured; empty in the lines of points where it was not."""
+PAUSE_COLUMNS: Final = Point.__struct_fields__[8:]
+"""Further columns of a run that paused; empty in the lines of points before."""
+_MOST = 1e9  # Largest magnitude: no table turns so many deg/s, no wire carries so many volts, and squares stay finite
 
 
 def _measured(value: object) -> float:
@@ -120,6 +106,9 @@ def _whole(value: object) -> int:
     if type(value) is not int or not 0 <= value <= _MOST:
         raise ValueError(f"expected a whole number from 0 to {_MOST:g}, came {value!r}")
     return value
+
+
+_COUNTED: Final = {"step": _whole, "n": _whole}
 
 
 def pooled_std_v(points: Sequence[Point]) -> float:

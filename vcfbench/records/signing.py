@@ -7,15 +7,13 @@ A seal vouches for all lines before it, so one signature vouches for the record 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import read_file, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 _SAID: Final = b"vcfbench seal "
 _MOST: Final = 10_000

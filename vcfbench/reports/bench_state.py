@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -15,6 +15,7 @@ from vcfbench.steps import (
     EnableSupply,
     EnableTable,
     EnableVvc,
+    RailReading,
     RailsReading,
     RateReading,
     SetRate,
@@ -24,9 +25,6 @@ from vcfbench.steps import (
     VvcSetting,
     Window,
 )
-
-if TYPE_CHECKING:
-    from vcfbench.steps import RailReading
 
 
 class BenchState(Struct, frozen=True):
@@ -47,7 +45,16 @@ class BenchState(Struct, frozen=True):
 
     def after(self, step: object, result: object) -> BenchState:
         """Return the state when `step` is done, with `result`; steps that are not known change nothing."""
-        return replace(self, **_set_by(step, result), **_read_by(result))
+        read: dict[str, Any] = {}
+        match result:
+            case RateReading():
+                read = {"table_deg_s": result.rate_deg_s}
+            case RailsReading():
+                read = {"rails": result.rails, "supply": True}
+            case Window():
+                read = {} if result.table_rate_deg_s is None else {"table_deg_s": result.table_rate_deg_s}
+                read |= {"rails": result.rails} if result.rails else {}
+        return replace(self, **_set_by(step, result), **read)
 
     def begun(self, step: object) -> BenchState:
         """Return the state when `step` begins: a table that is told a rate is on its way."""
@@ -76,42 +83,24 @@ class BenchState(Struct, frozen=True):
 
 
 def _set_by(step: object, result: object) -> dict[str, Any]:
-    """Return the settings of table and supply by a step; those of V_Vc as below."""
+    """Return the settings of table, supply and generator by a step."""
+    found: dict[str, Any] = {}
     match step:
         case EnableTable():
-            return {"servo": True, "demand_deg_s": 0.0, "table_deg_s": None}
+            found = {"servo": True, "demand_deg_s": 0.0, "table_deg_s": None}
         case DisableTable():
-            return {"servo": False, "demand_deg_s": None, "table_deg_s": None}
+            found = {"servo": False, "demand_deg_s": None, "table_deg_s": None}
         case SetRate():
-            return {"servo": True, "demand_deg_s": step.rate_deg_s, "table_deg_s": None}
+            found = {"servo": True, "demand_deg_s": step.rate_deg_s, "table_deg_s": None}
         case EnableSupply():
-            return {"supply": True}
+            found = {"supply": True}
         case DisableSupply():
-            return {"supply": False, "rails": ()}
-    return _driven_by(step, result)
-
-
-def _driven_by(step: object, result: object) -> dict[str, Any]:
-    match step:
+            found = {"supply": False, "rails": ()}
         case EnableVvc() | DisableVvc():
-            return {"generator": isinstance(step, EnableVvc)}
+            found = {"generator": isinstance(step, EnableVvc)}
         case SetSine() if not isinstance(step, SetVibration):  # which is added to V_Vc by a generator of its own
-            return {"v_vc": f"{step.amplitude_v:g} V, {step.frequency_hz:.6g} Hz"}
-        case ConfigureGenerator() if isinstance(result, VvcSetting):
-            return {"v_vc": f"{result.v_vc_v:+.5f} V", "generator": False}
-        case SetVvc() if isinstance(result, VvcSetting):
-            return {"v_vc": f"{result.v_vc_v:+.5f} V"}
-    return {}
-
-
-def _read_by(result: object) -> dict[str, Any]:
-    match result:
-        case RateReading():
-            return {"table_deg_s": result.rate_deg_s}
-        case RailsReading():
-            return {"rails": result.rails, "supply": True}
-        case Window():
-            read = {} if result.table_rate_deg_s is None else {"table_deg_s": result.table_rate_deg_s}
-            return {**read, **({"rails": result.rails} if result.rails else {})}
-        case _:
-            return {}
+            found = {"v_vc": f"{step.amplitude_v:g} V, {step.frequency_hz:.6g} Hz"}
+        case ConfigureGenerator() | SetVvc() if isinstance(result, VvcSetting):
+            off = {"generator": False} if isinstance(step, ConfigureGenerator) else {}
+            found = {"v_vc": f"{result.v_vc_v:+.5f} V", **off}
+    return found

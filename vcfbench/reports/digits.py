@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from vcfbench.reports.document import Cell
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-_SMALLEST_FIXED = 1e-4
-"""Below that numbers are printed with an exponent."""
+_SMALLEST_FIXED = 1e-4  # Below that numbers are printed with an exponent
 
 
 def stated_cells(value: float, u: float, u95: float) -> tuple[Cell, Cell, Cell]:

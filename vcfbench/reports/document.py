@@ -7,16 +7,16 @@ the labels of its axes; what cannot be shown (ragged rows, unequal series) is re
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, TypeAlias
 
 from msgspec import Struct
 from msgspec.structs import force_setattr
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+from vcfbench.errors import ConfigError
+from vcfbench.records.plain import plain
 
-Value: TypeAlias = "float | str | None"
-"""Cell of a table: a number, a text, or None where there is nothing."""
+Value: TypeAlias = "float | str | None"  # Cell of a table: a number, a text, or None where there is nothing
 
 DEEPEST_HEADING = 6
 
@@ -96,7 +96,10 @@ class Table(Struct, frozen=True):
     def __post_init__(self) -> None:
         """Keep tuples, and refuse values that cannot be shown."""
         columns = tuple(self.columns)
-        rows = tuple(tuple(map(_as_value, row)) for row in self.rows)
+        rows = tuple(
+            tuple(each if isinstance(each, Cell) else getattr(each, "item", lambda each=each: each)() for each in row)
+            for row in self.rows
+        )
         force_setattr(self, "columns", columns)
         force_setattr(self, "rows", rows)
         if not columns or not all(isinstance(each, Column) for each in columns):
@@ -117,11 +120,6 @@ class Table(Struct, frozen=True):
         return tuple(
             tuple(_printed(value, column) for value, column in zip(row, self.columns, strict=True)) for row in self.rows
         )
-
-
-def _as_value(value: Any) -> Any:
-    """Return the number that one of numpy's holds."""
-    return value.item() if hasattr(value, "item") and not isinstance(value, Cell) else value
 
 
 def _require_printable(value: object, column: Column, number: int) -> None:
@@ -187,9 +185,16 @@ class Series(Struct, frozen=True):
     def __post_init__(self) -> None:
         """Keep tuples of floats, and refuse values that cannot be drawn."""
         for name in ("x", "y", "u_y", "low", "high"):
-            values = getattr(self, name)
-            if values is not None:
-                force_setattr(self, name, self._checked(name, values))
+            if (values := getattr(self, name)) is None:
+                continue
+            numbers = tuple(map(float, values))
+            if len(numbers) != len(self.x):
+                raise ValueError(f"series {self.label!r}: {len(self.x)} x and {len(numbers)} {name}")
+            if not all(map(math.isfinite, numbers)):
+                raise ValueError(f"series {self.label!r}: {name} holds what is no finite number")
+            if name == "u_y" and min(numbers, default=0.0) < 0.0:
+                raise ValueError(f"series {self.label!r}: an uncertainty is not negative")
+            force_setattr(self, name, numbers)
         if self.kind not in ("points", "line", "bars"):
             raise ValueError(f"series {self.label!r}: expected points, line or bars, came {self.kind!r}")
         if (self.low is None) != (self.high is None):
@@ -201,16 +206,6 @@ class Series(Struct, frozen=True):
     def heights(self) -> tuple[float, ...]:
         """All values along the y axis: the series itself and its band."""
         return (*self.y, *(self.low or ()), *(self.high or ()))
-
-    def _checked(self, name: str, values: Iterable[float]) -> tuple[float, ...]:
-        numbers = tuple(map(float, values))
-        if len(numbers) != len(self.x):
-            raise ValueError(f"series {self.label!r}: {len(self.x)} x and {len(numbers)} {name}")
-        if not all(map(math.isfinite, numbers)):
-            raise ValueError(f"series {self.label!r}: {name} holds what is no finite number")
-        if name == "u_y" and min(numbers, default=0.0) < 0.0:
-            raise ValueError(f"series {self.label!r}: an uncertainty is not negative")
-        return numbers
 
 
 class Figure(Struct, frozen=True):
@@ -252,3 +247,27 @@ class Report(Struct, frozen=True):
                 raise ValueError(  # noqa: TRY004  # a value in it is wrong
                     f"a report has headings, tables, figures, texts and notices, came a {type(part).__name__}"
                 )
+
+
+def plain_report(report: Report) -> list[dict[str, Any]]:
+    """Return the parts of `report` as records keep them: fields and kind of each; ConfigError as `plain`."""
+    return [{"part": type(part).__name__.lower(), **plain(part, "report")} for part in report.parts]
+
+
+def report_from(parts: Sequence[Mapping[str, Any]]) -> Report:
+    """Return the report that :func:`plain_report` wrote; ConfigError: it did not."""
+    try:
+        return Report([_part(**part) for part in parts])
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"the report that is kept is none of this program: {error!r}") from error
+
+
+def _part(part: str, **stored: Any) -> Part:
+    if part == "table":
+        rows = [[Cell(**each) if isinstance(each, dict) else each for each in row] for row in stored["rows"]]
+        return Table([Column(**each) for each in stored["columns"]], rows, stored["title"])
+    if part == "figure":
+        axes = Axis(**stored["x"]), Axis(**stored["y"])
+        return Figure(stored["title"], *axes, [Series(**each) for each in stored["series"]], stored["caption"])
+    kinds: dict[str, type[Heading | Text | Notice]] = {"heading": Heading, "text": Text, "notice": Notice}
+    return kinds[part](**stored)

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 from vcfbench.records.plain import plain
+from vcfbench.records.schema import Point
 from vcfbench.reports.digits import incomplete
-from vcfbench.reports.document import Cell, Column, Report, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from vcfbench.records.schema import Point
-    from vcfbench.reports.document import Value
-    from vcfbench.station.acceptance import Acceptance
+from vcfbench.reports.document import Cell, Column, Report, Table, Value
+from vcfbench.station.acceptance import Acceptance
 
 _QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
-_SHOWN = 4
-"""So many numbers of a list are printed; its length is said where there are more."""
+_SHOWN = 4  # So many numbers of a list are printed; its length is said where there are more
 
 
 def generic_report(_settings: object, points: Sequence[Point], results: object) -> Report:
@@ -73,16 +68,14 @@ def _rows(value: Any, name: str, shown: int | None) -> Iterator[tuple[Value | Ce
 
 
 def _is_named(value: Any) -> bool:
-    return isinstance(value, dict) and not _is_quantity(value)
-
-
-def _is_quantity(value: dict[str, Any]) -> bool:
-    """Tell whether it is one number with its uncertainty or unit, as `vcfbench.Quantity` writes it."""
+    """Tell whether it holds values by name, and is no number with its uncertainty as `vcfbench.Quantity` writes it."""
+    if not isinstance(value, dict):
+        return False
     number = value.get("value", "")
     numeric = number is None or (
         isinstance(number, int | float) and ("u_fit" in value or isinstance(value.get("u", 0.0), int | float))
     )
-    return numeric and value.keys() <= _QUANTITY and isinstance(value.get("unit", ""), str)
+    return not (numeric and value.keys() <= _QUANTITY and isinstance(value.get("unit", ""), str))
 
 
 def _figure(value: Any, shown: int | None = None) -> Value | Cell:

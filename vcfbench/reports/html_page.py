@@ -1,24 +1,73 @@
-"""A report as one page: HTML that needs nothing beside itself, and the source of the PDF."""
+"""A report as HTML: a piece for notebooks, or one page that needs nothing beside itself, the source of the PDF."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Sequence
+from html import escape
 from importlib.resources import files
-from typing import TYPE_CHECKING, Final
+from itertools import count
+from typing import Final
 
-from vcfbench.reports.document import Heading, Report
-from vcfbench.reports.html import escaped, html_of
+from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Report, Table, Text
 from vcfbench.reports.plot import FLAT_IN, GRID, INK, PALETTE, caption_of, svg_of
+from vcfbench.reports.text import printable_lines
 from vcfbench.reports.typography import marked_up
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+_SHORT: Final = 28  # Texts of so many characters stay in one line of a table: names, numbers, units
 
-    from vcfbench.reports.document import Figure, Part
 
 _THEMED: Final = {INK: "var(--ink)", GRID: "var(--line)"} | {
     colour: f"var(--series-{number})" for number, colour in enumerate(PALETTE, start=1)
 }
 """Substitute for each colour in the drawings of a page for screens, so that they are read on dark ground."""
+
+
+def html_of(report: Report, draw: Callable[[Figure], str] | None = None) -> str:
+    """Return the parts one after the other: headings, tables with their digits, texts in their lines.
+
+    `draw` makes an element of each figure; without it figures are left out.
+    """
+    pieces = (_part(part, draw) for part in report.parts)
+    return "\n".join(piece for piece in pieces if piece)
+
+
+def escaped(text: str) -> str:
+    """Return `text` as it can stand in HTML, in quotes too: its markup is shown, and unprintable characters."""
+    return escape(printable_lines(text))
+
+
+def _part(part: Part, draw: Callable[[Figure], str] | None) -> str:
+    match part:
+        case Heading():
+            return f"<h{part.level}>{_set(part.text)}</h{part.level}>"
+        case Table():
+            columns = part.columns
+            caption = f"<caption>{_set(part.title)}</caption>" if part.title else ""
+            heads = _row("th", [column.head for column in columns], columns) if part.has_heads else ""
+            head = f"<thead>{heads}</thead>" if heads else ""
+            body = "".join(_row("td", row, columns) for row in part.printed())
+            return f'<div style="overflow-x:auto"><table>{caption}{head}<tbody>{body}</tbody></table></div>'
+        case Text():
+            return f"<pre>{(escaped if part.verbatim else _set)(part.text)}</pre>"
+        case Notice():
+            return f'<p class="notice {part.kind}"><strong>{_set(part.text)}</strong></p>'
+        case Figure():
+            return "" if draw is None else draw(part)
+
+
+def _row(tag: str, cells: Sequence[str], columns: Sequence[Column]) -> str:
+    made = []
+    for text, column in zip(cells, columns, strict=True):
+        whole = ";white-space:nowrap" if len(text) <= _SHORT else ""
+        said = escaped(text) if column.verbatim else _set(text)
+        made.append(f'<{tag} style="text-align:{column.align}{whole}">{said}</{tag}>')
+    return f"<tr>{''.join(made)}</tr>"
+
+
+def _set(text: str) -> str:
+    """Return `text` as HTML, its names and units set as on paper."""
+    return marked_up(text, escaped)
 
 
 def page_of(report: Report, title: str, name: str, *, printed: bool = False, logo: str | None = None) -> str:
@@ -32,45 +81,38 @@ def page_of(report: Report, title: str, name: str, *, printed: bool = False, log
         logo: address of a picture that stands above all, such as ``data:image/png;base64,...``, empty for none; None
             where the first section is not the first page of a certificate.
     """
-    numbers = iter(range(1, len(report.parts) + 1))
+    numbers = count(1)
 
     def draw(figure: Figure) -> str:
         number = next(numbers)
-        size = (
-            {"size_in": FLAT_IN} if printed and number == 1 and logo is not None else {}
-        )  # on paper the first page holds it
-        svg = svg_of(figure, f"f{number}", **size)
+        on_first = printed and number == 1 and logo is not None  # on paper the first page holds it
+        svg = svg_of(figure, f"f{number}", **({"size_in": FLAT_IN} if on_first else {}))
         if not printed:
             for colour, themed in _THEMED.items():
                 svg = svg.replace(colour, themed)
         return _captioned(figure, number, svg)
 
-    drawn = [html_of(Report(part), draw) for part in _sections(report)]
+    sections: list[list[Part]] = []
+    for part in report.parts:
+        if not sections or (isinstance(part, Heading) and part.level <= 2):
+            sections.append([])
+        sections[-1].append(part)
+    drawn = [html_of(Report(section), draw) for section in sections]
     first = f'<img class="logo" alt="" src="{escaped(logo)}">\n' if logo else ""
     begun = '<section class="front">' if logo is not None else "<section>"
     front = [f"{begun}\n{first}{each}\n</section>" for each in drawn[:1]]
     body = "\n".join([*front, *(f"<section>\n{each}\n</section>" for each in drawn[1:])])
+    # the name as it can stand in quotes in a style sheet: all but letters, digits and - by their number
+    head = re.sub(r"[^A-Za-z0-9-]", lambda each: f"\\{ord(each[0]):06x}", name)
     style = files("vcfbench.reports").joinpath("page.css").read_text(encoding="utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n'
         f"<title>{escaped(title)}</title>\n<style>\n{style}"
-        f'@page {{ @top-left {{ content: "{_in_style(name)}"; }} }}\n</style>\n</head>\n'
+        f'@page {{ @top-left {{ content: "{head}"; }} }}\n</style>\n</head>\n'
         f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
     )
-
-
-def _sections(report: Report) -> Iterator[list[Part]]:
-    """Yield the parts section by section."""
-    section: list[Part] = []
-    for part in report.parts:
-        if section and isinstance(part, Heading) and part.level <= 2:
-            yield section
-            section = []
-        section.append(part)
-    if section:
-        yield section
 
 
 def piece_of(report: Report, name: str) -> str:
@@ -78,7 +120,7 @@ def piece_of(report: Report, name: str) -> str:
 
     `name` keeps the ids of its drawings apart from those of other pieces.
     """
-    numbers = iter(range(1, len(report.parts) + 1))
+    numbers = count(1)
 
     def draw(figure: Figure) -> str:
         drawn = _captioned(figure, (number := next(numbers)), svg_of(figure, f"{name}-{number}"))
@@ -90,13 +132,6 @@ def piece_of(report: Report, name: str) -> str:
 def _captioned(figure: Figure, number: int, svg: str) -> str:
     # a title of its own: what is read aloud in place of the picture
     svg = svg.replace("<svg ", f'<svg role="img" aria-label="{escaped(figure.title)}" ', 1)
-    below = f" {marked_up(caption, escaped)}" if (caption := caption_of(figure)) else ""
-    words = f"<figcaption><b>Figure {number}.</b> {marked_up(figure.title, escaped)}.{below}</figcaption>"
+    below = f" {_set(caption)}" if (caption := caption_of(figure)) else ""
+    words = f"<figcaption><b>Figure {number}.</b> {_set(figure.title)}.{below}</figcaption>"
     return f"<figure>\n{svg}\n{words}\n</figure>"
-
-
-def _in_style(text: str) -> str:
-    """Return `text` as it can stand in quotes in a style sheet: all but letters, digits and ``-`` by their number."""
-    return "".join(
-        each if each.isascii() and (each.isalnum() or each == "-") else f"\\{ord(each):06x}" for each in text
-    )

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable
+from itertools import count
+from typing import Final
 
-from vcfbench.reports.document import Figure, Heading, Notice, Table, Text
+from vcfbench.reports.document import Figure, Heading, Notice, Part, Report, Table, Text
 from vcfbench.reports.plot import caption_of
 from vcfbench.reports.text import printable_lines
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from vcfbench.reports.document import Part, Report
 
 _SPECIAL: Final = re.compile(
     r"[\\`*\[\]<&|~$]|(?<!\w)_|_(?!\w)|^[>=]|^[-+](?=[\s-]|$)|^#(?=#*(?:\s|$))|^\d+(?=[.)](?:\s|$))"
@@ -27,7 +24,7 @@ def markdown_of(report: Report, place: Callable[[Figure, int], str]) -> str:
         report: what is shown.
         place: puts a figure, given its number from 1, somewhere, and returns the address of its picture.
     """
-    numbers = iter(range(1, len(report.parts) + 1))
+    numbers = count(1)
 
     def put(figure: Figure) -> str:
         number = next(numbers)
@@ -43,33 +40,22 @@ def _part(part: Part, put: Callable[[Figure], str]) -> str:
         case Heading():
             return f"{'#' * part.level} {_plain(part.text)}"
         case Table():
-            return _table(part)
+            title = [f"**{_plain(part.title)}**", ""] if part.title else []
+            sides = ["---:" if column.align == "right" else ":---" for column in part.columns]
+            rows = [[column.head for column in part.columns], *part.printed()]
+            head, *body = (f"| {' | '.join(map(_plain, row))} |" for row in rows)
+            return "\n".join([*title, head, f"| {' | '.join(sides)} |", *body])
         case Text():
-            return "\\\n".join(map(_indented, part.text.split("\n")))
+            lines = [(line, line.lstrip(" ")) for line in part.text.split("\n")]  # spaces before words would go
+            return "\\\n".join("\xa0" * (len(line) - len(words)) + _plain(words) for line, words in lines)
         case Notice():
             return f"> **{_plain(part.text)}**"
         case Figure():
             return put(part)
 
 
-def _table(table: Table) -> str:
-    title = [f"**{_plain(table.title)}**", ""] if table.title else []
-    sides = ["---:" if column.align == "right" else ":---" for column in table.columns]
-    rows = [[column.head for column in table.columns], *table.printed()]
-    head, *body = (f"| {' | '.join(map(_plain, row))} |" for row in rows)
-    return "\n".join([*title, head, f"| {' | '.join(sides)} |", *body])
-
-
-def _indented(line: str) -> str:
-    words = line.lstrip(" ")
-    return "\xa0" * (len(line) - len(words)) + _plain(words)  # plain spaces would go
-
-
 def _plain(text: str) -> str:
     """Return `text` with its marks as they are, in one line."""
-    return _SPECIAL.sub(_escaped, printable_lines(text).replace("\n", " "))
-
-
-def _escaped(found: re.Match[str]) -> str:
-    """Set a backslash before a mark; behind the digits that would begin a list."""
-    return f"{found[0]}\\" if found[0].isdigit() else f"\\{found[0]}"
+    one_line = printable_lines(text).replace("\n", " ")
+    # a backslash before a mark; behind the digits that would begin a list
+    return _SPECIAL.sub(lambda found: f"{found[0]}\\" if found[0].isdigit() else f"\\{found[0]}", one_line)

@@ -6,13 +6,9 @@ import os
 from contextlib import suppress
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, Final
+from typing import Final, TextIO
 
-if TYPE_CHECKING:
-    from typing import TextIO
-
-_PARTING_S: Final = 0.5
-"""Longest time of a stream for one text when all else is done, s."""
+_PARTING_S: Final = 0.5  # Longest time of a stream for one text when all else is done, s
 
 
 class Outlet:

@@ -6,19 +6,20 @@ The same figure gives the same bytes: no dates, no names of versions, and nothin
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from importlib import import_module
 from io import StringIO
 from itertools import cycle
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
-from vcfbench.reports.thinning import DRAWN, thinned
+from vcfbench.reports.document import Axis, Figure, Series
 from vcfbench.reports.typography import in_unicode, marked_up_in_svg
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from vcfbench.reports.document import Axis, Figure, Series
 
 INK: Final = "#20262e"
 """Colour of axes and words; pages replace it by their own."""
@@ -27,10 +28,8 @@ PALETTE: Final = ("#0068ab", "#c8500a", "#008060", "#a8428a", "#8a6d00", "#5b5fc
 """Colours of the series, apart for the colour-blind as well; pages lighten them on dark ground."""
 
 _MARKS: Final = {"points": "o", "line": "-"}
-_SIZE_IN: Final = (6.0, 3.0)
-"""As wide as text, and small: words are still read when a telephone shows it across."""
-FLAT_IN: Final = (7.2, 2.6)
-"""As wide as a printed page's text, so that a first page has room for it."""
+_SIZE_IN: Final = (6.0, 3.0)  # As wide as text, and small: words are still read when a telephone shows it across
+FLAT_IN: Final = (7.2, 2.6)  # As wide as a printed page's text, so that a first page has room for it
 _STYLE: Final[dict[Any, Any]] = {
     "svg.fonttype": "none",
     "text.parse_math": False,
@@ -55,6 +54,13 @@ _METADATA: Final = {
     "pdf": dict.fromkeys(("CreationDate", "Creator", "Producer")),
     "png": {"Software": None},
 }
+COLUMNS: Final = 800
+"""About as many as a drawing is wide in points of a screen: values closer together show as one line upright."""
+
+DRAWN: Final = f"drawn are the least and the greatest in each of {COLUMNS} columns."
+"""Words of a caption for a series that is drawn so."""
+
+_FEW: Final = 4 * COLUMNS  # So many values are drawn one by one
 _WORDS: Final = re.compile(r"(?<=>)[^<>]+(?=</text>)")
 _ID: Final = re.compile(r'(?<=\bid=")[^"]+|(?<=xlink:href="#)[^"]+|(?<=url\(#)[^)]+')
 
@@ -89,6 +95,25 @@ def save_figure(figure: Figure, path: Path) -> None:
             raise ConfigError(f"{shown(path)}: no picture can be written: {error}") from error
 
 
+def thinned(
+    x: Sequence[float] | NDArray[np.float64], y: Sequence[float] | NDArray[np.float64]
+) -> tuple[list[float], list[float]] | None:
+    """Return least and greatest `y` of each of `COLUMNS` equal columns along `x`, where it begins; None for few values.
+
+    No spike is lost; an empty column gives nothing. Values are a record only where `x` does not fall; where it does,
+    they are drawn one by one.
+    """
+    if len(x) <= _FEW:
+        return None
+    along, values = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if along[-1] <= along[0] or np.any(along[1:] < along[:-1]):
+        return None
+    edges = np.linspace(along[0], along[-1], COLUMNS, endpoint=False)
+    begins = np.unique(np.searchsorted(along, edges))
+    extremes = np.column_stack([np.minimum.reduceat(values, begins), np.maximum.reduceat(values, begins)])
+    return np.repeat(along[begins], 2).tolist(), extremes.ravel().tolist()
+
+
 def caption_of(figure: Figure) -> str:
     """Return the words below `figure`: its caption, and which series are not drawn value by value."""
     thin = [
@@ -104,7 +129,9 @@ def caption_of(figure: Figure) -> str:
 def matplotlib() -> Any:
     """Return Matplotlib; ConfigError where it does not load for the sake of its own settings."""
     try:
-        import matplotlib as mpl  # noqa: PLC0415 - it takes a while, and figures alone need it
+        for part in ("figure", "ticker"):  # it takes a while, and figures alone need it
+            import_module(f"matplotlib.{part}")
+        mpl = import_module("matplotlib")
     except ValueError as error:
         raise ConfigError(f"Matplotlib does not load: {error}", hint="is MPLBACKEND one that it knows?") from error
     return mpl
@@ -118,9 +145,7 @@ def _settings(salt: str) -> Any:
 
 
 def _drawing(figure: Figure, size_in: tuple[float, float], *, titled: bool) -> Any:
-    from matplotlib.figure import Figure as Drawing  # noqa: PLC0415 - as above
-
-    drawing = Drawing(figsize=size_in, layout="constrained")
+    drawing = matplotlib().figure.Figure(figsize=size_in, layout="constrained")
     axes = drawing.subplots()
     axes.set(
         xlabel=in_unicode(figure.x.title),
@@ -138,26 +163,26 @@ def _drawing(figure: Figure, size_in: tuple[float, float], *, titled: bool) -> A
         chosen[series.label] = same[0] if same else next(colours)
         _draw(axes, series, chosen[series.label])
     axes.grid(visible=True, linewidth=0.6)
-    for axis, described in ((axes.xaxis, figure.x), (axes.yaxis, figure.y)):
-        _mark(axis, described)
+    drawn: tuple[tuple[Any, Axis], ...] = ((axes.xaxis, figure.x), (axes.yaxis, figure.y))
+    for axis, described in drawn:
+        if described.scale == "linear":
+            axis.get_major_formatter().set_useOffset(False)  # nobody adds up numbers at a corner
+            axis.get_major_formatter().set_scientific(False)
+        else:
+            _mark(axis)
     if len(figure.series) > 1:
         drawing.legend(loc="outside lower left", ncols=min(len(figure.series), 2))
     return drawing
 
 
-def _mark(axis: Any, described: Axis) -> None:
-    """Write numbers beside an axis as people do: 0.01, 1, 100; of a short logarithmic one those between as well."""
-    from matplotlib.ticker import LogLocator, StrMethodFormatter  # noqa: PLC0415 - as above
-
-    if described.scale == "linear":
-        axis.get_major_formatter().set_useOffset(False)  # nobody adds up numbers at a corner
-        axis.get_major_formatter().set_scientific(False)
-        return
+def _mark(axis: Any) -> None:
+    """Write numbers beside a logarithmic axis as people do: 0.01, 1, 100; of a short one those between as well."""
+    ticker = matplotlib().ticker
     low, high = axis.get_view_interval()
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_major_formatter(ticker.StrMethodFormatter("{x:g}"))
     if high < 100.0 * low:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high > 4.0 * low else "all"))
-    axis.set_minor_formatter(StrMethodFormatter(""))
+        axis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0) if high > 4.0 * low else "all"))
+    axis.set_minor_formatter(ticker.StrMethodFormatter(""))
 
 
 def _draw(axes: Any, series: Series, colour: str) -> None:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
 from msgspec import Struct
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from vcfbench.analysis.regression import LineFit
-    from vcfbench.records.schema import Point
-    from vcfbench.steps import Window
+from vcfbench.analysis.regression import LineFit
+from vcfbench.records.schema import Point
+from vcfbench.steps import Window
 
 _GAP = "  "
 _LEAST_MV = 1e-3
@@ -79,23 +77,13 @@ class _Column(NamedTuple):
     rank: int
 
 
-def _table_read(row: PointRow) -> str:
-    rate_deg_s = row.window.table_rate_deg_s
-    return "-" if rate_deg_s is None else f"{rate_deg_s:+.4f}"
-
-
-def _residual(row: PointRow) -> str:
-    return "-" if row.residual_v is None else f"{1e3 * row.residual_v:+.3f}"
-
-
 def _scatter(row: PointRow) -> str:
     std_mv = 1e3 * row.point.std_v
     return f"{std_mv:.3f}" if std_mv == 0.0 or std_mv >= _LEAST_MV else f"{std_mv:.0e}"
 
 
-def _measured(row: PointRow) -> str:
-    measured_v = row.point.v_vc_measured_v
-    return "-" if measured_v is None else f"{measured_v:+.6f}"
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
 
 
 _COLUMNS = (
@@ -106,12 +94,12 @@ _COLUMNS = (
     _Column("output", "V", 9, lambda row: f"{row.point.output_v:+.5f}", 1),
     _Column("s", "mV", 7, _scatter, 6),
     _Column("n", "", 5, lambda row: str(row.point.n), 7),
-    _Column("residual", "mV", 9, _residual, 2),
-    _Column("table reads", "deg/s", 11, _table_read, 8),
+    _Column("residual", "mV", 9, lambda row: "-" if row.residual_v is None else f"{1e3 * row.residual_v:+.3f}", 2),
+    _Column("table reads", "deg/s", 11, lambda row: _number(row.window.table_rate_deg_s, "+.4f"), 8),
 )
 
 
-_V_VC_MEASURED = _Column("V_Vc measured", "V", 13, _measured, 9)
+_V_VC_MEASURED = _Column("V_Vc measured", "V", 13, lambda row: _number(row.point.v_vc_measured_v, "+.6f"), 9)
 
 
 def _columns(row: PointRow, width: int) -> tuple[_Column, ...]:

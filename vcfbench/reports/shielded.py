@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Self
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Self
 
 from vcfbench.errors import Aborted, NotSafe
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from contextlib import AbstractContextManager
-    from types import TracebackType
-
-    from vcfbench.safety.control import RunState
-    from vcfbench.steps.executor import Event, Observer
+from vcfbench.safety.control import RunState
+from vcfbench.steps.executor import Event, Observer
 
 
 class NoProgress:
@@ -21,9 +18,7 @@ class NoProgress:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Nothing to end."""
 
     def handle(self, event: Event) -> None:
@@ -49,24 +44,22 @@ class Shielded:
         self.lost: str | None = None
 
     def __enter__(self) -> Self:
-        self._guarded(self._begin)
+        def begin() -> None:
+            self._context = self._make()
+            self._display = self._context.__enter__()
+
+        self._guarded(begin)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """End the display, if there is one still."""
         if self._display is not None and (context := self._context) is not None:
-            self._guarded(lambda: context.__exit__(kind, error, traceback))
+            self._guarded(lambda: context.__exit__(*sys.exc_info()))
 
     def handle(self, event: Event) -> None:
         """Pass on an event."""
         if (display := self._display) is not None:
             self._guarded(lambda: display.handle(event))
-
-    def _begin(self) -> None:
-        self._context = self._make()
-        self._display = self._context.__enter__()
 
     def _guarded(self, act: Callable[[], object]) -> None:
         try:

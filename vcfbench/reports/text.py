@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Sequence
 from textwrap import wrap
-from typing import TYPE_CHECKING
 
-from vcfbench.reports.document import Column, Figure, Heading, Notice, Table, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from vcfbench.reports.document import Part, Report
+from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Report, Table, Text
 
 WIDTH = 130
 """Lines of text that are longer are wrapped, where nothing else is said; of a table that is wider its last column, if
 that is of texts."""
-_LEAST_WIDTH = 30
-"""A column of texts that would be narrower stands below its rows instead."""
+_LEAST_WIDTH = 30  # A column of texts that would be narrower stands below its rows instead
 _BELOW = "    "
 
-_RULES = ("=", "-")
-"""Underlines of headings of the first and the second level."""
+_RULES = ("=", "-")  # Underlines of headings of the first and the second level
 
 
 def text_of(report: Report, width: int = WIDTH) -> str:
@@ -60,7 +53,11 @@ def table_text(table: Table, most: float = math.inf) -> str:
     if sides[-1] is str.rjust or last <= room or not others:
         lines = _in_columns(rows, [*others, last], sides)
     elif room >= _LEAST_WIDTH:
-        lines = _in_columns([part for row in rows for part in _under_itself(row, int(room))], [*others, 0], sides)
+        folded = []  # the text of the last cell goes on under itself
+        for row in rows:
+            first, *more = wrap(row[-1], int(room), break_long_words=False, break_on_hyphens=False) or [""]
+            folded += [[*row[:-1], first], *([*("" for _ in row[:-1]), each] for each in more)]
+        lines = _in_columns(folded, [*others, 0], sides)
     else:
         beside = _in_columns([row[:-1] for row in rows], others, sides[:-1])
         below = [[], *(_wrapped(f"{_BELOW}{row[-1]}", most) for row in rows[1:])]
@@ -73,13 +70,8 @@ def table_text(table: Table, most: float = math.inf) -> str:
 def _in_columns(
     rows: Iterable[Sequence[str]], widths: Sequence[int], sides: Sequence[Callable[[str, int], str]]
 ) -> list[str]:
-    return ["   ".join(map(_aligned, row, widths, sides)).rstrip() for row in rows]
-
-
-def _under_itself(row: list[str], width: int) -> list[list[str]]:
-    """Return a row as several, the text of its last cell wrapped."""
-    first, *more = wrap(row[-1], width, break_long_words=False, break_on_hyphens=False) or [""]
-    return [[*row[:-1], first], *([*("" for _ in row[:-1]), each] for each in more)]
+    padded = ([side(cell, width) for cell, width, side in zip(row, widths, sides, strict=True)] for row in rows)
+    return ["   ".join(row).rstrip() for row in padded]
 
 
 def _wrapped(line: str, width: float) -> list[str]:
@@ -88,10 +80,6 @@ def _wrapped(line: str, width: float) -> list[str]:
         return [line]
     indent = line[: len(line) - len(line.lstrip())]
     return wrap(line, int(width), subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False)
-
-
-def _aligned(cell: str, width: int, side: Callable[[str, int], str]) -> str:
-    return side(cell, width)
 
 
 def left_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

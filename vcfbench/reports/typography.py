@@ -7,15 +7,12 @@ is made for reading asks here, so that a name looks the same in HTML, PDF, Markd
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Final
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from collections.abc import Callable
+from typing import Final
 
 _NAMES: Final = {"V_Vc": ("V", "Vc"), "K_Vc": ("K", "Vc"), "Ω_z": ("Ω", "z"), "E_n": ("E", "n"), "U95": ("U", "95")}
 _NAME: Final = re.compile(rf"(?<![\w.\-])({'|'.join(_NAMES)})(?![\w])")
-_THIN: Final = "\u202f"
-"""A narrow space at which no line is broken."""
+_THIN: Final = "\u202f"  # A narrow space at which no line is broken
 _RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNIT: Final = r"(?:[munkMµ]?(?:V|A|W|Hz)|[mµn]?s|h|min|K|ppm|%|°C|°/|\(°/)"
 _RULES: Final[tuple[tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]], ...]] = (
@@ -39,12 +36,14 @@ def in_unicode(text: str) -> str:
 
 def marked_up(text: str, escaped: Callable[[str], str]) -> str:
     """Return `text` set as :func:`in_unicode` does, names with their index as HTML has it, all else `escaped`."""
-    pieces = _NAME.split(in_unicode(text))
-    # `piece` escaped; the thin spaces, which Python does not call printable, stay
-    return "".join(
-        _with_index(each) if place % 2 else _THIN.join(map(escaped, each.split(_THIN)))
-        for place, each in enumerate(pieces)
-    )
+    set_text = ""
+    for place, piece in enumerate(_NAME.split(in_unicode(text))):
+        if place % 2:
+            letter, index = _NAMES[piece]
+            set_text += f"<i>{letter}</i><sub>{index}</sub>"
+        else:
+            set_text += _THIN.join(map(escaped, piece.split(_THIN)))  # which Python does not call printable
+    return set_text
 
 
 def marked_up_in_svg(text: str) -> str:
@@ -57,8 +56,3 @@ def marked_up_in_svg(text: str) -> str:
             f'<tspan dy="-2">{words}</tspan>' if words else ""
         )
     return found
-
-
-def _with_index(name: str) -> str:
-    letter, index = _NAMES[name]
-    return f"<i>{letter}</i><sub>{index}</sub>"

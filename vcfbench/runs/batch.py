@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 from zlib import crc32
 
 from msgspec import Meta, Struct, field, structs
@@ -14,19 +15,16 @@ from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import described
 from vcfbench.procedures.catalogue import is_file
+from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.records.schema import Status
-from vcfbench.runs.request import Checked, Request, prepare
+from vcfbench.runs.request import Request, prepare
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import EMBEDDED
 from vcfbench.station.layering import Layer
 from vcfbench.station.strict import converted
 
-if TYPE_CHECKING:
-    from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.station.description import BenchDescription
-
-TAG = "batch"
-"""Key of the tag by which the records of a batch are known."""
+TAG = "batch"  # Key of the tag by which the records of a batch are known
 
 _Words = Annotated[str, Meta(min_length=1, max_length=200)]
 
@@ -83,7 +81,7 @@ class Batch(Struct, frozen=True, kw_only=True):
         """
         for each in self.runs:
             try:
-                prepare(self.request(each, serial, runs), Checked()).planned()
+                prepare(self.request(each, serial, runs)).planned()
             except BenchError as error:
                 error.hint = "; ".join(filter(None, [error.hint, f"{each.procedure.name} of device {serial}"]))
                 raise
@@ -107,7 +105,11 @@ def read_batch(file: Path | str) -> Batch:
     bench = (
         said.bench if said.bench in EMBEDDED and not (path.parent / said.bench).is_file() else path.parent / said.bench
     )
-    runs = tuple(_run(each, number, path.parent, source) for number, each in enumerate(said.runs))
+    runs = []
+    for number, each in enumerate(said.runs):
+        named = path.parent / each.procedure if is_file(each.procedure) else each.procedure
+        naming = partial(_place, f"{source}: runs[{number}].settings")
+        runs.append(BatchRun(catalogue.procedure(named), Layer(each.settings, naming)))
     _require_once([each.procedure.name for each in runs], f"{source}: runs")
     _require_once(said.devices, f"{source}: devices")
     return Batch(
@@ -116,14 +118,12 @@ def read_batch(file: Path | str) -> Batch:
         bench=bench,
         description=described(bench),
         operator=said.operator,
-        runs=runs,
+        runs=tuple(runs),
     )
 
 
-def _run(said: _RunOfFile, number: int, folder: Path, source: str) -> BatchRun:
-    chosen = catalogue.procedure(folder / said.procedure if is_file(said.procedure) else said.procedure)
-    where = f"{source}: runs[{number}].settings"
-    return BatchRun(chosen, Layer(said.settings, lambda keys: f"{where}.{dotted(keys)}"))
+def _place(where: str, keys: tuple[str | int, ...]) -> str:
+    return f"{where}.{dotted(keys)}"
 
 
 def _require_once(names: tuple[str, ...] | list[str], where: str) -> None:

@@ -8,16 +8,20 @@ commands are recorded, anything.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from msgspec import Struct, structs
 
-from vcfbench.bench.console import Console
+from vcfbench.bench.bench import Bench
+from vcfbench.bench.console import Console, ConsoleReply
 from vcfbench.clock import sleep
 from vcfbench.drivers.plain import plain
 from vcfbench.errors import BenchError, ConfigError, InterlockError, LimitError
 from vcfbench.procedures.shared.routines import look_at_drive, rails_of
+from vcfbench.records.raw import RawRecord
+from vcfbench.safety.signals import StopSignals
 from vcfbench.station.limits import LimitChecks, driver_of
 from vcfbench.station.settings import Station
 from vcfbench.steps import (
@@ -35,16 +39,7 @@ from vcfbench.steps import (
     SetSine,
     SetVvc,
 )
-from vcfbench.steps.step import Context
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from vcfbench.bench.bench import Bench
-    from vcfbench.bench.console import ConsoleReply
-    from vcfbench.records.raw import RawRecord
-    from vcfbench.safety.signals import StopSignals
-    from vcfbench.steps.step import Routine, Step
+from vcfbench.steps.step import Context, Routine, Step
 
 ALIASES: Final = {
     "table": "rate_table",
@@ -122,21 +117,22 @@ class ByHand:
         self.bench = bench
         self._tell = tell
         self._checks = LimitChecks.of(description)
+        scope = None if description.oscilloscope is None else description.wiring.oscilloscope
+        station = Station(rails=description.wiring.rails, oscilloscope=scope, limits=description.limits)
         self._context = Context(bench, lambda _: None)
-        self._settings = structs.replace(description.procedure, station=_station(bench))
+        self._settings = structs.replace(description.procedure, station=station)
         self._ready: set[str] = set()
-        self.consoles: Mapping[str, Console] = {
-            role: Console(
-                driver_of(instrument),
-                bench.identities[role],
-                raw=raw,
-                clock=bench.clock,
-                signals=signals,
-                timeout_s=getattr(description, role).timeout_s if timeout_s is None else timeout_s,
+        self.consoles: dict[str, Console] = {}
+        for role, instrument in bench.instruments.items():
+            driver = driver_of(instrument)
+            try:
+                plain(driver, 1.0)
+            except ConfigError:  # frames of bytes cannot be typed
+                continue
+            within_s = getattr(description, role).timeout_s if timeout_s is None else timeout_s
+            self.consoles[role] = Console(
+                driver, bench.identities[role], raw=raw, clock=bench.clock, signals=signals, timeout_s=within_s
             )
-            for role, instrument in bench.instruments.items()
-            if _can_be_typed(driver_of(instrument))
-        }
         self.words = {word.name: word for word in WORDS if word.role is None or word.role in bench.instruments}
 
     def names(self) -> list[str]:
@@ -159,7 +155,10 @@ class ByHand:
             BenchError: an instrument did not do it.
         """
         word = self.words[name]
-        numbers = _numbers(word, values)
+        usage = " ".join((word.name, *word.takes))
+        if len(values) != len(word.takes):
+            raise ConfigError(f"expected {usage!r}, came {' '.join((word.name, *values))!r}")
+        numbers = [_number(f"{usage}: {what}", value) for what, value in zip(word.takes, values, strict=True)]
         act: Callable[..., str] = getattr(self, f"_{name.replace('.', '_')}")
         try:
             return act(*numbers)
@@ -191,19 +190,19 @@ class ByHand:
     # Power
 
     def _power_on(self) -> str:
-        self._carry_out(self._powering())
-        return self._power_read()
+        def steps() -> Routine[None]:
+            if "rate_source" in self.bench.instruments:
+                yield from self._v_vc_off_steps()
+            settings = self._settings
+            rails = rails_of(settings)
+            for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
+                yield rail
+            yield EnableSupply()
+            sleep(self.bench.clock, settings.settle_s)
+            yield CheckRails(rails, settings.rail_tolerance_v)
 
-    def _powering(self) -> Routine[None]:
-        if "rate_source" in self.bench.instruments:
-            yield from self._v_vc_off_steps()
-        settings = self._settings
-        rails = rails_of(settings)
-        for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
-            yield rail
-        yield EnableSupply()
-        sleep(self.bench.clock, settings.settle_s)
-        yield CheckRails(rails, settings.rail_tolerance_v)
+        self._carry_out(steps())
+        return self._power_read()
 
     def _power_read(self) -> str:
         power = self.bench.power
@@ -213,14 +212,14 @@ class ByHand:
         )
 
     def _power_off(self) -> str:
-        return self._carry_out(self._unpowering())
+        def steps() -> Routine[None]:
+            try:
+                if "rate_source" in self.bench.instruments:
+                    yield from self._v_vc_off_steps()
+            finally:
+                yield DisableSupply()
 
-    def _unpowering(self) -> Routine[None]:
-        try:
-            if "rate_source" in self.bench.instruments:
-                yield from self._v_vc_off_steps()
-        finally:
-            yield DisableSupply()
+        return self._carry_out(steps())
 
     def _require_power(self) -> None:
         """Refuse to drive the input of a PCB that has no power: its protection would carry the current."""
@@ -236,25 +235,18 @@ class ByHand:
     def _v_vc_set(self, volts: float) -> str:
         self._checks.v_vc(volts)
         self._require_power()
-        return self._carry_out(self._level(volts))
-
-    def _level(self, volts: float) -> Routine[None]:
+        steps: list[Step] = [SetVvc(volts)]
         if "rate_source" not in self._ready:
-            yield DisableVvc()
-            yield ConfigureGenerator(0.0)
-            yield EnableVvc()
-            self._ready.add("rate_source")
-        yield SetVvc(volts)
+            steps = [DisableVvc(), ConfigureGenerator(0.0), EnableVvc(), *steps]
+        self._carry_out(_each(*steps[:-1]))
+        self._ready.add("rate_source")
+        return self._carry_out(_each(steps[-1]))
 
     def _v_vc_sine(self, frequency_hz: float, peak_v: float) -> str:
         self._checks.v_vc(peak_v, "peak voltage")
         self._require_power()
-        return self._carry_out(self._sine(frequency_hz, peak_v))
-
-    def _sine(self, frequency_hz: float, peak_v: float) -> Routine[None]:
         self._ready.discard("rate_source")
-        yield SetSine(frequency_hz, peak_v)
-        yield EnableVvc()
+        return self._carry_out(_each(SetSine(frequency_hz, peak_v), EnableVvc()))
 
     def _v_vc_off(self) -> str:
         return self._carry_out(self._v_vc_off_steps())
@@ -276,7 +268,7 @@ class ByHand:
     def _multimeter_read(self) -> str:
         if "multimeter" not in self._ready:
             settings = self._settings
-            self._carry_out(_alone(ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))))
+            self._carry_out(_each(ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))))
             self._ready.add("multimeter")
         return f"{self.bench.multimeter.read_voltage_v():+.8g} V"
 
@@ -293,19 +285,16 @@ class ByHand:
     # Table
 
     def _table_rate(self, rate_deg_s: float) -> str:
-        self._checks.rate(rate_deg_s)
-        self._carry_out(self._turning(rate_deg_s))
-        return f"{self.bench.rate_table.rate_deg_s():+.4f} deg/s"
-
-    def _turning(self, rate_deg_s: float) -> Routine[None]:
         table, settings = self.bench.rate_table, self._settings
+        self._checks.rate(rate_deg_s)
         if "rate_table" not in self._ready:
-            yield EnableTable()
+            self._carry_out(_each(EnableTable()))
             self._ready.add("rate_table")
         ramp = SetRate(rate_deg_s, settings.acceleration_deg_s2, table.rate_deg_s())
-        yield ramp
         deadline_s = 2.0 * ramp.ramp_s + settings.rate_deadline_s
-        yield AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
+        reached = AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
+        self._carry_out(_each(ramp, reached))
+        return f"{table.rate_deg_s():+.4f} deg/s"
 
     def _table_read(self) -> str:
         table = self.bench.rate_table
@@ -318,12 +307,12 @@ class ByHand:
         table.stop(settings.acceleration_deg_s2)
         ramp_s = abs(rate_deg_s) / settings.acceleration_deg_s2
         deadline_s = 2.0 * ramp_s + settings.rate_deadline_s
-        return self._carry_out(_alone(AwaitRate(0.0, ramp_s, settings.rate_tolerance_deg_s, deadline_s)))
+        return self._carry_out(_each(AwaitRate(0.0, ramp_s, settings.rate_tolerance_deg_s, deadline_s)))
 
     def _table_off(self) -> str:
         self._table_stop()
         self._ready.discard("rate_table")
-        return self._carry_out(_alone(DisableTable()))
+        return self._carry_out(_each(DisableTable()))
 
     # Chamber
 
@@ -373,41 +362,20 @@ class ByHand:
         return "table at rest, outputs off"
 
 
-def _alone(step: Step) -> Routine[None]:
-    yield step
-
-
-def _station(bench: Bench) -> Station:
-    """Return the station, as the routines need it."""
-    description = bench.description
-    scope = None if description.oscilloscope is None else description.wiring.oscilloscope
-    return Station(rails=description.wiring.rails, oscilloscope=scope, limits=description.limits)
-
-
-def _can_be_typed(instrument: Any) -> bool:
-    """Tell whether lines can be sent to it; frames of bytes cannot be typed."""
-    try:
-        plain(instrument, 1.0)
-    except ConfigError:
-        return False
-    return True
+def _each(*steps: Step) -> Routine[None]:
+    for step in steps:  # noqa: UP028  # a tuple cannot be sent results
+        yield step
 
 
 def _switched(source: Any) -> str:
     return "on" if source.output_enabled() else "off"
 
 
-def _numbers(word: StepWord, values: list[str]) -> list[float]:
-    usage = " ".join((word.name, *word.takes))
-    if len(values) != len(word.takes):
-        raise ConfigError(f"expected {usage!r}, came {' '.join((word.name, *values))!r}")
-    numbers: list[float] = []
-    for what, value in zip(word.takes, values, strict=True):
-        try:
-            number = float(value)
-        except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            raise ConfigError(f"{usage}: {what}: expected a number, came {value!r}")
-        numbers.append(number)
-    return numbers
+def _number(what: str, value: str) -> float:
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ConfigError(f"{what}: expected a number, came {value!r}")
+    return number

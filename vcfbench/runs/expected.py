@@ -8,6 +8,7 @@ budget stands here.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from random import Random
 from statistics import fmean
 from typing import TYPE_CHECKING, Any, Final
@@ -18,34 +19,28 @@ from msgspec import Struct, field, structs, to_builtins
 from vcfbench.archive.quantities import named_values
 from vcfbench.errors import BenchError
 from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.records.schema import Point
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps import ConfigureMeter, ModulatedRecord, Window
 from vcfbench.steps.measured import Foreseen
-from vcfbench.steps.step import Reading
+from vcfbench.steps.step import Reading, Step
 from vcfbench.steps.tally import Tally
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-
     from numpy.typing import NDArray
 
     from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.records.schema import Point
     from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.step import Step, StepResult
 
-PAPER_WALK_DEG_SQRT_H: Final = 0.21
-"""Angle random walk of the paper's gyroscope: assumed where the noise is not told."""
+PAPER_WALK_DEG_SQRT_H: Final = 0.21  # Angle random walk of the paper's gyroscope: assumed where the noise is not told
 _PAPER_BIAS_V: Final = -0.042
 """Output at rest of the paper's gyroscope: of a bias as a rate, the scale factor's uncertainty counts with it."""
 _LARGEST: Final = 3
 _PAPER_OUTPUT: Final = (8.5e-6, -2.64e-8)
 """Second and third order of the paper's output over the first, by the rate in deg/s."""
-_PAPER_MODULATOR: Final = (0.013, 0.0145)
-"""The same of V_Vc in volts."""
+_PAPER_MODULATOR: Final = (0.013, 0.0145)  # The same of V_Vc in volts
 _PAPER_NONLINEARITY_PPM: Final = 825.0
-_DIGITS = 1e-9
-"""Relative uncertainty below which only rounding remains."""
+_DIGITS = 1e-9  # Relative uncertainty below which only rounding remains
 
 
 class ExpectedValue(Struct, frozen=True):
@@ -225,9 +220,13 @@ def _lines(steps: Iterable[Step], gyro: _Scattering, mains_hz: float) -> Iterato
         if isinstance(result, Window) and not result.readings:
             chunk, result = _long_window(step, result, gyro, t_s)
             yield {"type": "readings", "n": number, "readings": chunk}, None
-        line = _line(number, step, result, t_s)
+        kinds = {"step_kind": type(step).__name__, "result_kind": type(result).__name__}
+        found, point = result.as_json(), result.recorded_point
+        for reading in found.get("readings", ()):  # of a prediction they begin with their step
+            reading["t_s"] += t_s
+        line = {"type": "step", "n": number, **kinds, "t_s": t_s, "step": to_builtins(step), "result": found}
         t_s += step.duration_s
-        yield {**line, "end_s": t_s}, result.recorded_point
+        yield {**line, **({} if point is None else {"point": point.as_json()}), "end_s": t_s}, point
 
 
 def _long_window(step: Any, result: Window, gyro: _Scattering, t_s: float) -> tuple[list[Any], Window]:
@@ -238,13 +237,3 @@ def _long_window(step: Any, result: Window, gyro: _Scattering, t_s: float) -> tu
     tally.add([each.voltage_v for each in readings])
     point = structs.replace(result.point, output_v=tally.mean_v, std_v=tally.std_v)
     return to_builtins(readings), structs.replace(result, point=point)
-
-
-def _line(number: int, step: Step, result: StepResult, t_s: float) -> dict[str, Any]:
-    kinds = {"step_kind": type(step).__name__, "result_kind": type(result).__name__}
-    found = result.as_json()
-    for reading in found.get("readings", ()):  # of a prediction they begin with their step
-        reading["t_s"] += t_s
-    line = {"type": "step", "n": number, **kinds, "t_s": t_s, "step": to_builtins(step), "result": found}
-    point = result.recorded_point
-    return line if point is None else {**line, "point": point.as_json()}

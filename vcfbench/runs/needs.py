@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from msgspec.structs import replace
 
+from vcfbench.bench.bench import Bench
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import lacking
 from vcfbench.procedures.catalogue import PROCEDURES
-
-if TYPE_CHECKING:
-    from vcfbench.bench.bench import Bench
-    from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.records.metadata import RunMetadata
-    from vcfbench.station.description import BenchDescription
+from vcfbench.procedures.procedure import AnyProcedure
+from vcfbench.records.metadata import RunMetadata
+from vcfbench.station.description import BenchDescription
 
 
 def require_needs(procedure: AnyProcedure, description: BenchDescription) -> None:
@@ -47,15 +43,14 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
 
 def what_can_run(description: BenchDescription) -> dict[str, str | None]:
     """Return for every known procedure the bench's lack for it, in words; None where it can run."""
-    return {name: _lacks(procedure, description) for name, procedure in PROCEDURES.items()}
-
-
-def _lacks(procedure: AnyProcedure, description: BenchDescription) -> str | None:
-    try:
-        require_needs(procedure, description)
-    except ConfigError as error:
-        return error.what
-    return None
+    lacks: dict[str, str | None] = {}
+    for name, procedure in PROCEDURES.items():
+        try:
+            require_needs(procedure, description)
+            lacks[name] = None
+        except ConfigError as error:
+            lacks[name] = error.what
+    return lacks
 
 
 def roles_of(procedure: AnyProcedure, description: BenchDescription) -> tuple[str, ...]:

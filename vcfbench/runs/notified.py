@@ -6,16 +6,13 @@ import json
 import os
 import signal
 import subprocess
+from collections.abc import Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from vcfbench.archive.run import Run
 from vcfbench.errors import Aborted, NotSafe
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.archive.run import Run
-    from vcfbench.station.description import Notify
+from vcfbench.station.description import Notify
 
 _FAILED = 1
 

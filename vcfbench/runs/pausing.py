@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from msgspec import Struct
-
+from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import WallClock, sleep
 from vcfbench.procedures.shared.pause import AroundPause
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from collections.abc import Set as AbstractSet
-
-    from vcfbench.bench.bench import Bench
-    from vcfbench.runs.request import Prepared
-    from vcfbench.safety.control import RunControl
-    from vcfbench.steps import Window
-    from vcfbench.steps.executor import Moved
-    from vcfbench.steps.step import Routine, Step
+from vcfbench.runs.request import Prepared
+from vcfbench.safety.control import RunControl
 
 
-class Pausing(Struct, frozen=True):
+class Pausing(AroundPause, frozen=True, kw_only=True):
     """Pauses of an executor, by a run's control.
 
     `pace` is how many seconds a second of the wall is on a bench whose time does not go on by itself. On a simulated
@@ -31,14 +19,14 @@ class Pausing(Struct, frozen=True):
 
     control: RunControl
     bench: Bench
-    around: AroundPause
     pace: float
 
     @classmethod
-    def of(cls, control: RunControl, bench: Bench, prepared: Prepared, speed: str | float | None) -> Pausing:
+    def of(cls, control: RunControl, bench: Bench, prepared: Prepared) -> Pausing:
         """Return it for a run that was `prepared`, on the open `bench`."""
-        pace = checked_pace(prepared.description, speed) or 0.0
-        return cls(control, bench, AroundPause(prepared.settings, bool(prepared.procedure.in_one_piece)), pace)
+        pace = checked_pace(prepared.description, prepared.request.speed) or 0.0
+        drifts = bool(prepared.procedure.in_one_piece)
+        return cls(prepared.settings, drifts, control=control, bench=bench, pace=pace)
 
     @property
     def by(self) -> str:
@@ -53,19 +41,3 @@ class Pausing(Struct, frozen=True):
         if self.pace:
             sleep(self.bench.clock, waited_s * self.pace)
         return by, waited_s
-
-    def to_rest(self, done: Sequence[Step]) -> Routine[Window | None]:
-        """Bring the bench to rest."""
-        return self.around.to_rest(done)
-
-    def looked_at(self, done: Sequence[Step]) -> Routine[Window]:
-        """Look at the output again."""
-        return self.around.looked_at(done)
-
-    def moved(self, done: Sequence[Step], before: Window, after: Window) -> Moved:
-        """Return by how much it moved."""
-        return self.around.moved(done, before, after)
-
-    def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
-        """Bring the bench to where it was."""
-        return self.around.as_before(done, disturbed)

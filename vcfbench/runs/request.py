@@ -1,48 +1,43 @@
-"""Request of a run, checked against its bench before anything is opened."""
+"""Request of a run, and the run made ready by it: checked against its bench before anything is opened."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from vcfbench.bench.ground import checked_pace
+from vcfbench.bench.bench import Bench
+from vcfbench.bench.ground import Builder, checked_pace
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.files import dotted, shown
 from vcfbench.procedures import bench_file, catalogue
 from vcfbench.procedures.layers import asked_in_python, settings_of, with_settings
+from vcfbench.procedures.own_code import file_of, mistake_of
+from vcfbench.procedures.procedure import AnyProcedure
+from vcfbench.records.directory import RunDirectory
 from vcfbench.records.metadata import RunMetadata, metadata_of
+from vcfbench.records.schema import Point
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.runs.needs import require_ambient, require_needs
-from vcfbench.station.description import whole_seed
+from vcfbench.safety.control import RunControl
+from vcfbench.safety.trust import Trust
+from vcfbench.station.description import BenchDescription, whole_seed
 from vcfbench.station.layering import Layer, merged
 from vcfbench.station.limits import LimitChecks
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.steps import AskOperator
+from vcfbench.steps.dry_run import PlannedStep
 from vcfbench.steps.dry_run import dry_run as walked
+from vcfbench.steps.executor import Execution, Executor, Observer
+from vcfbench.steps.step import Operator, Plan
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-    from contextlib import AbstractContextManager
-
-    from vcfbench.bench.bench import Bench
-    from vcfbench.bench.ground import Builder
-    from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.records.schema import Point
     from vcfbench.runs.expected import Expectation
-    from vcfbench.safety.control import RunControl
-    from vcfbench.safety.trust import Trust
-    from vcfbench.station.description import BenchDescription
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.dry_run import PlannedStep
-    from vcfbench.steps.executor import Execution, Executor, Observer
-    from vcfbench.steps.step import Operator, Plan
-
-    Display = Callable[["Beginning"], AbstractContextManager[Observer]]
-    """Makes a display, told what is about to begin."""
 
 
 def warned(words: str) -> None:
@@ -57,7 +52,8 @@ class Request(Struct, frozen=True):
     `metadata` is what the record shall say of the run beside what is measured. `warn` tells in a line what keeps no run
     from beginning.
     `runs` is where the record goes; None keeps none, on a simulated bench. `build` is as of `open_bench`. `control` is
-    what stops it and has it pause. `trust` is whether programs that data files name may run, or who is asked.
+    what stops it and has it pause. `trust` is whether programs that data files name may run, or who is asked. `display`
+    makes what shows the run, told which one is about to begin.
     """
 
     procedure: str | Path | AnyProcedure
@@ -67,7 +63,7 @@ class Request(Struct, frozen=True):
     runs: Path | None = Path("runs")
     speed: str | float | None = None
     observers: Sequence[Observer] = ()
-    display: Display = lambda _: NoProgress()
+    display: Callable[[Prepared], AbstractContextManager[Observer]] = lambda _: NoProgress()
     operator: Operator | None = None
     person: Operator | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -78,41 +74,67 @@ class Request(Struct, frozen=True):
     trust: Trust = False
 
 
-class Beginning(Struct, frozen=True):
-    """Facts for a display before the bench is opened.
+class Prepared:
+    """A run made ready by its request, as far as it is: bench, seed and device are told also where the rest cannot be.
 
-    `planned` are the steps that are still to be done, `points` those that were measured before the run was broken off.
-    """
-
-    procedure: AnyProcedure
-    description: BenchDescription
-    planned: DryRun
-    directory: Path | None
-    points: tuple[Point, ...] = ()
-
-
-class Checked(Struct):
-    """The request, as far as it has been checked: bench and seed are told also where the rest cannot be.
-
-    `name` is that of the procedure; until that is found, what was asked for.
-    """
-
-    name: str = ""
-    description: BenchDescription | None = None
-    seed: int | None = None
-    metadata: RunMetadata = field(default_factory=RunMetadata)
-
-
-class Prepared(Struct, frozen=True):
-    """All that a run needs to begin: the bench, the procedure, its settings.
-
-    `began_s` is the bench time at which its plan began, None as long as it has not.
+    `name` is that of the procedure; until that is found, what was asked for. `began_s` is the bench time at which its
+    plan began, None as long as it has not; `directory` that of its record. There is no `description` of the bench, no
+    `procedure` and no `settings` before :meth:`make_ready` has found them.
     """
 
     description: BenchDescription
     procedure: AnyProcedure
     settings: ProcedureSettings
-    began_s: float | None = None
+
+    def __init__(self, request: Request) -> None:
+        self.request = request
+        self.name = getattr(request.procedure, "name", str(request.procedure))
+        self.metadata = request.metadata
+        self.seed: int | None = None
+        self.began_s: float | None = None
+        self.directory: RunDirectory | None = None
+        self._planned: DryRun | None = None
+
+    def make_ready(self) -> None:
+        """Read the bench file and check the request against it; nothing is opened."""
+        request = self.request
+        self.description = description = bench_file.described(request.bench)
+        self.procedure = chosen = catalogue.procedure(request.procedure)
+        self.name = chosen.name
+        self.seed = self._seed()
+        checked_pace(description, request.speed)
+        require_needs(chosen, description)
+        metadata = request.metadata
+        require_ambient(metadata, description)
+        with blamed_on(chosen):
+            source = shown(request.bench) if isinstance(request.bench, str | Path) else None
+            settings = settings_of(chosen, description, self._layer(), source)
+        if None not in (metadata.dut, settings.named_device) and metadata.dut != settings.named_device:
+            raise ConfigError(
+                f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"
+            )
+        operator = metadata.operator or description.laboratory.operator
+        self.metadata = replace(metadata, dut=metadata.dut or settings.named_device, operator=operator)
+        self.description, self.settings = with_settings(description, settings), settings
+
+    def _layer(self) -> Layer | None:
+        """Return the requested settings, with the device for a procedure that uses the device's history."""
+        asked, dut = self.request.settings, self.request.metadata.dut
+        of_device = {} if dut is None else self.procedure.settings.keys_of_device(dut)
+        if not of_device or asked is None:
+            return Layer(of_device, dotted) if of_device else asked
+        return Layer(merged(of_device, asked.values), asked.naming)
+
+    def _seed(self) -> int | None:
+        """Return the seed that the run will have, as far as it is known before the bench is opened."""
+        seed, description = self.request.seed, self.description
+        if seed is None:
+            return None if description.simulation is None else description.simulation.seed
+        if description.served is not None:
+            raise ConfigError(f"--seed {seed}: {description.name} is served, its server was given the seed")
+        if description.simulation is None:
+            raise ConfigError(f"--seed {seed}: {description.name} is a real bench, only simulated ones have a seed")
+        return whole_seed(seed)
 
     def plan(self) -> Plan:
         """Return the plan, from its beginning."""
@@ -122,17 +144,48 @@ class Prepared(Struct, frozen=True):
         return plan
 
     def planned(self) -> DryRun:
-        """Walk the plan; raises LimitError when a step of it would leave a limit of the bench."""
+        """Walk the plan, once; raises LimitError when a step of it would leave a limit of the bench."""
+        if self._planned is None:
+            self._planned = self._walked()
+        return self._planned
+
+    def _walked(self) -> DryRun:
         with blamed_on(self.procedure):
             steps = walked(self.plan(), self.settings.expected_gyro(), LimitChecks.of(self.description))
-        return DryRun(self.procedure.name, tuple(steps), self)
+        return DryRun(self.procedure.name, tuple(steps), (self.procedure, self.settings))
+
+    def require_operator(self) -> None:
+        """Walk the plan, and raise PlanError when nobody is there for its manual steps, before anything is opened."""
+        by_hand = [each.step for each in self.planned().steps if isinstance(each.step, AskOperator)]
+        somebody = self.description.simulated or self.request.operator is not None or self.request.person is not None
+        if by_hand and not somebody:
+            more = "" if len(by_hand) == 1 else f", and {len(by_hand) - 1} more"
+            raise PlanError(
+                f"{self.name} asks a person to {by_hand[0].words}{more}, and nobody is there to be asked",
+                hint="run it at a terminal, or with --yes if all is done as asked; from Python with an operator",
+            )
 
     def now_s(self) -> float | None:
         """Return the bench time at this moment, None where it is for the bench to begin one."""
         return None
 
-    def require_bench(self, bench: Bench) -> None:
-        """See that the open bench is the one that is meant."""
+    def take_bench(self, bench: Bench) -> None:
+        """Take note of the open bench: its seed, and its instruments told apart.
+
+        Real ones are by the serial numbers that they answered. Simulated ones answer one and the same, whichever
+        specimen the seed has drawn: there the seed tells. What a server draws of its bench it does not say, so all of
+        its instruments go by its seed.
+        """
+        self.seed = bench.seed
+        station, simulation = self.settings.station, self.description.simulation
+        placed = dict(station.instruments)
+        for role, each in station.instruments.items():
+            if not self.description.simulated:
+                if role in bench.identities:
+                    placed[role] = each.answering(bench.identities[role].serial)
+            elif simulation is None or "drawn" in getattr(simulation.errors, role, ()):
+                placed[role] = each.drawn_by(bench.seed)
+        self.settings = replace(self.settings, station=replace(station, instruments=placed))
 
     def points(self) -> tuple[Point, ...]:
         """Return the points that were measured before."""
@@ -140,15 +193,21 @@ class Prepared(Struct, frozen=True):
 
     def header_entries(self) -> dict[str, Any]:
         """Return the additional entries of the header: the file of a procedure of one's own."""
-        if self.procedure.name in catalogue.PROCEDURES:
-            return {}
-        from vcfbench.procedures.own_code import file_of  # noqa: PLC0415  # few are one's own
-
-        return {"procedure_file": file_of(self.procedure)}
+        return {} if self.name in catalogue.PROCEDURES else {"procedure_file": file_of(self.procedure)}
 
     def perform(self, executor: Executor) -> Execution:
         """Let `executor` carry out the plan, on the open bench."""
         return executor.execute(self.plan())
+
+
+Preparing = Callable[[Request], Prepared]  # Makes the run of a request, which is not ready yet
+
+
+def prepare(request: Request) -> Prepared:
+    """Return the run made ready by its request; nothing is opened."""
+    prepared = Prepared(request)
+    prepared.make_ready()
+    return prepared
 
 
 class DryRun(Struct, frozen=True):
@@ -156,16 +215,16 @@ class DryRun(Struct, frozen=True):
 
     procedure: str
     steps: tuple[PlannedStep, ...]
-    _prepared: Prepared | None = None
+    _planned_by: tuple[AnyProcedure, ProcedureSettings] | None = None
 
     @property
     def expected(self) -> Expectation:
         """Expected statement of the run: U95 of every result and its largest causes; worked out when asked for."""
         from vcfbench.runs.expected import Expectation, expectation  # noqa: PLC0415  # loads numpy
 
-        if self._prepared is None:
+        if self._planned_by is None:
             return Expectation((), "", "it goes on with another run")
-        return expectation(self._prepared.procedure, self._prepared.settings, [each.step for each in self.steps])
+        return expectation(*self._planned_by, [each.step for each in self.steps])
 
     @property
     def bench_seconds(self) -> float:
@@ -200,70 +259,15 @@ def dry_run(
         LimitError: a step would leave a limit of the bench; it names step, limit and the time in the plan.
     """
     described, asked_of = metadata_of(metadata), asked_in_python(settings or {})
-    return prepare(Request(procedure, bench, seed, asked_of, speed=speed, metadata=described), Checked()).planned()
-
-
-def prepare(request: Request, checked: Checked) -> Prepared:
-    """Read the bench file and check the request against it; nothing is opened.
-
-    Findings are put into `checked` as they become known.
-    """
-    checked.name = getattr(request.procedure, "name", str(request.procedure))
-    checked.metadata = request.metadata
-    checked.description = description = bench_file.described(request.bench)
-    chosen = catalogue.procedure(request.procedure)
-    checked.name = chosen.name
-    checked.seed = _seed(description, request.seed)
-    checked_pace(description, request.speed)
-    require_needs(chosen, description)
-    require_ambient(request.metadata, description)
-    with blamed_on(chosen):
-        settings = settings_of(chosen, description, _with_device(request, chosen), _source(request.bench))
-    metadata = request.metadata
-    if None not in (metadata.dut, settings.named_device) and metadata.dut != settings.named_device:
-        raise ConfigError(
-            f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"
-        )
-    checked.metadata = replace(
-        metadata,
-        dut=metadata.dut or settings.named_device,
-        operator=metadata.operator or description.laboratory.operator,
-    )
-    return Prepared(with_settings(description, settings), chosen, settings)
+    return prepare(Request(procedure, bench, seed, asked_of, speed=speed, metadata=described)).planned()
 
 
 @contextmanager
 def blamed_on(procedure: AnyProcedure) -> Iterator[None]:
     """Raise mistakes in the code of a procedure that did not come along as PlanError, with file and line."""
-    from vcfbench.procedures.own_code import mistake_of  # noqa: PLC0415  # now: later there may be no file left
-
     try:
         yield
     except Exception as error:
         if (mistake := mistake_of(procedure, error)) is not None:
             raise mistake from error
         raise
-
-
-def _with_device(request: Request, procedure: AnyProcedure) -> Layer | None:
-    """Return the requested settings, with the device for a procedure that uses the device's history."""
-    of_device = {} if request.metadata.dut is None else procedure.settings.keys_of_device(request.metadata.dut)
-    if not of_device or request.settings is None:
-        return Layer(of_device, dotted) if of_device else request.settings
-    return Layer(merged(of_device, request.settings.values), request.settings.naming)
-
-
-def _source(bench: BenchDescription | Path | str | None) -> str | None:
-    return shown(bench) if isinstance(bench, str | Path) else None
-
-
-def _seed(description: BenchDescription, seed: int | None) -> int | None:
-    """Return the seed that the run will have, as far as it is known before the bench is opened."""
-    if seed is None:
-        return None if description.simulation is None else description.simulation.seed
-    if description.served is not None:
-        raise ConfigError(f"--seed {seed}: {description.name} is served, its server was given the seed")
-    if description.simulation is None:
-        raise ConfigError(f"--seed {seed}: {description.name} is a real bench, only simulated ones have a seed")
-
-    return whole_seed(seed)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from msgspec import ValidationError, to_builtins
+from msgspec import Struct, ValidationError, to_builtins
 from msgspec.json import decode, encode
 from msgspec.structs import replace
 
 from vcfbench.archive.recorded import directory_of
+from vcfbench.archive.run import Run
+from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
@@ -20,37 +23,28 @@ from vcfbench.files import dotted, shown
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import described
 from vcfbench.procedures.layers import recorded_settings, with_settings
+from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.amendments import amended, amendments_of
+from vcfbench.records.directory import RunDirectory
+from vcfbench.records.journal import JournalRecord
 from vcfbench.records.metadata import metadata_from
-from vcfbench.records.schema import Status
+from vcfbench.records.schema import Point, Status
 from vcfbench.runs.conduct import conduct, profile_of
 from vcfbench.runs.needs import require_needs
-from vcfbench.runs.request import Checked, DryRun, Prepared, Request, blamed_on
+from vcfbench.runs.request import DryRun, Prepared, Request, blamed_on
+from vcfbench.safety.control import RunControl
 from vcfbench.safety.signals import StopSignals
+from vcfbench.safety.trust import Trust, require_trust
 from vcfbench.station.description import CALIBRATION_KEYS, BenchDescription
 from vcfbench.station.file import EMBEDDED
 from vcfbench.station.limits import LimitChecks
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.dry_run import PlannedStep, dry_run
-from vcfbench.steps.replay import is_left, rest_of, start_up_again, taken_over
-from vcfbench.steps.step import Effect, Outcome
+from vcfbench.steps.executor import Execution, Executor, Observer
+from vcfbench.steps.replay import TakenOver, is_left, rest_of, start_up_again, taken_over
+from vcfbench.steps.step import Effect, Operator, Outcome, Plan, Routine
 from vcfbench.typed import typed
 from vcfbench.version import other_versions
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from vcfbench.archive.run import Run
-    from vcfbench.bench.bench import Bench
-    from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.records.directory import RunDirectory
-    from vcfbench.records.journal import JournalRecord
-    from vcfbench.records.schema import Point
-    from vcfbench.safety.control import RunControl
-    from vcfbench.safety.trust import Trust
-    from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.executor import Execution, Executor, Observer
-    from vcfbench.steps.replay import TakenOver
-    from vcfbench.steps.step import Operator, Plan, Routine
 
 _MAY_DIFFER = {
     *("title", "procedure", "visa_library", "served.control", "rate_table.baud_rate", "laboratory", "notify", "safety"),
@@ -107,15 +101,11 @@ def resume(
         trust=trust,
     )
     with broken.directory.alone(), StopSignals() as signals:
-        return conduct(request, signals, broken.prepare)
+        return conduct(request, signals, partial(Resumed, broken))
 
 
 def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
-    """Return the run that is meant, as :func:`resume` takes it.
-
-    Raises:
-        ConfigError: there is none, or it cannot be resumed.
-    """
+    """Return the run that is meant, as :func:`resume` takes it; ConfigError: there is none, or it cannot be resumed."""
     path = run if isinstance(run, str | Path) else run.directory
     if path is None:
         raise ConfigError("the run has no record, so it cannot be resumed")
@@ -131,22 +121,15 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
         raise ConfigError(f"{directory.run} is complete: there is nothing to resume")
     if not record.header:
         raise ConfigError(f"{shown(directory.journal)}: the record has no whole line, so nothing tells what to resume")
-    if (earlier := _not_taken_over(record)) is not None:
-        return broken_off(earlier)
+    before = record.header.get("resumed_from")
+    if isinstance(before, dict) and len(record.steps) < before.get("steps", 0):  # it was cut while it took that over
+        earlier = Path(str(before.get("directory")))
+        if (earlier / "journal.jsonl").is_file():  # which has more
+            return broken_off(earlier)
     return BrokenOff(directory, record)
 
 
-def _not_taken_over(record: JournalRecord) -> Path | None:
-    """Return the earlier record of one that was cut before it had taken that over: it has more; None: it has not."""
-    resumed_from = record.header.get("resumed_from")
-    if not isinstance(resumed_from, dict) or len(record.steps) >= resumed_from.get("steps", 0):
-        return None
-    earlier = Path(str(resumed_from.get("directory")))
-    return earlier if (earlier / "journal.jsonl").is_file() else None
-
-
-@dataclass(frozen=True, slots=True)
-class BrokenOff:
+class BrokenOff(Struct, frozen=True):
     """The record of a run that did not come to its end."""
 
     directory: RunDirectory
@@ -174,59 +157,20 @@ class BrokenOff:
     def require_trust(self, trust: Trust) -> None:
         """Raise ConfigError where the record names a procedure's file and nobody says that it may run."""
         if isinstance(self.procedure, Path):
-            from vcfbench.safety.trust import require_trust  # noqa: PLC0415  # few procedures are one's own
-
             what = f"{self.directory.run} is of a procedure of its own, the program"
             require_trust(what, self.procedure, trust, f"--procedure {shown(self.procedure)}, ")
 
-    def prepare(self, request: Request, checked: Checked) -> Prepared:
-        """Check the request against the record; nothing is opened."""
-        header = self.record.header
-        # Raise ConfigError where a header, which anybody may have written, has what resuming would stumble over
-        journal = shown(self.directory.journal)
-        identities, before = header.get("identities", {}), header.get("resumed_from") or {}
-        earlier = before.get("before", []) if isinstance(before, dict) else None
-        if not isinstance(identities, dict) or not all(isinstance(each, dict) for each in identities.values()):
-            raise ConfigError(f"{journal}: identities: expected a table of each role, came {str(identities)[:60]}")
-        if not isinstance(earlier, list) or not all(isinstance(each, dict) for each in earlier):
-            raise ConfigError(
-                f"{journal}: resumed_from: expected the earlier breaks as a list, came {str(before)[:60]}"
-            )
-        checked.name = str(header.get("procedure"))
-        checked.metadata = amended(metadata_from(header), amendments_of(self.record.lines))
-        chosen = (
-            catalogue.procedure(request.procedure) if isinstance(request.procedure, str | Path) else request.procedure
-        )
-        if chosen.name != checked.name:
-            raise ConfigError(f"{self.directory.run} is a run of {checked.name!r}, not of {chosen.name!r}")
-        if chosen.in_one_piece:
-            raise ConfigError(f"{self.directory.run} cannot be resumed: {chosen.in_one_piece}", hint="run it anew")
-        settings = recorded_settings(chosen, header.get("settings"))
-        checked.description = description = self._bench(request, settings)
-        checked.seed = header.get("seed") if description.simulation is not None else None
-        checked_pace(description, request.speed)
-        require_needs(chosen, description)
-        if others := other_versions(header):
-            request.warn(f"{self.directory.run} began with other versions: {others}")
-        try:
-            taken = taken_over(self.record, self.directory.run)
-            began_s = float(header.get("began_s", 0.0)) if taken else None
-        except (AttributeError, LookupError, TypeError, ValueError) as error:
-            raise ConfigError(f"{shown(self.directory.journal)}: no record of this program: {error!r}") from error
-        return Resumed(description, chosen, settings, began_s, earlier=self, taken=taken)
-
-    def _bench(self, request: Request, settings: ProcedureSettings) -> BenchDescription:
-        """Return the bench of the record, or that which was asked for, if nothing that matters differs."""
+    def bench(self, asked: BenchDescription | Path | str | None, settings: ProcedureSettings) -> BenchDescription:
+        """Return the bench of the record, or that which was `asked` for, if nothing that matters differs."""
         header = self.record.header
         try:
             description = replace(typed(header.get("bench"), BenchDescription), notify=None)  # a record names none
         except ValidationError as error:
             raise ConfigError(f"its bench is not that of this version: {error}") from None
-        station = request.bench
-        if station is None and not description.simulated:  # its limits count, whatever the record says of them
-            station = _file_of_station(header)
-        if station is not None:
-            description = with_settings(described(station), settings)
+        if asked is None and not description.simulated:  # its limits count, whatever the record says of them
+            asked = self._file_of_station()
+        if asked is not None:
+            description = with_settings(described(asked), settings)
             now = decode(encode(to_builtins(description)))  # as a header has it
             differing = list(_differences(header.get("bench"), now))
             if differing:
@@ -235,23 +179,30 @@ class BrokenOff:
             raise ConfigError(f"the profile of the rate table is not that of {self.directory.run} any more")
         return description
 
+    def _file_of_station(self) -> Path | None:
+        """Return the bench file that the run was given; None where a script gave it a description."""
+        options = self.record.header.get("options")
+        given = options.get("bench") if isinstance(options, dict) else None
+        if not isinstance(given, str) or given in EMBEDDED:
+            return None
+        if not Path(given).is_file():
+            raise ConfigError(
+                f"{shown(given)}: the bench file of the run is not there, and its limits are what counts",
+                hint="name it: vcfbench resume RUN --bench FILE",
+            )
+        return Path(given)
 
-def _file_of_station(header: Mapping[str, Any]) -> Path | None:
-    """Return the bench file that the run was given; None where a script gave it a description.
-
-    Raises:
-        ConfigError: it is not there any more.
-    """
-    options = header.get("options")
-    given = options.get("bench") if isinstance(options, dict) else None
-    if not isinstance(given, str) or given in EMBEDDED:
-        return None
-    if not Path(given).is_file():
-        raise ConfigError(
-            f"{shown(given)}: the bench file of the run is not there, and its limits are what counts",
-            hint="name it: vcfbench resume RUN --bench FILE",
-        )
-    return Path(given)
+    def require_readable(self) -> None:
+        """Raise ConfigError where the header, which anybody may have written, has what resuming would stumble over."""
+        journal, header = shown(self.directory.journal), self.record.header
+        identities, before = header.get("identities", {}), header.get("resumed_from") or {}
+        earlier = before.get("before", []) if isinstance(before, dict) else None
+        if not isinstance(identities, dict) or not all(isinstance(each, dict) for each in identities.values()):
+            raise ConfigError(f"{journal}: identities: expected a table of each role, came {str(identities)[:60]}")
+        if not isinstance(earlier, list) or not all(isinstance(each, dict) for each in earlier):
+            raise ConfigError(
+                f"{journal}: resumed_from: expected the earlier breaks as a list, came {str(before)[:60]}"
+            )
 
 
 def _differences(then: Any, now: Any, keys: tuple[str, ...] = ()) -> Iterator[str]:
@@ -265,25 +216,53 @@ def _differences(then: Any, now: Any, keys: tuple[str, ...] = ()) -> Iterator[st
         yield f"{dotted(keys)} was {then!r}, is {now!r}"
 
 
-class Resumed(Prepared, frozen=True, kw_only=True):
-    """Facts that a run needs to go on: the earlier one, and the steps taken over from it."""
+class Resumed(Prepared):
+    """A run made ready to go on: the earlier one, and the steps taken over from it."""
 
-    earlier: BrokenOff
     taken: tuple[TakenOver, ...]
 
-    def planned(self) -> DryRun:
+    def __init__(self, earlier: BrokenOff, request: Request) -> None:
+        super().__init__(request)
+        self.earlier = earlier
+
+    def make_ready(self) -> None:
+        """Check the request against the record; nothing is opened."""
+        header, run, asked = self.earlier.record.header, self.earlier.directory.run, self.request.procedure
+        self.earlier.require_readable()
+        self.name = str(header.get("procedure"))
+        self.metadata = amended(metadata_from(header), amendments_of(self.earlier.record.lines))
+        self.procedure = chosen = catalogue.procedure(asked) if isinstance(asked, str | Path) else asked
+        if chosen.name != self.name:
+            raise ConfigError(f"{run} is a run of {self.name!r}, not of {chosen.name!r}")
+        if chosen.in_one_piece:
+            raise ConfigError(f"{run} cannot be resumed: {chosen.in_one_piece}", hint="run it anew")
+        self.settings = recorded_settings(chosen, header.get("settings"))
+        self.description = description = self.earlier.bench(self.request.bench, self.settings)
+        self.seed = header.get("seed") if description.simulation is not None else None
+        checked_pace(description, self.request.speed)
+        require_needs(chosen, description)
+        if others := other_versions(header):
+            self.request.warn(f"{run} began with other versions: {others}")
+        try:
+            self.taken = taken_over(self.earlier.record, run)
+            self.began_s = float(header.get("began_s", 0.0)) if self.taken else None
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            journal = shown(self.earlier.directory.journal)
+            raise ConfigError(f"{journal}: no record of this program: {error!r}") from error
+
+    def _walked(self) -> DryRun:
         """Return the steps still to come, as far as a plan without measured values tells; each within the limits.
 
         Raises:
             PlanError: the plan asks for other steps than the record has.
             ConfigError: the plan ends by itself where the record ends: what was measured is refused.
         """
-        whole = Prepared.planned(self)
+        whole = super()._walked()
         if not self._is_left():
             return DryRun(whole.procedure, ())
         with blamed_on(self.procedure):
             gyro, limits = self.settings.expected_gyro(), LimitChecks.of(self.description)
-            again = dry_run(self._start_up_plan(), gyro, limits)
+            again = dry_run(_alone(self._start_up()), gyro, limits)
         came_s = again[-1].t_s + again[-1].step.duration_s if again else 0.0
         left = whole.steps[len(self.taken) :]
         later = (PlannedStep(each.number, came_s + each.t_s - left[0].t_s, each.step) for each in left)
@@ -313,12 +292,9 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             )
         return ended_s + gone_s
 
-    def require_bench(self, bench: Bench) -> None:
-        """See that the same instruments are on the bench, and the same gyroscope in a simulated one.
-
-        Raises:
-            ConfigError: they are not.
-        """
+    def take_bench(self, bench: Bench) -> None:
+        """Take note of the open bench; ConfigError: its instruments, or the simulated gyroscope, are others."""
+        super().take_bench(bench)
         header = self.earlier.record.header
         if bench.seed != header.get("seed"):
             raise ConfigError(f"the bench has the seed {bench.seed}, that of the record is {header.get('seed')}")
@@ -345,13 +321,13 @@ class Resumed(Prepared, frozen=True, kw_only=True):
             "resumed_utc": utc_now().isoformat(timespec="microseconds"),
             "before": [*before.get("before", ()), {**before, "before": []}] if isinstance(before, dict) else [],
         }
-        return {**Prepared.header_entries(self), "resumed_from": resumed_from}
+        return {**super().header_entries(), "resumed_from": resumed_from}
 
     def perform(self, executor: Executor) -> Execution:
         """Take over the steps done, restore the bench as it was, and go on; no more than that if nothing is left."""
         executor.take_over(self.taken)
         if not self._is_left():
-            return executor.execute(_ended())
+            return executor.execute(_alone())
         executor.restore(self._start_up())
         return executor.execute(rest_of(self.plan(), self.taken))
 
@@ -366,10 +342,6 @@ class Resumed(Prepared, frozen=True, kw_only=True):
                 hint="run it anew",
             ) from error
 
-    def _start_up_plan(self) -> Plan:
-        yield from self._start_up()
-        return Outcome("started up")
-
     def _start_up(self) -> Routine[None]:
         return start_up_again([each.step for each in self.taken], self.settings)
 
@@ -377,7 +349,7 @@ class Resumed(Prepared, frozen=True, kw_only=True):
 _WHO = ("maker", "model", "serial")
 
 
-def _ended() -> Plan:
-    """Return the plan of a run that had nothing left to do."""
-    yield from ()
-    return Outcome("everything had been measured")
+def _alone(routine: Iterable[Any] = ()) -> Plan:
+    """Return the plan of a routine and nothing else; without one that of a run that had nothing left to do."""
+    yield from routine
+    return Outcome("started up" if routine else "everything had been measured")

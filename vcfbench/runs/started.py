@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from vcfbench.archive.run import Run
+from vcfbench.procedures.procedure import AnyProcedure
+from vcfbench.records.metadata import RunMetadata
 from vcfbench.runs.conduct import run
 from vcfbench.safety.control import RunControl
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from vcfbench.archive.run import Run
-    from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.records.metadata import RunMetadata
-    from vcfbench.safety.trust import Trust
-    from vcfbench.station.description import BenchDescription
-    from vcfbench.steps.executor import Observer
-    from vcfbench.steps.step import Operator
+from vcfbench.safety.trust import Trust
+from vcfbench.station.description import BenchDescription
+from vcfbench.steps.executor import Observer
+from vcfbench.steps.step import Operator
 
 
 class StartedRun(RunControl):

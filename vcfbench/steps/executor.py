@@ -222,11 +222,11 @@ class Executor:
         """Write down, and count as this run's, the steps performed before the run was broken off. Nothing is done."""
         for each in taken:
             for chunk in each.chunks:
-                self.journal.readings(chunk)
+                self.journal.write("readings", chunk)
             for readings_v in each.readings_v():
                 each.step.recall(readings_v, self._context)
             with self._undivided():
-                self.journal.step(each.line)
+                self.journal.write("step", each.line)
                 self._number = self._written = self._number + 1
                 self._physical_s += each.step.physical_s
                 self._performed.append(each.step)
@@ -270,7 +270,7 @@ class Executor:
         result = step.perform(context)
         self._disturbed.update(step.sets)
         self._physical_s += step.physical_s
-        self.journal.restored({**self._done(step, result, start_s), **({} if why == _AGAIN else {"why": why})})
+        self.journal.write("restored", {**self._done(step, result, start_s), **({} if why == _AGAIN else {"why": why})})
         self._asked_again += (f"{why}: {said}" for said in context.asked_again)
         self._tell(StepFinished(self._number, self._now(), step, result, tuple(context.asked_again)))
         return result
@@ -283,7 +283,7 @@ class Executor:
         why, done, begun_s = f"pause after step {self._number}", self._performed, self._now()
         context, physical_s = Context(self.bench, self._heard, undivided=self._undivided), self._physical_s
         self._disturbed.clear()
-        self.journal.paused({"n": self._number, "t_s": begun_s, "by": pausing.by})
+        self.journal.write("paused", {"n": self._number, "t_s": begun_s, "by": pausing.by})
         before = self._beside(pausing.to_rest(done), why, context)
         self._tell(Paused(self._number, self._now(), pausing.by))
         try:
@@ -295,7 +295,7 @@ class Executor:
         if before is not None:
             moved = pausing.moved(done, before, self._beside(pausing.looked_at(done), why, context))
         line = {"n": self._number, "t_s": self._now(), "by": by, "waited_s": waited_s}
-        self.journal.went_on({**line, **({} if moved is None else {"moved": to_builtins(moved)})})
+        self.journal.write("went_on", {**line, **({} if moved is None else {"moved": to_builtins(moved)})})
         self._count_from(moved)
         self._beside(pausing.as_before(done, frozenset(self._disturbed)), why, context)
         pause_s = self._now() - begun_s
@@ -376,7 +376,7 @@ class Executor:
             line["point"] = point.as_json()
         with self._undivided():
             self._write_owed()
-            self.journal.step(line)
+            self.journal.write("step", line)
             self._written = self._number
             self._count(step, result, self._context.asked_again)
         if self._pausing is not None:
@@ -394,12 +394,12 @@ class Executor:
             "readings": readings,
         }
         self._write_owed()
-        self.journal.readings(chunk)
+        self.journal.write("readings", chunk)
 
     def _write_owed(self) -> None:
         """Write the failures that the disk did not take when they came, so that later lines leave no gap."""
         while self._owed:
-            self.journal.error(self._owed[0])
+            self.journal.write("error", self._owed[0])
             del self._owed[0]
 
     def _done(self, step: Step, result: StepResult, start_s: float) -> dict[str, Any]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import nullcontext
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct, structs
 
@@ -15,22 +15,15 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import shown
 from vcfbench.station.strict import refusal
 from vcfbench.studies.file import Study, read_study, study_of
-from vcfbench.studies.journal import Begun, kept, rows_of
+from vcfbench.studies.journal import Begun, StudyJournal, kept, rows_of
 from vcfbench.studies.metrics import PARTS
-from vcfbench.studies.one_run import PlannedRun, perform
-from vcfbench.studies.result import beside, of_rows
+from vcfbench.studies.one_run import PlannedRun, RunRow, perform
+from vcfbench.studies.result import StudyResult, beside, of_rows
 from vcfbench.studies.table import require_writable
 from vcfbench.studies.vary import Drawn
 from vcfbench.studies.workers import LOST, here, in_processes, on_cluster, processors
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from contextlib import AbstractContextManager
-
-    from vcfbench.studies.journal import StudyJournal
-    from vcfbench.studies.one_run import RunRow
-    from vcfbench.studies.result import StudyResult
-
     Rows = Mapping[tuple[int, int], RunRow]
 
 _BATCH = 64
@@ -38,8 +31,8 @@ _BATCH_S = 1.0
 """Runs, and seconds, after which finished ones go to the disk: at most so much is done again after a power cut."""
 
 
-class Progress(Protocol):
-    """Display that is told the progress of a study."""
+class Progress:
+    """Display that is told the progress of a study; this one shows nothing."""
 
     def checked(self, done: int, total: int) -> None:
         """Take note that so many cases of all have been checked."""
@@ -49,19 +42,6 @@ class Progress(Protocol):
 
     def done(self, row: RunRow) -> None:
         """Take note of a run that is done."""
-
-
-class Quiet:
-    """Takes no notice."""
-
-    def checked(self, done: int, total: int) -> None:
-        """Take no notice."""
-
-    def begun(self, had: int, total: int) -> None:
-        """Take no notice."""
-
-    def done(self, row: RunRow) -> None:
-        """Take no notice."""
 
 
 class StudyOptions(Struct, frozen=True):
@@ -127,7 +107,7 @@ def study(
         None if keep_records is None else Path(keep_records),
     )
     asked = study_of(study) if isinstance(study, Mapping) else read_study(study)
-    return conduct(asked, how, progress or Quiet())
+    return conduct(asked, how, progress or Progress())
 
 
 def conduct(asked: Study, how: StudyOptions, progress: Progress) -> StudyResult:
@@ -136,12 +116,18 @@ def conduct(asked: Study, how: StudyOptions, progress: Progress) -> StudyResult:
     for number, _ in enumerate(asked.check(), start=1):
         progress.checked(number, len(asked.cases))
     begun = begun_by(asked)
-    with _journal(how, begun) as (journal, had):
+    opened: AbstractContextManager[tuple[StudyJournal | None, Rows]] = nullcontext((None, {}))
+    if how.output is not None:
+        opened = kept(journal_of(how.output), begun, restart=how.restart)
+    with opened as (journal, had):
         wanted = asked.runs
         rows = {key: had[key] for key in wanted if key in had}
         progress.begun(len(rows), len(wanted))
         missing = [key for key in wanted if key not in rows]
-        first = [] if rows else _require_metrics(asked, missing, how)
+        first = []
+        if not rows and missing and "*" not in asked.metrics:  # done here: a metric's name that fits none is seen
+            first = [perform(_work(asked, *missing[0], how.keep_records))]
+            _require_some_metrics(asked, first[0])
         for row in _kept(chain(first, _rows(asked, missing[len(first) :], how)), journal):
             rows[row.case, row.seed] = row
             progress.done(row)
@@ -149,15 +135,11 @@ def conduct(asked: Study, how: StudyOptions, progress: Progress) -> StudyResult:
     result = of_rows(begun, [rows[key] for key in wanted], drawn, how.output)
     if how.output is not None:
         result.write(how.output)
-    _require_some(result)
+    if result.rows and all(row.status != "complete" for row in result.rows):
+        failed = result.rows[0]
+        words = f"none of the {len(result.rows)} runs came to its end; case {failed.case}, seed {failed.seed}"
+        raise MeasurementError(f"{words}: {failed.message}")
     return result
-
-
-def _journal(how: StudyOptions, begun: Begun) -> AbstractContextManager[tuple[StudyJournal | None, Rows]]:
-    """Return the journal and the rows in it; none, and none, where nothing is to be written."""
-    if how.output is None:
-        return nullcontext((None, {}))
-    return kept(journal_of(how.output), begun, restart=how.restart)
 
 
 def plan_of(asked: Study, how: StudyOptions, progress: Progress) -> Plan:
@@ -224,20 +206,8 @@ def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -
         yield from here(works)
 
 
-def _require_metrics(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -> list[RunRow]:
-    """Do the first run here, if the study names its metrics, and return its row: a name that fits none is seen.
-
-    Raises:
-        ConfigError: no metric of it has such a name.
-    """
-    if "*" in asked.metrics or not missing:
-        return []
-    row = perform(_work(asked, *missing[0], how.keep_records))
-    _require_some_metrics(asked, row)
-    return [row]
-
-
 def _require_some_metrics(asked: Study, row: RunRow) -> None:
+    """Raise ConfigError where no metric of a row has a name that the study asks for."""
     if row.status != "complete" or row.metrics:
         return
     known = perform(PlannedRun(structs.replace(asked.of(row.case), metrics=("*",)), row.seed)).metrics
@@ -266,10 +236,3 @@ def _kept(rows: Iterator[RunRow], journal: StudyJournal | None) -> Iterator[RunR
     finally:
         if journal is not None and batch:
             journal.add(batch)
-
-
-def _require_some(result: StudyResult) -> None:
-    if result.rows and all(row.status != "complete" for row in result.rows):
-        first = result.rows[0]
-        words = f"none of the {len(result.rows)} runs came to its end; case {first.case}, seed {first.seed}"
-        raise MeasurementError(f"{words}: {first.message}")

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vcfbench.reports.plot import matplotlib
-from vcfbench.studies.summary import headlines
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from vcfbench.studies.one_run import RunRow
-    from vcfbench.studies.summary import CaseSummary
+from vcfbench.studies.one_run import RunRow
+from vcfbench.studies.summary import CaseSummary, headlines
 
 _MOST_PANELS = 12
 _ACROSS = 3
-_WIDTH = 0.5
-"""Width of the band over which the runs of a case are spread, in cases."""
+_WIDTH = 0.5  # Width of the band over which the runs of a case are spread, in cases
 
 
 def picture(title: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary]) -> bytes:
@@ -27,12 +22,10 @@ def picture(title: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary]) ->
     The same rows give the same bytes.
     """
     mpl = matplotlib()
-    from matplotlib.figure import Figure  # noqa: PLC0415  # it takes a while, and pictures alone need it
-
     names = headlines(cases)[:_MOST_PANELS]
     down = -(-len(names) // _ACROSS) or 1
     with mpl.rc_context({"svg.hashsalt": "vcfbench", "svg.fonttype": "none", "font.size": 8.0}):
-        drawing = Figure(figsize=(4.0 * _ACROSS, 2.7 * down), layout="constrained")
+        drawing = mpl.figure.Figure(figsize=(4.0 * _ACROSS, 2.7 * down), layout="constrained")
         drawing.suptitle(title)
         panels = drawing.subplots(down, _ACROSS, squeeze=False).flat
         places, label = _places(cases)

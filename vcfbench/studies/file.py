@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta, Struct, field, structs
@@ -15,24 +16,18 @@ from vcfbench.files import dotted, parse_toml, read_text, require_numbers, shown
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.catalogue import is_file
-from vcfbench.runs.request import Checked, Request, prepare
+from vcfbench.procedures.procedure import AnyProcedure
+from vcfbench.runs.request import Prepared, Request, prepare
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import EMBEDDED, embedded_text
 from vcfbench.station.layering import Layer, merged
 from vcfbench.station.strict import converted, refusal
 from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, count, placed, varied
 from vcfbench.version import installed_version
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.runs.request import Prepared
-    from vcfbench.station.description import BenchDescription
-
 _MOST_CASES = 10_000
 _MOST_RUNS = 1_000_000
-_UNASKED_RUNS = 10_000
-"""A study of more, which takes a quarter of an hour and more, says so itself (`most_runs`)."""
+_UNASKED_RUNS = 10_000  # A study of more, which takes a quarter of an hour and more, says so itself (`most_runs`)
 
 
 class _Seeds(Struct, frozen=True, forbid_unknown_fields=True):
@@ -126,15 +121,12 @@ class Study(Struct, frozen=True, kw_only=True):
             before, mark, rest = error.what.partition(f"{marked}: ")
             if not mark:
                 raise
-            raise ConfigError(f"{before}{self._place_of(rest)}{rest}", hint=error.hint) from None
-
-    def _place_of(self, path: str) -> str:
-        """Return the words that go before the key at the beginning of `path`: the file, and the table in it."""
-        key = path.partition(":")[0]
-        if any(key.startswith(each.path) or each.path.startswith(key) for each in self.varied):
-            return f"{self.source}: vary."
-        changed = any(key.startswith(each) or each.startswith(key) for each in _paths(self.change))
-        return f"{self.source}: change." if changed else f"{self.bench}: "
+            key, where = rest.partition(":")[0], f"{self.bench}: "  # the file, and the table in it
+            if any(key.startswith(each.path) or each.path.startswith(key) for each in self.varied):
+                where = f"{self.source}: vary."
+            elif any(key.startswith(each) or each.startswith(key) for each in _paths(self.change)):
+                where = f"{self.source}: change."
+            raise ConfigError(f"{before}{where}{rest}", hint=error.hint) from None
 
     def request(self, case: Case, seed: int) -> Request:
         """Return one run of the study as :func:`vcfbench.runs.conduct.conduct` takes it; it keeps no record."""
@@ -151,7 +143,7 @@ class Study(Struct, frozen=True, kw_only=True):
         inputs = {
             "version": installed_version(),
             "procedure": self.procedure,
-            "code": _code_of(self.procedure),
+            "code": read_text(self.procedure, "a procedure") if is_file(self.procedure) else "",  # of one's own
             "bench": self.bench_table,
             "settings": self.settings,
             "vary": self.varied,
@@ -167,7 +159,7 @@ class Study(Struct, frozen=True, kw_only=True):
             BenchError: it cannot be; the words name file, key and case.
         """
         try:
-            prepared = prepare(self.request(case, seed), Checked())
+            prepared = prepare(self.request(case, seed))
             prepared.planned()
         except BenchError as error:
             error.hint = "; ".join(filter(None, [error.hint, self._case_words(case, seed)]))
@@ -193,15 +185,13 @@ class Study(Struct, frozen=True, kw_only=True):
         for case in self.cases:
             self.planned(case, self.seeds[0])
             for seed in self.seeds if draws else ():
-                self._check_drawn(case, seed)
+                try:
+                    prepare(self.request(case, seed))
+                except BenchError as error:
+                    said = [error.hint, f"drawn for seed {seed}", self._case_words(case, seed)]
+                    error.hint = "; ".join(filter(None, said))
+                    raise
             yield case
-
-    def _check_drawn(self, case: Case, seed: int) -> None:
-        try:
-            prepare(self.request(case, seed), Checked())
-        except BenchError as error:
-            error.hint = "; ".join(filter(None, [error.hint, f"drawn for seed {seed}", self._case_words(case, seed)]))
-            raise
 
 
 def read_study(file: Path | str) -> Study:
@@ -218,14 +208,9 @@ def read_study(file: Path | str) -> Study:
 
 def study_of(values: Mapping[str, Any], source: str = "study") -> Study:
     """Return the study that `values`, tables as a study file has them, describe; errors as :func:`read_study`."""
-    plain: dict[str, Any] = msgspec.to_builtins(values, enc_hook=_plain)
+    plain: dict[str, Any] = msgspec.to_builtins(values, enc_hook=lambda each: getattr(each, "tolist", each.__str__)())
     require_numbers(plain, source)
     return _study(converted(plain, _File, lambda keys: f"{source}: {dotted(keys)}"), source, Path())
-
-
-def _plain(value: object) -> Any:
-    tolist = getattr(value, "tolist", None)
-    return str(value) if tolist is None else tolist()
 
 
 def _study(said: _File, source: str, folder: Path) -> Study:
@@ -238,7 +223,8 @@ def _study(said: _File, source: str, folder: Path) -> Study:
     study = Study(
         source=source,
         title=said.title,
-        procedure=_beside(said.procedure, folder),
+        # the file of one's own as it is found from anywhere
+        procedure=str((folder / said.procedure).resolve()) if is_file(said.procedure) else said.procedure,
         bench=bench,
         bench_table=changed,
         settings=said.settings,
@@ -285,11 +271,6 @@ def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
     return shown(file), table
 
 
-def _beside(procedure: str, folder: Path) -> str:
-    """Return the procedure, the file of one's own as it is found from anywhere."""
-    return str((folder / procedure).resolve()) if is_file(procedure) else procedure
-
-
 @cache  # a file of one's own is read and run once
 def _loaded(name: str) -> AnyProcedure:
     """Return the procedure of a name or a file; errors as :func:`vcfbench.procedures.catalogue.procedure`."""
@@ -303,8 +284,3 @@ def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[str]:
             yield from _paths(value, f"{above}{key}.")
         else:
             yield f"{above}{key}"
-
-
-def _code_of(procedure: str) -> str:
-    """Return the code of a procedure of one's own, whose change changes the study; empty of one that is installed."""
-    return read_text(procedure, "a procedure") if is_file(procedure) else ""

@@ -7,8 +7,10 @@ run is done again.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import IO, TYPE_CHECKING, Any
+from pathlib import Path
+from typing import IO, Any
 
 import msgspec
 from msgspec import Struct
@@ -16,11 +18,7 @@ from msgspec import Struct
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import opened, shown, try_lock
 from vcfbench.studies.one_run import RunRow
-from vcfbench.studies.vary import Drawn  # noqa: TC001  # msgspec reads the annotation
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-    from pathlib import Path
+from vcfbench.studies.vary import Drawn  # msgspec reads the annotation
 
 FORMAT = 1
 
@@ -49,21 +47,14 @@ _ROW = msgspec.json.Decoder(RunRow)
 
 
 class StudyJournal:
-    """Rows that are kept as they come; open as long as the study goes.
-
-    Raises:
-        BenchError: the disk took no more.
-    """
+    """Rows that are kept as they come; open as long as the study goes; BenchError: the disk took no more."""
 
     def __init__(self, path: Path, file: IO[bytes]) -> None:
         self.path = path
         self._file = file
 
-    def add(self, rows: Iterable[RunRow]) -> None:
-        """Write rows and see them to the disk."""
-        self._write(rows)
-
-    def _write(self, lines: Iterable[object]) -> None:
+    def add(self, lines: Iterable[object]) -> None:
+        """Write lines and see them to the disk."""
         try:
             self._file.writelines(msgspec.json.encode(line) + b"\n" for line in lines)
             self._file.flush()
@@ -87,7 +78,7 @@ def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJour
             file.truncate(whole)
             journal = StudyJournal(path, file)
             if not whole:
-                journal._write([begun])  # noqa: SLF001  # its own module
+                journal.add([begun])
             yield journal, had
     except OSError as error:
         raise BenchError(f"{shown(path)}: the journal cannot be written: {error.strerror}") from error

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from vcfbench.archive.run import Run
 from vcfbench.records.plain import plain
+from vcfbench.station.description import BenchDescription
 from vcfbench.studies.truth import truth_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from vcfbench.archive.run import Run
-    from vcfbench.station.description import BenchDescription
 
 PARTS = (".u", ".u95", ".truth", ".z", ".covered")
 """Endings of names beside a value: its uncertainties, the true value, (value - truth)/u, and whether U95 holds it."""
@@ -27,8 +24,10 @@ def metrics_of(run: Run, description: BenchDescription, patterns: Sequence[str])
     ``[acceptance]`` can limit, then every other number of the results that is no list.
     """
     truth = truth_of(run, description)
+    limited: dict[str, Any] = getattr(run.results, "acceptance_values", dict)()
     found: dict[str, Any] = {}
-    for name, value in (*_stated(run.results, truth), *_acceptance(run.results), *_numbers(plain(run.results))):
+    acceptance = ((f"acceptance.{name}", value) for name, value in limited.items())
+    for name, value in (*_stated(run.results, truth), *acceptance, *_numbers(plain(run.results))):
         whole = next((name.removesuffix(part) for part in PARTS if name.endswith(part)), name)
         if any(fnmatchcase(whole, pattern) for pattern in patterns):
             found.setdefault(name, value)
@@ -47,12 +46,6 @@ def _stated(results: Any, truth: Mapping[str, float]) -> Iterator[tuple[str, Any
             if each.u > 0.0:
                 yield f"{each.name}.z", (each.value - true) / each.u
             yield f"{each.name}.covered", abs(each.value - true) <= each.u95
-
-
-def _acceptance(results: Any) -> Iterator[tuple[str, Any]]:
-    values = getattr(results, "acceptance_values", None)
-    for name, value in () if values is None else values().items():
-        yield f"acceptance.{name}", value
 
 
 def _numbers(value: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:

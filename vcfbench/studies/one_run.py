@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from msgspec import Struct, field, structs
 
 from vcfbench.errors import Aborted, BenchError
 from vcfbench.runs.conduct import conduct
 from vcfbench.safety.signals import StopSignals
+from vcfbench.studies.file import Study
 from vcfbench.studies.metrics import metrics_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from vcfbench.studies.file import Study
 
 
 class PlannedRun(Struct, frozen=True):
@@ -43,11 +40,7 @@ class RunRow(Struct, frozen=True):
 
 
 def perform(work: PlannedRun) -> RunRow:
-    """Do one run; whatever goes wrong in it is in the row.
-
-    Raises:
-        Aborted: a signal came.
-    """
+    """Do one run; whatever goes wrong in it is in the row; Aborted: a signal came."""
     case, study = work.study.cases[0], work.study
     try:
         request = structs.replace(study.request(case, work.seed), runs=work.keep)

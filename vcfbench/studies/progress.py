@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from vcfbench.clock import WallClock
-
-if TYPE_CHECKING:
-    from types import TracebackType
-
-    from vcfbench.reports.outlet import Outlet
-    from vcfbench.studies.one_run import RunRow
+from vcfbench.reports.outlet import Outlet
+from vcfbench.studies.conduct import Progress
+from vcfbench.studies.one_run import RunRow
 
 _LINE_S = 10.0
 
 
-class StudyLineProgress:
+class StudyLineProgress(Progress):
     """A plain line when runs begin, every ten seconds, and at the end. `kept` runs of `total` are done."""
 
     def __init__(self, outlet: Outlet) -> None:
@@ -28,9 +25,7 @@ class StudyLineProgress:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Nothing to end."""
 
     def say(self, words: str) -> None:
@@ -56,13 +51,9 @@ class StudyLineProgress:
         self._broken += row.status != "complete"
         if self._clock.now() - self._said_s >= _LINE_S or self.kept == self.total:
             self._said_s = self._clock.now()
-            self.say(f"{self.kept} of {self.total} runs, {self._left()}")
-
-    def _left(self) -> str:
-        elapsed_s = self._clock.now()
-        left_s = elapsed_s * (self.total - self.kept) / max(1, self.kept - self._had)
-        broken = f", {self._broken} failed" if self._broken else ""
-        return f"{left_s:.0f} s left{broken}"
+            left_s = self._clock.now() * (self.total - self.kept) / max(1, self.kept - self._had)
+            broken = f", {self._broken} failed" if self._broken else ""
+            self.say(f"{self.kept} of {self.total} runs, {left_s:.0f} s left{broken}")
 
 
 class BarProgress(StudyLineProgress):
@@ -82,9 +73,7 @@ class BarProgress(StudyLineProgress):
         self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Take the bar away."""
         self._bar.stop()
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from pathlib import Path as AnyPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 
@@ -12,19 +14,12 @@ from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import shown
 from vcfbench.reports.document import Report, Text
-from vcfbench.reports.html import html_of
+from vcfbench.reports.html_page import html_of
 from vcfbench.studies.figures import picture
-from vcfbench.studies.journal import read_rows
+from vcfbench.studies.journal import Begun, read_rows
+from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.summary import CaseSummary, headlines, summaries, summary_table
-from vcfbench.studies.table import columns_of, write_table, written
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from vcfbench.studies.journal import Begun
-    from vcfbench.studies.one_run import RunRow
-    from vcfbench.studies.table import ColumnOf
+from vcfbench.studies.table import ColumnOf, columns_of, write_table, written
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
 
 from vcfbench.reports.document import Column, Table
 from vcfbench.studies.metrics import PARTS
+from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.table import in_words
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from vcfbench.studies.one_run import RunRow
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
@@ -57,20 +54,20 @@ def summaries(rows: Sequence[RunRow], values: Mapping[int, Mapping[str, Any]]) -
     cases: dict[int, list[RunRow]] = {}
     for row in rows:
         cases.setdefault(row.case, []).append(row)
-    return tuple(_case(number, dict(values.get(number, {})), of_case) for number, of_case in cases.items())
-
-
-def _case(number: int, values: dict[str, Any], rows: Sequence[RunRow]) -> CaseSummary:
-    judged = [row.verdict == "pass" for row in rows if row.verdict is not None]
-    names = dict.fromkeys(name for row in rows for name in row.metrics if not name.endswith(PARTS))
-    return CaseSummary(
-        case=number,
-        values=values,
-        runs=len(rows),
-        complete=sum(row.status == "complete" for row in rows),
-        pass_rate=sum(judged) / len(judged) if judged else None,
-        metrics={name: metric for name in names if (metric := _metric(name, rows)) is not None},
-    )
+    found = []
+    for number, of_case in cases.items():
+        judged = [row.verdict == "pass" for row in of_case if row.verdict is not None]
+        names = dict.fromkeys(name for row in of_case for name in row.metrics if not name.endswith(PARTS))
+        summary = CaseSummary(
+            case=number,
+            values=dict(values.get(number, {})),
+            runs=len(of_case),
+            complete=sum(row.status == "complete" for row in of_case),
+            pass_rate=sum(judged) / len(judged) if judged else None,
+            metrics={name: metric for name in names if (metric := _metric(name, of_case)) is not None},
+        )
+        found.append(summary)
+    return tuple(found)
 
 
 def _metric(name: str, rows: Sequence[RunRow]) -> MetricSummary | None:
@@ -111,7 +108,15 @@ def summary_table(cases: Sequence[CaseSummary]) -> Table:
         *(Column(".".join(head.split(".")[-2:]), align="left") for head in heads),
         *(Column(name) for name in ("n", "mean", "sd", "5 %", "95 %", "u", "z mean", "z sd", "in U95")),
     ]
-    rows = list(_lines(cases, heads))
+    rows: list[list[str | None]] = []
+    for name in headlines(cases):
+        for case in cases:
+            if (each := case.metrics.get(name)) is not None:
+                spread = (each.mean, each.sd, each.quantiles["0.05"], each.quantiles["0.95"], each.u)
+                figures = [None if number is None else f"{number:.6g}" for number in spread]
+                z = None if each.z_mean is None else f"{each.z_mean:+.2f}"
+                z_sd = None if each.z_sd is None else f"{each.z_sd:.2f}"
+                rows.append([name, *_values(case, heads), str(each.n), *figures, z, z_sd, _percent(each.coverage)])
     if any(case.pass_rate is not None for case in cases):
         rows += [
             ["passed", *_values(case, heads), str(case.complete), _percent(case.pass_rate), *[None] * 7]
@@ -120,25 +125,8 @@ def summary_table(cases: Sequence[CaseSummary]) -> Table:
     return Table(columns, rows, title="by case" if several else "")
 
 
-def _lines(cases: Sequence[CaseSummary], heads: Sequence[str]) -> Iterator[list[str | None]]:
-    for name in headlines(cases):
-        for case in cases:
-            each = case.metrics.get(name)
-            if each is None:
-                continue
-            spread = [each.mean, each.sd, each.quantiles["0.05"], each.quantiles["0.95"], each.u]
-            figures = [_figure(number) for number in spread]
-            z = [None if number is None else f"{number:+.2f}" for number in (each.z_mean,)]
-            z_sd = None if each.z_sd is None else f"{each.z_sd:.2f}"
-            yield [name, *_values(case, heads), str(each.n), *figures, *z, z_sd, _percent(each.coverage)]
-
-
 def _values(case: CaseSummary, heads: Sequence[str]) -> list[str | None]:
     return [None if head not in case.values else in_words(case.values[head]) for head in heads]
-
-
-def _figure(number: float | None) -> str | None:
-    return None if number is None else f"{number:.6g}"
 
 
 def _percent(share: float | None) -> str | None:

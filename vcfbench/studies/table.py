@@ -5,19 +5,16 @@ from __future__ import annotations
 import csv
 import io
 import json
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
 
 from msgspec import Struct
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.extras import need
 from vcfbench.files import shown
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from vcfbench.studies.one_run import RunRow
+from vcfbench.studies.one_run import RunRow
 
 Kind = Literal["int", "float", "bool", "str"]
 
@@ -82,7 +79,18 @@ def require_writable(path: Path) -> None:
 
 def write_table(path: Path, columns: Sequence[ColumnOf]) -> None:
     """Write the table in the format of `path`'s suffix; errors as :func:`require_writable`, BenchError of the disk."""
-    written(path, _parquet(columns) if path.suffix == ".parquet" else _csv(columns))
+    data = io.BytesIO()
+    if path.suffix == ".parquet":  # which holds neither a time nor a name of the computer
+        pyarrow, parquet = (need(name, "study", "a table in Parquet") for name in ("pyarrow", "pyarrow.parquet"))
+        types = {"int": pyarrow.int64(), "float": pyarrow.float64(), "bool": pyarrow.bool_(), "str": pyarrow.string()}
+        arrays = [pyarrow.array(column.values, types[column.kind]) for column in columns]
+        parquet.write_table(pyarrow.table(arrays, [column.name for column in columns]), data, compression="zstd")
+    else:
+        text = io.TextIOWrapper(data, "utf-8", newline="", write_through=True)
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([column.name for column in columns])
+        writer.writerows(zip(*([_cell(value) for value in column.values] for column in columns), strict=True))
+    written(path, data.getvalue())
 
 
 def written(path: Path, data: bytes) -> None:
@@ -95,26 +103,7 @@ def written(path: Path, data: bytes) -> None:
         raise BenchError(f"{shown(path)} cannot be written: {error.strerror}") from error
 
 
-def _csv(columns: Sequence[ColumnOf]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([column.name for column in columns])
-    writer.writerows(zip(*([_cell(value) for value in column.values] for column in columns), strict=True))
-    return text.getvalue().encode()
-
-
 def _cell(value: Any) -> str:
     if value is None or isinstance(value, str):
         return value or ""
     return str(value).lower() if isinstance(value, bool) else repr(value)
-
-
-def _parquet(columns: Sequence[ColumnOf]) -> bytes:
-    """Return the table as Parquet, which holds neither a time nor a name of the computer."""
-    pyarrow = need("pyarrow", "study", "a table in Parquet")
-    parquet = need("pyarrow.parquet", "study", "a table in Parquet")
-    types = {"int": pyarrow.int64(), "float": pyarrow.float64(), "bool": pyarrow.bool_(), "str": pyarrow.string()}
-    arrays = [pyarrow.array(column.values, types[column.kind]) for column in columns]
-    data = io.BytesIO()
-    parquet.write_table(pyarrow.table(arrays, [column.name for column in columns]), data, compression="zstd")
-    return data.getvalue()

@@ -8,20 +8,18 @@ about.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 
+from vcfbench.archive.run import Run
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult
 from vcfbench.sim.simulation import true_output
+from vcfbench.station.description import BenchDescription
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from vcfbench.archive.run import Run
-    from vcfbench.station.description import BenchDescription
-
     Output = Callable[[float, float | None], float]
 
 

@@ -10,9 +10,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 from numpy.random import SeedSequence, default_rng
@@ -22,14 +22,9 @@ from vcfbench.files import dotted, shown
 from vcfbench.station.layering import keys_of
 from vcfbench.station.strict import converted, refusal, words
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+SETTINGS = "settings"  # First part of a path that is a setting of the procedure; all others are keys of the bench file
 
-SETTINGS = "settings"
-"""First part of a path that is a setting of the procedure; all others are keys of the bench file."""
-
-_STREAM = 0x5354_5544
-"""Keeps the random numbers of studies from those of the simulation, which come from the same seed."""
+_STREAM = 0x5354_5544  # Keeps the random numbers of studies from those of the simulation, which come from the same seed
 
 Label = Annotated[str, Meta(min_length=1, max_length=80)]
 Pair = tuple[float, float]
@@ -128,8 +123,7 @@ def varied(table: Mapping[str, Any], source: str) -> tuple[Varied, ...]:
     return tuple(found.values())
 
 
-_TAKEN = {"case", "seed", "status", "message", "verdict", "bench_seconds"}
-"""Columns that every study has."""
+_TAKEN = {"case", "seed", "status", "message", "verdict", "bench_seconds"}  # Columns that every study has
 
 
 def _leaves(table: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str, Any]]:

@@ -13,21 +13,17 @@ import os
 import signal
 import threading
 from collections import Counter, deque
+from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import connection
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from vcfbench.errors import BenchError, ConfigError, ConnectFailed, LinkLost
 from vcfbench.extras import need
-from vcfbench.studies.one_run import RunRow, perform
+from vcfbench.studies.one_run import PlannedRun, RunRow, perform
 from vcfbench.version import installed_version
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Iterator
-
-    from vcfbench.studies.one_run import PlannedRun
 
 LOST: Final = "lost"
 """Status of a run whose process died each time; it is not kept, so that a study that goes on tries it again."""
@@ -139,15 +135,15 @@ def _begin() -> None:
     """Begin a process of the study: Ctrl-C is for the study, and without it there is nothing to do."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     gc.set_threshold(200_000)  # as the command does
-    threading.Thread(target=_end_with_parent, daemon=True).start()
 
+    def end_with_parent() -> None:
+        """Wait until the process of the study is gone, however it went, and be gone too."""
+        parent = multiprocessing.parent_process()
+        if parent is not None:
+            connection.wait([parent.sentinel])
+            os._exit(1)
 
-def _end_with_parent() -> None:
-    """Wait until the process of the study is gone, however it went, and be gone too."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 def on_cluster(works: Iterable[PlannedRun], address: str) -> Iterator[RunRow]:

@@ -9,6 +9,7 @@ import signal
 import threading
 from contextlib import contextmanager
 from datetime import datetime, timedelta
+from functools import partial
 from random import Random
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +22,8 @@ import vcfbench.records.journal
 from vcfbench.errors import Aborted, BenchError, ConfigError
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.runs.conduct import conduct
-from vcfbench.runs.request import Request, prepare
-from vcfbench.runs.resumed import broken_off
+from vcfbench.runs.request import Request
+from vcfbench.runs.resumed import Resumed, broken_off
 from vcfbench.safety.signals import StopSignals
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.steps.executor import StepFinished, StepStarted
@@ -308,6 +309,6 @@ def _conducted(draw: Draw, stage: _Stage, folder: Path, earlier: Path | None, si
     if earlier is None:
         settings = asked_in_python(draw.settings)
         asked = Request(draw.procedure, draw.bench(), draw.specimens, settings, folder, **common)
-        return conduct(asked, signals, prepare)
+        return conduct(asked, signals)
     broken = broken_off(earlier)
-    return conduct(Request(broken.procedure, runs=folder, **common), signals, broken.prepare)
+    return conduct(Request(broken.procedure, runs=folder, **common), signals, partial(Resumed, broken))

@@ -12,7 +12,7 @@ Not simulated: pairs in series and parallel, delays, lists, data log, remote sen
 
 from __future__ import annotations
 
-from collections.abc import Mapping  # noqa: TC003  # msgspec reads the annotation of the errors
+from collections.abc import Mapping  # msgspec reads the annotation of the errors
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 

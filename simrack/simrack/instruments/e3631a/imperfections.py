@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping  # noqa: TC003  # msgspec reads the annotation
+from collections.abc import Mapping  # msgspec reads the annotation
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 

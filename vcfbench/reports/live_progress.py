@@ -1,0 +1,224 @@
+"""Progress of a run on a terminal, drawn in place: the table of its points, the step, and the time left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import timedelta
+from typing import Any, Self, TextIO
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
+
+from vcfbench.clock import WallClock, utc_now
+from vcfbench.records.schema import Point
+from vcfbench.reports.bench_state import BenchState
+from vcfbench.reports.outlet import Outlet
+from vcfbench.reports.points_table import PointRow, PointsSoFar, head, row_text, span
+from vcfbench.reports.progress import HOW_ON, paused_words, wanted_words
+from vcfbench.reports.shielded import NoProgress
+from vcfbench.safety.control import RunState
+from vcfbench.steps import Acquire, Note, Window
+from vcfbench.steps.executor import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.steps.step import Effect, Step, StepResult
+
+_REDRAW_S = 0.1
+_REDRAWS_PER_S = 2.0  # So often the block is drawn anew while nothing happens: the time left goes on
+_HALF_A_DAY_S = 43_200.0
+_ECHO = 4
+"""Columns left free behind the bar: a terminal writes ^C there, and in a line of its own it would leave some behind."""
+_BAR_FROM = 60  # Columns of a terminal that has room for a bar beside the times
+
+
+class LiveProgress(NoProgress):
+    """The table of points, row after row, with other findings; below it in place the step and the time left.
+
+    The table stays when the run ends, the block below goes. The times left are those of the wall: a simulated bench may
+    be faster than its own clock. `points` are those that were measured before the run was broken off.
+    """
+
+    def __init__(self, stream: TextIO, estimate_s: float, points: Sequence[Point] = ()) -> None:
+        self._outlet = Outlet(stream)
+        self._console = Console(file=self._outlet, highlight=False)  # type: ignore[arg-type]  # all of a file it needs
+        self._block = _Block(estimate_s, ("━", "─") if self._outlet.encoding.lower().startswith("utf") else ("#", "."))
+        self._points = PointsSoFar(points)
+        self._begin_s: float | None = None
+        self._head: tuple[str, str] | None = None  # that stands above the last row
+        self._drawn_s = 0.0
+        self._live = _live(self._console, self._outlet, self._block)
+
+    def __enter__(self) -> Self:
+        self._outlet.open()
+        self._block.begin()
+        self._live.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Take the block away; the table stays."""
+        self._live.stop()
+        self._outlet.close()
+
+    def handle(self, event: Event) -> None:
+        """Show the measured points, and the place of the run."""
+        if self._begin_s is None:
+            self._begin_s = event.t_s if isinstance(event, StepStarted) else 0.0
+        if isinstance(event, WentOn):
+            self._begin_s += event.pause_s
+        self._block.take(event, event.t_s - self._begin_s)
+        match event:
+            case StepStarted(step=Note()):
+                self._end_part()
+                self._print(event.step.describe(), "bold", whole=True)
+            case StepStarted() | ReadingTaken():
+                self._draw()
+            case StepFinished():
+                self._tell(event.t_s, event.step, event.result)
+                for said in event.asked_again:
+                    self._print(f"asked again: {said}", "yellow", whole=True)
+            case StepFailed():
+                self._print(f"FAILED: {event.error}", "bold red", whole=True)
+            case Paused():
+                self._print(paused_words(event), "bold yellow", whole=True)
+                self._draw()
+            case WentOn():
+                self._print(event.describe(), "bold yellow", whole=True)
+
+    def hear(self, state: RunState, by: str) -> None:
+        """Say that a pause is wanted."""
+        if state is RunState.PAUSING:
+            self._print(wanted_words(by), "bold yellow", whole=True)
+
+    def _tell(self, t_s: float, step: Step, result: StepResult) -> None:
+        """Print the result of a step: a window as a row, any other measurement or check in its words."""
+        if step.not_checked:
+            self._print(step.describe(), "yellow", whole=True)
+        elif isinstance(result, Window):
+            point = result.recorded_point
+            row = PointRow(t_s, result, None if point is None else self._points.add(point))
+            heads = head(row, self._console.width)
+            if heads != self._head:  # a new part, or the window is wider or narrower than it was
+                self._head = heads
+                for line in heads:
+                    self._print(line, "dim")
+            self._print(row_text(row, self._console.width), "cyan")
+        elif step.effect in {Effect.MEASURES, Effect.CHECKS} and (words := result.describe()):
+            self._print(f"  {words}", "")
+
+    def _end_part(self) -> None:
+        """Print the line through the points of the part that ends, and have the next begin with a heading."""
+        if self._head is not None and (steps := self._points.steps()) and (words := self._points.line_words(steps[-1])):
+            self._print(f"  {words}", "green", whole=True)
+        self._head = None
+
+    def _print(self, line: str, style: str, *, whole: bool = False) -> None:
+        """Print a line; one that must be read to its end goes on in the next where the terminal is narrow."""
+        shown = line if line.isprintable() else ascii(line)
+        if whole:
+            self._console.print(Text(shown, style=style))
+        else:
+            self._console.print(Text(shown, style=style), no_wrap=True, overflow="crop")
+
+    def _draw(self) -> None:
+        """Draw the block anew, if that was not just done and the terminal takes it."""
+        now_s = self._block.clock.now()
+        if now_s - self._drawn_s >= _REDRAW_S:
+            self._drawn_s = now_s
+            self._live.refresh()
+
+
+def _live(console: Console, outlet: Outlet, block: _Block) -> Any:
+    """Return a display that draws `block` below all that is printed, as long as the terminal takes it."""
+
+    class PatientLive(Live):
+        def refresh(self) -> None:
+            if not (self.is_started and outlet.behind):  # what nobody reads would pile up
+                super().refresh()
+
+    return PatientLive(
+        console=console,
+        get_renderable=lambda: block.lines(console.width),
+        refresh_per_second=_REDRAWS_PER_S,
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
+
+
+class _Block:
+    """Block below the table: the step, the state of the bench, the progress of the run and its end."""
+
+    def __init__(self, estimate_s: float, bar: tuple[str, str]) -> None:
+        self.clock = WallClock()
+        self._bar = bar
+        self._estimate_s = estimate_s
+        self._t_s = 0.0
+        self._heard_s = 0.0
+        self._away_s, self._paced = 0.0, 1.0  # of the wall, in pauses; the pace before them
+        self._doing = ""
+        self._step: Step | None = None
+        self._readings = 0
+        self._state = BenchState()
+
+    def begin(self) -> None:
+        """Begin to count the time of the wall."""
+        self.clock = WallClock()
+
+    def take(self, event: Event, t_s: float) -> None:
+        """Take notice; `t_s` is the bench time since this display began, s."""
+        self._t_s, self._heard_s = t_s, self.clock.now() - self._away_s
+        match event:
+            case StepStarted():
+                self._step, self._doing, self._readings = event.step, event.step.describe(), 0
+                self._state = self._state.begun(event.step)
+            case ReadingTaken():
+                self._readings += 1
+                said = f"{event.reading.voltage_v:+.5f} V  reading {self._readings}"
+                if isinstance(step := self._step, Acquire):  # a narrow terminal cuts off the end of a line
+                    said = f"{step.rate_deg_s:+.6g} deg/s  {said} of {step.samples}"
+                self._doing = said
+            case StepFinished():
+                self._state = self._state.after(event.step, event.result)
+            case Paused():
+                self._doing, self._step, self._paced = f"PAUSED. {HOW_ON}", None, self._now()[1]
+            case WentOn():  # as if it had gone on at the pace of before
+                self._away_s = self.clock.now() - self._paced * t_s
+                self._heard_s = self._paced * t_s
+            case _:
+                pass
+
+    def lines(self, width: int) -> Group:
+        """Return the block for a terminal of `width` columns."""
+        # `parts` side by side, in as few lines of `width` as they need
+        parts = [self._state.table(), self._state.supplied(), self._state.driven()]
+        lines: list[str] = []
+        for part in parts:
+            if lines and len(lines[-1]) + 3 + len(part) <= width:
+                lines[-1] += f"   {part}"
+            else:
+                lines.append(part)
+        rows = lines
+        texts = [Text(line, no_wrap=True, overflow="ellipsis", style="dim") for line in rows]
+        doing = Text(self._doing, no_wrap=True, overflow="ellipsis")
+        return Group(doing, *texts, self._times(width))
+
+    def _times(self, width: int) -> Text:
+        t_s, pace = self._now()
+        left_s = max(0.0, self._estimate_s - t_s) * pace
+        ends = (utc_now() + timedelta(seconds=left_s)).astimezone()
+        done = min(1.0, t_s / self._estimate_s) if self._estimate_s else 1.0
+        day = f"{ends:%a} " if left_s > _HALF_A_DAY_S else ""
+        words = f"{100 * done:3.0f} %  {span(left_s)} left, ends {day}{ends:%H:%M}"
+        text = Text(words, style="bold green", no_wrap=True, overflow="crop")
+        if width < _BAR_FROM:
+            return text
+        room = width - len(words) - len("  ") - _ECHO
+        filled = round(done * room)
+        full, rest = self._bar
+        return text.append(f"  {full * filled}").append(rest * (room - filled), style="dim")
+
+    def _now(self) -> tuple[float, float]:
+        """Return the bench time at this moment, s, amid a step too, and how many seconds of the wall one takes."""
+        now_s = self.clock.now() - self._away_s
+        pace = self._heard_s / self._t_s if self._t_s > 1.0 else 1.0
+        since_s = (now_s - self._heard_s) / pace if pace else 0.0
+        return self._t_s + min(since_s, 0.0 if self._step is None else self._step.duration_s), pace
