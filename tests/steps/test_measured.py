@@ -179,7 +179,7 @@ def test_a_run_and_its_record_see_the_same(tmp_path: Path, monkeypatch: pytest.M
     assert run.results.rails == 1
     assert run.results.voltages_v == pytest.approx((10.0, -10.0), abs=0.05)
     assert run.results.sum_v == math.fsum(reading.voltage_v for reading in run.readings)
-    monkeypatch.setattr("vcfbench.procedures.catalogue.PROCEDURES", {"see": own})
+    monkeypatch.setattr("vcfbench.archive.results.PROCEDURES", {"see": own})
     again = vcfbench.load_run("last", runs=tmp_path)
     assert again.no_results is None
     assert again.results == run.results

@@ -19,7 +19,7 @@ from simrack_tests.ports import free_port
 
 import vcfbench
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
-from vcfbench.studies.conduct import Quiet
+from vcfbench.studies.conduct import Progress
 from vcfbench.studies.file import Study, read_study
 from vcfbench.studies.table import write_table
 
@@ -169,7 +169,7 @@ def test_what_is_no_journal_is_not_written_over(whole: Path, tmp_path: Path, tex
     assert (tmp_path / "t.journal.jsonl").read_text("utf-8") == text
 
 
-class Second(Quiet):
+class Second(Progress):
     """Begins the same study once more while it goes."""
 
     def __init__(self, file: Path) -> None:
@@ -194,7 +194,7 @@ def test_a_second_study_into_the_same_files_is_refused(whole: Path, tmp_path: Pa
     again(whole, tmp_path, workers=1)
 
 
-class Killer(Quiet):
+class Killer(Progress):
     """Kills a process of the study as soon as one run is done."""
 
     killed = 0
@@ -244,7 +244,7 @@ def test_a_scheduler_that_dies_is_one_message(tmp_path: Path, caplog: pytest.Log
     quiet: Any = {"stderr": subprocess.DEVNULL}
     there = f"from distributed import Client; Client({address!r}, timeout='60s').wait_for_workers(1, timeout=60)"
 
-    class Ends(Quiet):
+    class Ends(Progress):
         def done(self, row: RunRow) -> None:  # noqa: ARG002
             first.kill()
 
