@@ -19,7 +19,7 @@ from vcfbench.procedures.characterize.plan import PARTS, BeginPart, Characterize
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.shared.measurand import UncertaintyPart as Source
 from vcfbench.procedures.shared.measurand import measurand
-from vcfbench.procedures.zero.results import NoiseCoefficient
+from vcfbench.procedures.zero.noise import NoiseCoefficient
 from vcfbench.station.file import embedded_text
 from vcfbench.station.settings import Sources, Station
 from vcfbench.steps import (

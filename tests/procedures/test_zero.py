@@ -18,8 +18,9 @@ from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_of
+from vcfbench.procedures.zero.noise import with_what_is_let_through
 from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
-from vcfbench.procedures.zero.results import ZeroResult, with_what_is_let_through, zero_report, zero_results
+from vcfbench.procedures.zero.results import ZeroResult, zero_report, zero_results
 from vcfbench.records import journal
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.station.parts import Limits

@@ -86,6 +86,20 @@ def parse_table(text: str, name: str) -> dict[str, Series]:
     return {column: Series(rate, output) for column, output in zip(header[1:], outputs, strict=True)}
 
 
+def parse_columns(text: str, name: str) -> dict[str, tuple[float, ...]]:
+    """Return the columns of numbers of a CSV text by the names in its first line, one line a reading.
+
+    Raises:
+        ConfigError: one sentence with file, line and column, for anything that is not a complete table of numbers.
+    """
+    rows = _rows(text, name)
+    if len(rows) < 2:
+        raise ConfigError(f"{name}: expected a first line with the names of the columns, and a line for each reading")
+    header = _named(*rows[0], name)
+    cells = [_values(line, row, header, name) for line, row in rows[1:]]
+    return dict(zip(header, zip(*cells, strict=True), strict=True))
+
+
 def _rows(text: str, name: str) -> list[tuple[int, list[str]]]:
     """Return the rows, each with the number of its line; empty lines at the end do not count."""
     reader = csv.reader(io.StringIO(text.rstrip() + "\n" if text.strip() else ""), strict=True)
@@ -107,6 +121,14 @@ def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
         raise ConfigError(f"{where}, column 1: the header must begin with {RATE_COLUMN}, got {first!r}")
     if len(header) == 1:
         raise ConfigError(f"{where}: there is no output column beside {RATE_COLUMN}")
+    return _named(line, header, name)
+
+
+def _named(line: int, header: list[str], name: str) -> tuple[str, ...]:
+    """Return the names of the columns; refuse those that are missing, doubled or no names."""
+    where = f"{name}, line {line}"
+    if any(_NUMBER.fullmatch(title) for title in header):
+        raise ConfigError(f"{where}: expected the names of the columns, came numbers")
     for column, title in enumerate(header, 1):
         if not title:
             raise ConfigError(f"{where}, column {column}: the column has no name")

@@ -15,28 +15,53 @@ from rich.table import Table
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
 from vcfbench.archive.analyzed import analyze as analyzed
-from vcfbench.cli.options import Json_  # typer reads them
+from vcfbench.archive.analyzed_record import analyze_record
+from vcfbench.archive.written import write_document
+from vcfbench.cli.options import Json_, output_option  # typer reads them
 from vcfbench.errors import ConfigError
+from vcfbench.reports.text import text_of
 
 _UNBOUNDED = 1000
 """Columns of a pipe or a file: nothing is folded there."""
 
 
-def analyze(
+def analyze(  # noqa: PLR0917  # options of a command
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE.csv", help="Table: first column rate_deg_s, every other column an output in volts."
+            metavar="FILE.csv",
+            help="Table: first column rate_deg_s, every other column an output in volts. With --rate, or a column of "
+            "times: a record at rest, one line a reading.",
         ),
     ],
     compare: Annotated[
         str | None,
         typer.Option(metavar="A,B", help="Compare column B with column A. Two columns are compared by default."),
     ] = None,
+    rate: Annotated[
+        float | None, typer.Option("--rate", metavar="HZ", min=1e-6, help="A record at rest: readings a second.")
+    ] = None,
+    column: Annotated[
+        str | None, typer.Option("--column", metavar="NAME", help="Of a record at rest: which column.")
+    ] = None,
+    scale_factor: Annotated[
+        float | None,
+        typer.Option("--scale-factor", metavar="V/(deg/s)", help="Of a record at rest in volts: its scale factor."),
+    ] = None,
+    output: Annotated[Path | None, output_option("Of a record at rest: its report, .html, .pdf or .md.")] = None,
     *,
     json: Json_ = False,
 ) -> None:
-    """Analyse a calibration table: scale factor, bias, every non-linearity, asymmetry, comparison."""
+    """Analyse a calibration table, or with --rate the noise of a record at rest: Allan deviation, N, B, K, R."""
+    if rate is not None or column is not None or scale_factor is not None or output is not None:
+        if compare is not None:
+            raise ConfigError("--compare: of a calibration table, not of a record at rest")
+        found = analyze_record(file, rate, column=column, scale_factor_v_per_deg_s=scale_factor)
+        typer.echo(dumps(found.as_json(), allow_nan=False) if json else text_of(found.report()))
+        if output is not None:
+            for written in write_document(found.report(), f"Noise of {found.column}", file.name, output):
+                typer.echo(written, err=json)
+        return
     names = None if compare is None else [name.strip() for name in compare.split(",")]
     if names is not None and len(names) != 2:
         raise ConfigError(f"--compare {compare}: two column names with a comma between them are needed")

@@ -1,0 +1,112 @@
+"""A stranger's record at rest: units by name, clear errors, and the noise that was put in."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from vcfbench.archive.analyzed_record import analyze_record, unit_of
+from vcfbench.cli.main import app
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NOISE = np.random.default_rng(7).standard_normal(20_000) * 0.02
+"""deg/s, 100 readings a second: N = 0.02 deg/s sqrt(0.01 s) = 0.12 deg/sqrt(h)."""
+
+
+def written(path: Path, head: str, *columns: object) -> Path:
+    rows = zip(*columns, strict=True)  # type: ignore[call-overload]
+    path.write_text("\n".join([head, *(",".join(f"{each:.9g}" for each in row) for row in rows)]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("rate / (deg/s)", "deg/s"),
+        ("rate/deg/h", "deg/h"),
+        ("gyro z [deg/h]", "deg/h"),
+        ("output (V)", "V"),
+        ("output_mv", "mv"),
+        ("rate_deg_s", "deg_s"),
+        ("t_s", "s"),
+        ("output", None),
+    ],
+)
+def test_unit_stands_in_the_name_of_a_column(name: str, unit: str | None) -> None:
+    assert unit_of(name) == unit
+
+
+@pytest.mark.parametrize(
+    ("head", "factor", "scale"),
+    [
+        ("x / (deg/s)", 1.0, None),
+        ("x [deg/h]", 3600.0, None),
+        ("x_mv", -12.5, -12.5e-3),
+        ("x_rad_s", np.pi / 180, None),
+    ],
+)
+def test_angle_random_walk_is_the_one_that_was_put_in(
+    tmp_path: Path, head: str, factor: float, scale: float | None
+) -> None:
+    file = written(tmp_path / "zero.csv", head, factor * NOISE)
+    found = analyze_record(file, 100.0, scale_factor_v_per_deg_s=scale)
+    walk = {each.name: each for each in found.noise}["angle random walk"]
+    assert walk.unit == "deg/sqrt(h)"
+    assert walk.u is not None
+    assert walk.value == pytest.approx(0.12, abs=4.0 * walk.u)
+    assert found.mean_deg_s == pytest.approx(float(NOISE.mean()), rel=1e-6)
+
+
+def test_curve_is_that_of_another_program(tmp_path: Path) -> None:
+    allantools = pytest.importorskip("allantools")
+    found = analyze_record(written(tmp_path / "zero.csv", "rate_deg_s", NOISE), 100.0)
+    taus = [each.tau_s for each in found.allan_deg_h]
+    _, expected, _, _ = allantools.oadev(NOISE, rate=100.0, data_type="freq", taus=taus)
+    assert [each.observed for each in found.allan_deg_h] == pytest.approx(3600.0 * expected, rel=1e-6)
+
+
+def test_column_of_times_tells_the_interval(tmp_path: Path) -> None:
+    times = np.arange(NOISE.size) * 10.0
+    assert analyze_record(written(tmp_path / "a.csv", "t_ms,rate_deg_s", times, NOISE)).interval_s == pytest.approx(
+        0.01
+    )
+    times[5000:] += 500.0
+    with pytest.raises(ConfigError, match=r"a\.csv, line 5002, column t_ms: expected times .* s apart, came 0\.51 s"):
+        analyze_record(written(tmp_path / "a.csv", "t_ms,rate_deg_s", times, NOISE))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "expected a first line with the names"),
+        ("1.0,2.0\n1.0,2.0\n", "expected the names of the columns, came numbers"),
+        ("rate_deg_s\n1.0\n\n", "64 readings at least, came 1"),
+        ("rate_deg_s\n1.0\nx\n", r"line 3, column rate_deg_s: 'x' is not a number"),
+        ("rate_deg_s\n1,0\n", "1 columns expected, got 2; are there decimal commas"),
+        ("a_deg_s,b_deg_s\n1,2\n", "has the columns a_deg_s, b_deg_s"),
+        ("output\n" + "1.0\n" * 70, "expected a unit in its name"),
+        ("output_v\n" + "1.0\n" * 70, "volts become a rate by a scale factor"),
+    ],
+)
+def test_file_that_is_no_record_is_refused_with_its_place(tmp_path: Path, text: str, words: str) -> None:
+    file = tmp_path / "zero.csv"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=words):
+        analyze_record(file, 100.0)
+
+
+def test_command_prints_the_coefficients_and_writes_the_report(tmp_path: Path) -> None:
+    file = written(tmp_path / "zero.csv", "rate_deg_s", NOISE)
+    done = CliRunner().invoke(app, ["analyze", str(file), "--rate", "100", "-o", str(tmp_path / "zero.html")])
+    assert done.exit_code == 0
+    assert "angle random walk" in done.stdout
+    assert "Allan deviation of the output at rest" in (tmp_path / "zero.html").read_text()
+    plain = CliRunner().invoke(app, ["analyze", str(file), "--rate", "100", "--json"])
+    assert json.loads(plain.stdout)["interval_s"] == 0.01
