@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from msgspec import structs
+from msgspec import Struct, field, structs
 
 from vcfbench.archive.results import evaluation_of, stored_outcome
 from vcfbench.errors import ConfigError
@@ -23,8 +22,7 @@ from vcfbench.records.schema import Status
 from vcfbench.station.acceptance import Acceptance
 
 
-@dataclass(frozen=True, slots=True)
-class KeyResult:
+class KeyResult(Struct, frozen=True):
     """A result that a list shows: value, combined standard uncertainty (None: not stated), unit, parts missing in u."""
 
     value: float
@@ -42,8 +40,7 @@ class KeyResult:
         return {"value": self.value, "u": self.u, "unit": self.unit, **said}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunSummary:
+class RunSummary(Struct, frozen=True, kw_only=True):
     """Summary of a record in a list.
 
     `run` is its name, `directory` where it is, `started` when it began (UTC). `results` are those with a unit, by the
@@ -93,8 +90,7 @@ class RunSummary:
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Selection:
+class Selection(Struct, frozen=True, kw_only=True):
     """Selection of runs; a key that is None or empty does not select. `since` is an instant with its time zone."""
 
     dut: str | None = None

@@ -8,9 +8,10 @@ Nothing here opens or sends anything.
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
+
+from msgspec import Struct
 
 from vcfbench.errors import BenchError, PlanError
 from vcfbench.records.journal import JournalRecord
@@ -41,8 +42,7 @@ _COMES_TO_REST = {Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, Disa
 """Steps of coming to rest: a plan that asks for no others any more only repeats making safe."""
 
 
-@dataclass(frozen=True, slots=True)
-class TakenOver:
+class TakenOver(Struct, frozen=True):
     """A step that was performed before the break: itself, its result, and its lines of the journal, marked as such."""
 
     step: Step

@@ -22,12 +22,9 @@ class Lines:
 
     lines: list[Any] = field(default_factory=list)
 
-    def step(self, values: Any) -> None:
-        """Keep one performed step."""
-        self.lines.append(values)
-
-    def error(self, values: Any) -> None:
-        """Keep one failed step."""
+    def write(self, kind: str, values: Any) -> None:
+        """Keep one line: a performed step, or one that failed."""
+        del kind
         self.lines.append(values)
 
 
