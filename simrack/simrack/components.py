@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -33,8 +34,28 @@ _FEW = 9
 _LOOKS_AN_EVENT = 32.0
 
 
+class Turning(Struct, frozen=True):
+    """Cycles, all alike, that come at a frequency which moves.
+
+    Args:
+        cycles: how many there were, at bench times.
+        lowest_hz, highest_hz: between which the frequency moves.
+        steady: returns the component as it would be at one frequency.
+    """
+
+    cycles: Callable[[Values], Values]
+    lowest_hz: float
+    highest_hz: float
+    steady: Callable[[float], Component]
+
+
 class Component(Protocol):
     """A part of a voltage."""
+
+    @property
+    def turning(self) -> Turning | None:
+        """Its cycles, where it has them and their frequency moves."""
+        ...
 
     @property
     def pace_hz(self) -> float | None:
@@ -65,6 +86,7 @@ class Level(Struct, frozen=True):
     volts: float
     pace_hz: float = 0.0
     finest_s: float = math.inf
+    turning: None = None
 
     def means(self, edges_s: Values) -> Values:
         """Return its volts."""
@@ -86,6 +108,7 @@ class Tone(Struct, frozen=True):
     """A sine."""
 
     sine: Sine
+    turning: None = None
 
     @property
     def pace_hz(self) -> float:
@@ -120,6 +143,14 @@ class Scaled(Struct, frozen=True):
 
     component: Component
     factor: float
+
+    @property
+    def turning(self) -> Turning | None:
+        """That of the component, as much of it."""
+        whole = self.component.turning
+        if whole is None:
+            return None
+        return replace(whole, steady=lambda hertz: Scaled(whole.steady(hertz), self.factor))
 
     @property
     def pace_hz(self) -> float | None:
@@ -157,6 +188,7 @@ class Sampled(Struct, frozen=True):
     start_s: float
     stop_s: float
     pace_hz: None = None
+    turning: None = None
 
     @property
     def finest_s(self) -> float:

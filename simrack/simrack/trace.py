@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from simrack.sources import Played
 
 
+_SAME = 1e-4
+"""A phase that is off by less, rad, is a rounded one."""
+
+
 class Piece(Struct, frozen=True):
     """Voltage of a node over [start_s, stop_s].
 
@@ -62,11 +66,23 @@ class Piece(Struct, frozen=True):
         return replace(self, sines=sines, at=lambda times: self.at(times) + sine.at(times), beside=beside)
 
     def goes_on(self, other: Piece) -> bool:
-        """Tell whether a piece that begins where this one ends is the same source playing on."""
+        """Tell whether a piece that begins where this one ends is the same source playing on, or the same sines."""
+        if self.sines is not None and other.sines is not None:
+            return self._sounds_on(other, self.sines, other.sines)
         if self.source is None or other.source is None:
             return False
         same = self.source[0] is other.source[0] and self.source[1] == other.source[1]
         return same and self.stop_s == other.start_s and self.beside == other.beside
+
+    def _sounds_on(self, other: Piece, own: tuple[Sine, ...], later: tuple[Sine, ...]) -> bool:
+        if self.stop_s != other.start_s or self.dc_v != other.dc_v or len(own) != len(later):
+            return False
+        turn = math.tau * (other.start_s - self.start_s)
+        return all(
+            (one.amplitude_v, one.frequency_hz) == (two.amplitude_v, two.frequency_hz)
+            and abs(math.remainder(one.phase_rad + turn * one.frequency_hz - two.phase_rad, math.tau)) < _SAME
+            for one, two in zip(own, later, strict=True)
+        )
 
     def components(self) -> tuple[Component, ...]:
         """Return its components, for looks through a path of limited bandwidth."""

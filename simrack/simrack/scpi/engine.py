@@ -16,7 +16,7 @@ from simrack.scpi.pending import Pending
 from simrack.scpi.status import Register, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from simrack.clock import Clock
     from simrack.scpi.dialect import Dialect, Interface
@@ -92,8 +92,7 @@ class ScpiEngine:
         """Settings that change nothing on this bench, since ``*RST``."""
         self.clears_masks_at_power_on = True
         self.hand_over: Callable[[], None] | None = None
-        """Called where there is something long to work out, by who then has :meth:`work` called slice by slice; without
-        it that is done at once."""
+        """Called where something long is to be worked out, then to call :meth:`work` slice by slice."""
         self._programs: dict[bytes, Program] = {}
         self._drop_everything()
 
@@ -112,6 +111,7 @@ class ScpiEngine:
         self._unterminated = False
         self._deadlocked = False
         self._announce_completion = False
+        self._labour: Iterator[object] | None = None
 
     # --- the seam: simrack.device.Device -------------------------------------------------------------
 
@@ -158,9 +158,7 @@ class ScpiEngine:
         ready = None if self._pending is None else self._pending.ready_at()
         if self._announce_completion and (end := self._operations_end()) is not None:
             ready = end if ready is None else min(ready, end)
-        if own is None or ready is None:
-            return own if ready is None else ready
-        return min(own, ready)
+        return min((each for each in (own, ready) if each is not None), default=None)
 
     def clear(self) -> None:
         """Device clear: buffers emptied, the running command ended; status and settings stay."""
@@ -205,17 +203,26 @@ class ScpiEngine:
     @property
     def working(self) -> bool:
         """Whether there is something to work out by :meth:`work`."""
-        return self._pending is not None and self._pending.labour is not None
+        return self._labour is not None or (self._pending is not None and self._pending.labour is not None)
+
+    def work_out(self, labour: Iterator[object]) -> None:
+        """Have something worked out that the model does by itself: in slices where somebody calls :meth:`work`."""
+        if self.hand_over is None:
+            deque(labour, maxlen=0)
+        else:
+            self._labour = labour
+            self.hand_over()
 
     def work(self) -> None:
-        """Work out a slice of the pending reply; the parser goes on after the last."""
-        pending = self._pending
-        if pending is None or pending.labour is None:
-            return
+        """Work out a slice of what is under way; the parser goes on after the last."""
+        pending, own = self._pending, self._labour
+        labour = own if own is not None or pending is None else pending.labour
         try:
-            next(pending.labour)
+            next(labour or iter(()))
         except StopIteration:
-            pending.labour = None
+            self._labour = None if self._labour is own else self._labour  # its end may have begun the next
+            if own is None and pending is not None:
+                pending.labour = None
             self._advance()
         except ScpiError as error:
             self._pending = None
@@ -247,8 +254,7 @@ class ScpiEngine:
         return Pending(self._operations_end, finish)
 
     def _operations_end(self) -> float | None:
-        end = self.model.operations_end_s()
-        return None if end == math.inf else end
+        return None if (end := self.model.operations_end_s()) == math.inf else end
 
     def _settle_completion(self) -> None:
         if self._announce_completion and self.model.operations_end_s() <= self.clock.now():

@@ -114,7 +114,10 @@ class AttendedPassage:
     def jump_to(self, instant_s: float) -> None:
         """Let time jump to `instant_s`, stopping wherever something is due."""
         self._work_out()
-        self.pass_to(instant_s)
+        while (due := self._earliest()) <= instant_s:
+            self._arrive(due)
+            if self._earliest() <= instant_s:
+                self._work_out()
         self.clock.sleep_until(instant_s)
 
     def pass_to(self, instant_s: float) -> None:

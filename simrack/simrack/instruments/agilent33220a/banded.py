@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from msgspec import Struct
 
-from simrack.components import SHORTEST_S, transform_hz
+from simrack.components import SHORTEST_S, Turning, transform_hz
 from simrack.instruments.agilent33220a.phases import Bursts, Steady
 from simrack.instruments.agilent33220a.waveforms import FAST_HZ, turned
 
@@ -29,9 +29,11 @@ _NARROWEST = 1 / 8192
 """How finely a cycle is looked at: of what is narrower the mean tells, and no counter takes it for a signal."""
 _HIGHEST_HZ = 30e6
 """Lines beyond this get through no path."""
-_MOST_LINES, _LINES_OF_MANY = 1 << 20, 1 << 16
-_LOOKS = 33
-"""Frequencies or duties at which the loss of a modulated waveform is worked out; it is smooth in between."""
+_MOST_LINES, _LINES_OF_MANY, _LINES_OF_A_DUTY = 1 << 20, 1 << 15, 1 << 13
+"""How many lines are worked out: of one signal, of one whose frequency or duty moves."""
+_LOOKS, _DUTIES = 33, 9
+"""Frequencies and duties at which the loss of a modulated waveform is worked out; it is smooth in between."""
+_GROUPS = 1 << 10
 _CYCLE_POINTS = 1 << 14
 _ENOUGH_HZ = 3e6
 """A cycle whose lines do not come so far has its corners as they are."""
@@ -67,6 +69,9 @@ class PlayedCycle(Protocol):
     def width(self) -> WidthSwing | None:
         """Swing of the width, None without PWM."""
 
+    def at_frequency(self, hertz: float) -> PlayedCycle:
+        """Return the waveform as it would be with nothing but one frequency."""
+
     def power_means(self, edges_s: Values, powers: Sequence[int], fast_hz: float) -> list[Values]:
         """Return the means of the waveform's powers between each two of the edges; above `fast_hz` those of a cycle."""
 
@@ -82,6 +87,16 @@ class Banded(Struct, frozen=True):
         playing = self.playing
         steady = isinstance(playing.phase, Steady) and playing.envelope is None and playing.width is None
         return playing.phase.highest_hz if steady else None
+
+    @property
+    def turning(self) -> Turning | None:
+        """Its cycles, where nothing but their frequency is modulated."""
+        playing, phase = self.playing, self.playing.phase
+        if isinstance(phase, Steady | Bursts) or playing.envelope is not None or playing.width is not None:
+            return None
+        if (range_hz := phase.range_hz) is None:
+            return None
+        return Turning(phase.at, *range_hz, lambda hertz: Banded(playing.at_frequency(hertz)))
 
     @property
     def finest_s(self) -> float:
@@ -140,13 +155,14 @@ class Banded(Struct, frozen=True):
         playing, times_s = self.playing, (edges_s[1:] + edges_s[:-1]) / 2
         if playing.width is not None:
             duties = playing.width.values(times_s)
-            return self._looked_up(duties, lambda duty: self._loss(path, playing.phase.highest_hz, duty))
+            hertz = playing.phase.highest_hz
+            return _looked_up(duties, _DUTIES, lambda duty: self._loss(path, hertz, duty, most=_LINES_OF_A_DUTY))
         if isinstance(playing.phase, Steady):
             return self._loss(path, playing.phase.hz)
         if isinstance(playing.phase, Bursts):
             return self._active(edges_s) * self._burst_loss(path, playing.phase)
         hertz_then = playing.phase.hz_at(times_s)
-        return self._looked_up(hertz_then, lambda hertz: self._loss(path, hertz, most=_LINES_OF_MANY))
+        return _looked_up(hertz_then, _LOOKS, self._grouped_loss(path, float(hertz_then.min())))
 
     def _burst_loss(self, path: Path, phase: Bursts) -> float:
         """Return the loss of the path during a burst, its beginning and end included."""
@@ -161,13 +177,16 @@ class Banded(Struct, frozen=True):
         steady = self._loss(path, phase.hz)
         return steady + (float(kept_back) * phase.hz - cycles * steady) / phase.count
 
-    def _looked_up(self, keys: Values, loss: Callable[[float], float]) -> Values:
-        """Return the loss, interpolated in a table."""
-        low, high = float(keys.min()), float(keys.max())
-        if high - low <= _ALIKE * high:
-            return np.full_like(keys, loss(high))
-        looks = np.geomspace(max(low, _ALIKE * high), high, _LOOKS)
-        return np.interp(keys, looks, [loss(float(each)) for each in looks])
+    def _grouped_loss(self, path: Path, lowest_hz: float) -> Callable[[float], float]:
+        """Return the loss by frequency, down to the lowest; lines that are close together count as one."""
+        waveform, one = self.playing.waveform, np.ones(1)
+        whole = float((waveform.integral(2, one) - waveform.integral(1, one) ** 2)[0])
+        count = min(max(math.ceil(_HIGHEST_HZ / max(lowest_hz, 1.0)), 1), _LINES_OF_MANY)
+        powers = 2.0 * np.abs(waveform.spectrum(count)) ** 2
+        firsts = np.unique(np.geomspace(1, count, _GROUPS).astype(np.int64)) - 1
+        grouped = np.add.reduceat(powers, firsts)
+        orders = np.add.reduceat(np.arange(1.0, count + 1), firsts) / np.diff(np.append(firsts, count))
+        return lambda hertz: whole - float(grouped @ np.abs(path(np.asarray(hertz * orders))) ** 2)
 
     def _loss(self, path: Path, hertz: float, duty: float | None = None, *, most: int = _MOST_LINES) -> float:
         waveform, one = self.playing.waveform, np.ones(1)
@@ -191,6 +210,15 @@ class Banded(Struct, frozen=True):
         envelope = playing.envelope
         top = 1.0 if envelope is None else min((1.0 + envelope.depth) / 2.0, envelope.most)
         return abs(playing.peak_v) * top * swing
+
+
+def _looked_up(keys: Values, count: int, loss: Callable[[float], float]) -> Values:
+    """Return the loss, interpolated in a table of so many looks."""
+    low, high = float(keys.min()), float(keys.max())
+    if high - low <= _ALIKE * high:
+        return np.full_like(keys, loss(high))
+    looks = np.geomspace(max(low, _ALIKE * high), high, count)
+    return np.interp(keys, looks, [loss(float(each)) for each in looks])
 
 
 def _harmonics_hz(hertz: float, count: int) -> Values:

@@ -125,6 +125,11 @@ class NoiseSource(Struct, frozen=True):
         return
 
     @property
+    def turning(self) -> None:
+        """It has no cycles."""
+        return
+
+    @property
     def finest_s(self) -> float:
         """An eighth of the shortest period that a path lets through."""
         return 2.5 * SHORTEST_S

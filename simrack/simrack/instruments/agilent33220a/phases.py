@@ -23,6 +23,7 @@ _NEAR = 1e-4
 """Part of a rhythm's period over which its slope is taken."""
 _STEEP = 100.0
 """A rhythm steeper than this, per period, jumps."""
+_SHIFTS = 1 << 12
 
 
 class SteadyRun(NamedTuple):
@@ -102,6 +103,11 @@ class Deviated(Struct, frozen=True):
         """The frequency at the upper peak, by a rhythm that it can follow."""
         return self.hz + self.deviation_hz + self.rhythm.hz
 
+    @property
+    def range_hz(self) -> tuple[float, float] | None:
+        """Return between which frequencies it moves."""
+        return self.slowest_hz, self.hz + self.deviation_hz
+
     def hz_at(self, times_s: Values) -> Values:
         """Return the frequency."""
         return np.asarray(self.hz + self.deviation_hz * self.rhythm.values(times_s))
@@ -137,6 +143,15 @@ class Shifted(Struct, frozen=True):
     def highest_hz(self) -> float:
         """The frequency, and the most that the slope of a sine adds."""
         return self.hz + (2 * math.pi * self.deviation_cycles + 1.0) * self.rhythm.hz
+
+    @property
+    def range_hz(self) -> tuple[float, float] | None:
+        """Return between which frequencies it moves; None where it jumps or runs backwards."""
+        shifts = np.diff(self.rhythm.values(np.linspace(0.0, 1.0 / self.rhythm.hz, _SHIFTS + 1)))
+        if float(np.abs(shifts).max()) > _STEEP / _SHIFTS:
+            return None
+        frequencies = self.hz + self.deviation_cycles * shifts * (_SHIFTS * self.rhythm.hz)
+        return float(frequencies.min()), float(frequencies.max())
 
     def hz_at(self, times_s: Values) -> Values:
         """Return the frequency, by the slope of the rhythm; shifts at once are left out."""
@@ -175,6 +190,11 @@ class Keyed(Struct, frozen=True):
     def highest_hz(self) -> float:
         """The higher of both."""
         return max(self.hz, self.hop_hz)
+
+    @property
+    def range_hz(self) -> tuple[float, float] | None:
+        """Return between which frequencies it moves."""
+        return self.slowest_hz, self.highest_hz
 
     def hz_at(self, times_s: Values) -> Values:
         """Return the frequency."""
@@ -219,6 +239,11 @@ class Swept(Struct, frozen=True):
     def highest_hz(self) -> float:
         """The higher of both."""
         return max(self.start_hz, self.stop_hz)
+
+    @property
+    def range_hz(self) -> tuple[float, float] | None:
+        """Return between which frequencies it moves."""
+        return self.slowest_hz, self.highest_hz
 
     def hz_at(self, times_s: Values) -> Values:
         """Return the frequency."""

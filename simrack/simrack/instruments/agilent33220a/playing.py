@@ -17,6 +17,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from simrack.instruments.agilent33220a.phases import Steady
 from simrack.instruments.agilent33220a.waveforms import FAST_HZ, POWERS
 from simrack.sources import HIGHEST_HZ, Piece
 
@@ -88,6 +89,10 @@ class Playing(Struct, frozen=True):
         """Return the signal behind a load."""
         offset_v, peak_v = self.offset_v * share, self.peak_v * share
         return replace(self, offset_v=offset_v, peak_v=peak_v, source_ohm=self.source_ohm * share)
+
+    def at_frequency(self, hertz: float) -> Playing:
+        """Return the signal as it would be with nothing but one frequency."""
+        return replace(self, phase=Steady(hertz), envelope=None, width=None)
 
     def components(self) -> tuple[Component]:
         """Return that it is one."""

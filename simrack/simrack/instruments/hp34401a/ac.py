@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
 
 import numpy as np
 from msgspec import Struct
@@ -21,7 +21,7 @@ from simrack.components import summed_powers
 from simrack.trace import merged
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Generator, Iterable
 
     from numpy.typing import NDArray
 
@@ -43,6 +43,8 @@ _HIGH_HZ = 3e5
 """The specified band (p. 218)."""
 _WINDOW_POINTS = 3**10
 """Samples over a window: coprime to the periods that round frequencies have in it, so each is met at many phases."""
+_SLICE = 1 << 13
+"""So many of them are worked out in one go."""
 _PEAK_POINTS = 4096
 _FORGOTTEN = 1e-9
 _CREST_LIMITS = ((1.0, 5e-4), (math.sqrt(2.0), 0.0), (2.0, 5e-4), (3.0, 1.5e-3), (4.0, 3e-3), (5.0, 4e-3))
@@ -127,11 +129,33 @@ def phasors(piece: Piece, response: AcResponse) -> Phasors:
     return Phasors(sizes[kept], math.tau * frequencies[kept])
 
 
+_Ended = TypeVar("_Ended")
+
+
+def ended(labour: Generator[None, None, _Ended]) -> _Ended:
+    """Return what slices of work come to, all done at once."""
+    while True:
+        try:
+            next(labour)
+        except StopIteration as end:
+            return cast("_Ended", end.value)
+
+
 def detect(pieces: Iterable[Piece], start_s: float, stop_s: float, response: AcResponse) -> Detected:
-    """Return rms and peak over a window, weighted towards its middle (Hann); nothing was before the first piece."""
+    """Return what :func:`detecting` comes to, worked out at once."""
+    return ended(detecting(pieces, start_s, stop_s, response))
+
+
+def detecting(
+    pieces: Iterable[Piece], start_s: float, stop_s: float, response: AcResponse
+) -> Generator[None, None, Detected]:
+    """Return, after slices of work, rms and peak over a window, weighted towards its middle (Hann).
+
+    Nothing was before the first piece.
+    """
     within = [piece for piece in pieces if piece.stop_s > start_s and piece.start_s < stop_s]
     if any(piece.sines is None for piece in within):
-        return _banded(within, start_s, stop_s, response)
+        return (yield from _banded(within, start_s, stop_s, response))
     mean_square = peak = 0.0
     for piece in within:
         sines = phasors(piece, response)
@@ -168,10 +192,12 @@ def _integral(speeds: NDArray[np.float64], centre_s: float, length_s: float) -> 
     return np.asarray(length_s * np.exp(1j * speeds * centre_s) * np.sinc(speeds * length_s / math.tau))
 
 
-def _banded(pieces: list[Piece], start_s: float, stop_s: float, response: AcResponse) -> Detected:
+def _banded(
+    pieces: list[Piece], start_s: float, stop_s: float, response: AcResponse
+) -> Generator[None, None, Detected]:
     """Return rms and peak by the means of the volts and of their squares in small parts of the window."""
     edges = np.linspace(start_s, stop_s, _WINDOW_POINTS + 1)
-    parts, means, squares, peak = _in_parts(merged(pieces), edges, response.fast)
+    parts, means, squares, peak = yield from _in_parts(merged(pieces), edges, response.fast)
     widths, firsts = np.diff(parts), np.searchsorted(parts, edges[:-1])
     means, squares = (np.add.reduceat(each * widths, firsts) / np.diff(edges) for each in (means, squares))
     whole = _Spectrum.of(means, stop_s - start_s)
@@ -180,17 +206,22 @@ def _banded(pieces: list[Piece], start_s: float, stop_s: float, response: AcResp
     return Detected(response.gain * math.sqrt(max(power, 0.0)), peak)
 
 
-def _in_parts(pieces: list[Piece], edges_s: Values, path: Path) -> tuple[Values, Values, Values, float]:
+def _in_parts(
+    pieces: list[Piece], edges_s: Values, path: Path
+) -> Generator[None, None, tuple[Values, Values, Values, float]]:
     """Return edges that no piece ends between, the means of volts and squares between them, and the largest peak."""
     bounds = np.array([each for piece in pieces for each in (piece.start_s, piece.stop_s)])
-    parts = np.union1d(edges_s, bounds.clip(edges_s[0], edges_s[-1]))
+    bounds = np.setdiff1d(bounds[(bounds > edges_s[0]) & (bounds < edges_s[-1])], edges_s)
+    parts = np.insert(edges_s, np.searchsorted(edges_s, bounds), bounds)
     means, squares, peak = np.zeros(len(parts) - 1), np.zeros(len(parts) - 1), 0.0
     for piece in pieces:
         first, last = np.searchsorted(parts, (piece.start_s, piece.stop_s))
         if first < last:
             components = piece.components()
-            held = slice(first, last)
-            means[held], squares[held] = summed_powers(components, parts[first : last + 1], path)
+            for begun in range(first, last, _SLICE):
+                held = slice(begun, min(begun + _SLICE, last))
+                means[held], squares[held] = summed_powers(components, parts[held.start : held.stop + 1], path)
+                yield
             peak = max(peak, sum(each.peak_v(path) for each in components))
     return parts, means, squares, peak
 

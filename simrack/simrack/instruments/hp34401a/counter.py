@@ -2,6 +2,7 @@
 
 It counts how often what is behind the path rises through the upper of two thresholds after it was below the lower one.
 The first such event opens the gate, the first after its time closes it, and the count is divided by what lies between.
+Where each cycle of a signal makes one event its phase tells how many there were; else they are looked for.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from simrack.components import transform_hz
 from simrack.trace import merged
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Generator, Iterator, Sequence
 
-    from simrack.components import Component, Values
+    from simrack.components import Component, Turning, Values
     from simrack.instruments.hp34401a.ac import AcResponse
     from simrack.trace import Piece
 
@@ -28,17 +29,22 @@ LONGEST_WAIT_S = 1.0
 """How long the counter waits for a first event, or one that closes the gate, before it does without (unverified)."""
 _BLOCKED_S = 4.0
 """How much of the past the blocking capacitor is worked out for."""
-_BLOCKED_BINS = 1 << 15
+_BLOCKED_BINS = 1 << 13
 _RINGING_S = 5e-6
 """After this nothing is left of what the amplifier makes of a jump."""
 _RINGS_BELOW_S = 0.25e-6
 """Whoever looks more coarsely than this sees nothing of the amplifier."""
-_BLOCK = 1 << 16
+_BLOCK = 1 << 13
+"""So many looks are one slice of the work, some 10 ms."""
 _LOOKS_BACK = 1 << 13
-_FEWEST_LOOKS, _MOST_LOOKS = 1 << 10, 5_000_000
+_FEWEST_LOOKS, _MOST_LOOKS = 1 << 10, 1 << 21
 _STRETCHES, _STRETCH_LOOKS = 64, 1 << 14
 """A signal that would need more than the most looks is counted in so many stretches of the gate."""
-_CYCLE_LOOKS = 1 << 12
+_CYCLE_LOOKS, _MOST_CYCLE_LOOKS = 1 << 12, 1 << 16
+_TURN_LOOKS, _TURN_CYCLES = 1 << 12, 4
+"""How finely an event is looked for where the phase tells of the others, over how many cycles."""
+_FAST_CYCLES = 16.0
+"""A signal whose frequency never falls below so many times its corner moves the blocking capacitor no more."""
 _FEW_CYCLES = 8.0
 _SAME = 1e-9
 _FINER = 1024.0
@@ -57,17 +63,25 @@ class Counted(NamedTuple):
     closes_s: float
 
 
-def count(
+def counting(
     pieces: list[Piece], gate_s: tuple[float, float], known_s: float, response: AcResponse, least_v: float
-) -> Counted:
-    """Return the result of a gate on a signal known up to `known_s`; sines below `least_v` rms are none."""
+) -> Generator[None, None, Counted]:
+    """Return, after slices of work, the result of a gate on a signal known up to `known_s`.
+
+    Sines below `least_v` rms are none.
+    """
     known = merged(piece for piece in pieces if piece.stop_s > piece.start_s)
     if not known:
         return Counted(0.0, math.inf)
     threshold_v = math.sqrt(2.0) * least_v
     behind = _Behind(known, gate_s[0], known_s, response)
-    paced = None if known[-1].start_s > gate_s[0] else _paced(behind, known[-1], gate_s, known_s, threshold_v)
-    return _Gate(behind, gate_s, known_s, threshold_v).counted() if paced is None else paced
+    if known[-1].start_s <= gate_s[0]:
+        regular = _paced(behind, known[-1], gate_s, known_s, threshold_v)
+        regular = regular or (yield from _turned(behind, known[-1], gate_s, threshold_v))
+        if regular is not None:
+            return regular
+    yield
+    return (yield from _Gate(behind, gate_s, known_s, threshold_v).counting())
 
 
 def _counted(events: int, first_s: float, last_s: float, closes_s: float) -> Counted:
@@ -81,6 +95,8 @@ class _Behind:
         self._parts = [(piece.start_s, piece.stop_s, piece.components()) for piece in pieces]
         self.response = response
         self._start_s = start_s
+        self.settled_v: float | None = None
+        """Voltage across the blocking capacitor, where that is known to stay."""
         self._edges_s = np.linspace(max(start_s - _BLOCKED_S, pieces[0].start_s), stop_s, _BLOCKED_BINS + 1)
         self._middles_s = (self._edges_s[1:] + self._edges_s[:-1]) / 2
 
@@ -115,6 +131,8 @@ class _Behind:
 
     def blocked_v(self, times_s: Values) -> Values:
         """Return the voltage across the blocking capacitor."""
+        if self.settled_v is not None:
+            return np.full(len(times_s), self.settled_v)
         return np.asarray(np.interp(times_s, self._middles_s, self._slow_v[1]))
 
     def armed(self, instant_s: float, threshold_v: float) -> bool:
@@ -166,10 +184,54 @@ def _paced(
     return _Disturbed(behind, cycle, others, hertz, threshold_v).counted(gate_s, known_s)
 
 
+def _turned(
+    behind: _Behind, piece: Piece, gate_s: tuple[float, float], threshold_v: float
+) -> Generator[None, None, Counted | None]:
+    """Return the count of one component whose frequency moves, by its phase; None if that does not tell."""
+    components = piece.components()
+    moving = [each for each in components if each.pace_hz != 0.0]
+    turning = moving[0].turning if len(moving) == 1 else None
+    if turning is None or turning.lowest_hz < _FAST_CYCLES * behind.response.corner_hz:
+        return None
+    if (gate_s[1] - gate_s[0]) * turning.lowest_hz < _FEW_CYCLES:
+        return None
+    ends_hz = (turning.lowest_hz, turning.highest_hz)
+    cycles = [_cycle(behind, (turning.steady(hertz),), hertz, 0.0, blocked=False) for hertz in ends_hz]
+    mean_v = float(cycles[0].mean())
+    if all(float((cycle - mean_v).max()) <= threshold_v for cycle in cycles):
+        return Counted(0.0, math.inf)
+    if not all(_decides(cycle - mean_v, 0.0, threshold_v) for cycle in cycles):
+        return None
+    levels_v = sum(float(each.means(np.array(gate_s))[0]) for each in components if each.pace_hz == 0.0)
+    behind.settled_v = mean_v + levels_v
+    events = []
+    for instant in gate_s:
+        yield
+        if (event := _event_after(behind, turning, instant, threshold_v)) is None:
+            behind.settled_v = None
+            return None
+        events.append(event)
+    first, last = events
+    turned = turning.cycles(np.array(events))
+    return _counted(round(float(turned[1] - turned[0])), first, last, last)
+
+
+def _event_after(behind: _Behind, turning: Turning, instant_s: float, threshold_v: float) -> float | None:
+    """Return when a component rises next after an instant; None where that is not within two cycles."""
+    near = instant_s + np.array([0.0, 1.0 / turning.highest_hz])
+    cycle_s = 1.0 / (turning.highest_hz * float(np.diff(turning.cycles(near))[0]))
+    step_s = max(_TURN_CYCLES * cycle_s / _TURN_LOOKS, _FINEST_S)
+    begun = instant_s - _TURN_CYCLES / 2 * cycle_s
+    volts = behind.volts(begun, step_s, math.ceil(_TURN_CYCLES * cycle_s / step_s))
+    events = begun + step_s * (rises(volts, threshold_v, armed=False)[0] + 0.5)
+    later = events[events >= instant_s]
+    return exactly(behind, float(later[0]), step_s, threshold_v) if len(later) else None
+
+
 def _cycle(behind: _Behind, components: Sequence[Component], hertz: float, start_s: float, *, blocked: bool) -> Values:
     """Return a cycle of the periodic components from an instant on, behind the amplifier, and the capacitor too."""
     finest = min(each.finest_s for each in components)
-    looks = min(max(_CYCLE_LOOKS, 2 ** math.ceil(math.log2(1.0 / (hertz * finest)))), _BLOCK)
+    looks = min(max(_CYCLE_LOOKS, 2 ** math.ceil(math.log2(1.0 / (hertz * finest)))), _MOST_CYCLE_LOOKS)
     edges = _evenly(start_s, 1.0 / (looks * hertz), looks)
     lines = np.fft.rfft(sum((each.means(edges) for each in components), start=np.zeros(looks)))
     harmonics_hz = transform_hz(looks, 1.0 / (looks * hertz))[1:]
@@ -247,12 +309,12 @@ class _Gate:
         self._known_s = known_s
         self._threshold_v = threshold_v
 
-    def counted(self) -> Counted:
-        """Return the count so far."""
+    def counting(self) -> Generator[None, None, Counted]:
+        """Return the count so far, after a slice of work a block."""
         lasts = self._stop_s - self._start_s
         step = min(self._behind.finest_s(self._start_s, self._stop_s), lasts / _FEWEST_LOOKS)
         if lasts / step > _MOST_LOOKS:
-            return Counted(self._in_stretches(step), self._stop_s)
+            return Counted((yield from self._in_stretches(step)), self._stop_s)
         seen, closed = np.empty(0), False
         for events in self._events(self._start_s, self._known_s, step):
             seen = np.concatenate((seen, events))
@@ -260,17 +322,20 @@ class _Gate:
             if closed := after < len(seen):
                 seen = seen[: after + 1]
                 break
+            yield
         waits = max(OVERHEAD_S, (self._known_s - self._start_s) / 4)
         if len(seen) < 2:
             return Counted(0.0, self._known_s + waits if len(seen) else math.inf)
-        first, last = (self._exactly(float(each), step) for each in (seen[0], seen[-1]))
+        first, last = (exactly(self._behind, float(each), step, self._threshold_v) for each in (seen[0], seen[-1]))
         return _counted(len(seen) - 1, first, last, self._stop_s if closed else self._known_s + waits)
 
-    def _in_stretches(self, step_s: float) -> float:
-        lasts = step_s * _STRETCH_LOOKS
-        starts = np.linspace(self._start_s, self._stop_s - lasts, _STRETCHES).tolist()
-        counts = (len(events) for start in starts for events in self._events(start, start + lasts, step_s))
-        return sum(counts) / (lasts * _STRETCHES)
+    def _in_stretches(self, step_s: float) -> Generator[None, None, float]:
+        lasts, found = step_s * _STRETCH_LOOKS, 0
+        for start in np.linspace(self._start_s, self._stop_s - lasts, _STRETCHES).tolist():
+            for events in self._events(start, start + lasts, step_s):
+                found += len(events)
+                yield
+        return found / (lasts * _STRETCHES)
 
     def _events(self, start_s: float, stop_s: float, step_s: float) -> Iterator[Values]:
         """Yield, block by block, when it rose through the upper threshold."""
@@ -283,14 +348,14 @@ class _Gate:
             events = begun + step_s * (times - 0.5)
             yield events[(events >= start_s) & (events <= stop_s)]
 
-    def _exactly(self, event_s: float, step_s: float) -> float:
-        """Return when exactly it rose, by a closer look at the steps about the event."""
-        finer = max(step_s / _FINER, min(_FINEST_S, step_s))
-        looks = round(4.0 * step_s / finer)
-        begun = event_s - 2.0 * step_s
-        volts = self._behind.volts(begun, finer, looks)
-        times, _ = rises(volts, self._threshold_v, armed=True)
-        return begun + finer * (float(times[0]) + 0.5) if len(times) else event_s
+
+def exactly(behind: _Behind, event_s: float, step_s: float, threshold_v: float) -> float:
+    """Return when exactly a signal rose, by a closer look at the steps about the event."""
+    finer = max(step_s / _FINER, min(_FINEST_S, step_s))
+    looks = round(4.0 * step_s / finer)
+    begun = event_s - 2.0 * step_s
+    times, _ = rises(behind.volts(begun, finer, looks), threshold_v, armed=True)
+    return begun + finer * (float(times[0]) + 0.5) if len(times) else event_s
 
 
 def rises(volts: Values, threshold_v: float, *, armed: bool) -> tuple[Values, bool]:

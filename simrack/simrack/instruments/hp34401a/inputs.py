@@ -11,7 +11,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from simrack.instruments.hp34401a import counter, ohms
-from simrack.instruments.hp34401a.ac import SETTLING_S, AcResponse, crest_limit, detect
+from simrack.instruments.hp34401a.ac import SETTLING_S, AcResponse, crest_limit, detecting, ended
 from simrack.instruments.hp34401a.calculation import OVERLOAD
 from simrack.instruments.hp34401a.corrections import Corrections
 from simrack.instruments.hp34401a.current import open_ac_input_a, open_dc_input_a
@@ -20,7 +20,7 @@ from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.specifications import HP_34401A
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Generator, Mapping
 
     from simrack.instruments.hp34401a.ac import Detected
     from simrack.instruments.hp34401a.setup import Setup
@@ -56,10 +56,19 @@ _AC_LIMIT_LOWEST, _AC_LIMIT = 4e-4, 3e-4
 
 
 class MeterReading(Struct, frozen=True):
-    """A reading under way: `value()` may be asked for from `end_s` on, and may be a further reading that it needs."""
+    """A reading under way: `value()` may be asked for from `end_s` on, and may be a further reading that it needs.
+
+    What takes this computer long has `labour` too, which returns the same at its end.
+    """
 
     end_s: float
     value: Callable[[], float | MeterReading]
+    labour: Callable[[], Generator[None, None, float | MeterReading]] | None = None
+
+    @classmethod
+    def in_slices(cls, end_s: float, labour: Callable[[], Generator[None, None, float | MeterReading]]) -> MeterReading:
+        """Return a reading that is worked out slice by slice."""
+        return cls(end_s, lambda: ended(labour()), labour)
 
 
 class MeasuringConditions(Struct, frozen=True):
@@ -174,14 +183,14 @@ class Inputs:
                 return self._ac(function, start_s + conditions.delay_s, setup, conditions)
             ranged = function.voltage_ranged
 
-            def look() -> MeterReading:
-                level = self._detected(start_s, start_s + _RANGING_S, conditions.filter_hz)
+            def look() -> Generator[None, None, MeterReading]:
+                level = yield from self._detected(start_s, start_s + _RANGING_S, conditions.filter_hz)
                 better = _fitting(ranged, setup.range, level.rms_v, level.peak_v)
                 begun = start_s + _RANGING_S + (function.autorange_s if better != setup.range else 0.0)
                 setup.range = better
                 return self._ac(function, begun + conditions.delay_s, setup, conditions)
 
-            return MeterReading(start_s + _RANGING_S, look)
+            return MeterReading.in_slices(start_s + _RANGING_S, look)
         return self._integrated(function, start_s + conditions.delay_s, setup, conditions)
 
     def autorange(self, function: Function, range_: float) -> float:
@@ -203,7 +212,8 @@ class Inputs:
     def frequency_hz(self) -> float:
         """Return the frequency of the ac path's signal in the last second, 0 without a signal."""
         now, response = self._world.clock.now(), self._response(20.0)
-        return counter.count(self._pieces(), (now - 1.0, now), now, response, _LEAST_AC_V).frequency_hz
+        counting = counter.counting(self._pieces(), (now - 1.0, now), now, response, _LEAST_AC_V)
+        return ended(counting).frequency_hz
 
     # --- direct voltage, ohms -----------------------------------------------------------------------------
 
@@ -358,11 +368,11 @@ class Inputs:
             return self._gate(function, start_s, setup, conditions)
         stop = start_s + _AC_READING_S
 
-        def value() -> float | MeterReading:
-            seen = self._detected(stop - SETTLING_S[conditions.filter_hz], stop, conditions.filter_hz)
+        def value() -> Generator[None, None, float | MeterReading]:
+            seen = yield from self._detected(stop - SETTLING_S[conditions.filter_hz], stop, conditions.filter_hz)
             return self._again(function, setup, conditions, seen) or self._rms(function, setup.range, seen)
 
-        return MeterReading(stop, value)
+        return MeterReading.in_slices(stop, value)
 
     def _again(
         self, function: Function, setup: Setup, conditions: MeasuringConditions, seen: Detected
@@ -395,22 +405,23 @@ class Inputs:
         gate, ranged = setup.aperture_s, function.voltage_ranged
         stop = start_s + gate
 
-        def value(known: float) -> float | MeterReading:
-            seen = self._detected(start_s, stop, conditions.filter_hz)
+        def value(known: float) -> Generator[None, None, float | MeterReading]:
+            seen = yield from self._detected(start_s, stop, conditions.filter_hz)
+            yield
             if _overloads(ranged, setup.range, seen):
                 return self._again(function, setup, conditions, seen) or OVERLOAD
             least = max(_LEAST_AC_V, _LEAST_PART * setup.range)
             response = self._response(conditions.filter_hz)
-            counted = counter.count(self._pieces(), (start_s, stop), known, response, least)
+            counted = yield from counter.counting(self._pieces(), (start_s, stop), known, response, least)
             begun = math.isfinite(counted.closes_s)
             longest = counter.LONGEST_WAIT_S + (stop if begun else start_s)
             if counted.closes_s <= known or known >= longest:
                 return self._counted(function, counted.frequency_hz, gate)
             later = min(counted.closes_s, longest)
-            return MeterReading(later, lambda: value(later))
+            return MeterReading.in_slices(later, lambda: value(later))
 
         end = stop + counter.OVERHEAD_S
-        return MeterReading(end, lambda: value(end))
+        return MeterReading.in_slices(end, lambda: value(end))
 
     def _counted(self, function: Function, frequency_hz: float, gate_s: float) -> float:
         if frequency_hz == 0.0:
@@ -426,8 +437,8 @@ class Inputs:
     def _pieces(self) -> list[Piece]:
         return [] if self._history is None else self._history.pieces(self._node)
 
-    def _detected(self, start_s: float, stop_s: float, filter_hz: float) -> Detected:
-        return detect(self._pieces(), start_s, stop_s, self._response(filter_hz))
+    def _detected(self, start_s: float, stop_s: float, filter_hz: float) -> Generator[None, None, Detected]:
+        return detecting(self._pieces(), start_s, stop_s, self._response(filter_hz))
 
     def _response(self, filter_hz: float) -> AcResponse:
         source_ohm = 0.0 if math.isinf(self._errors.input_ohm) else self._world.source_ohm(self._node)

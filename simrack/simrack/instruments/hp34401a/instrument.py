@@ -116,7 +116,7 @@ class SimulatedHp34401A(scpi.ScpiTwin):
 
     def made_trigger_system(self) -> TriggerSystem:
         """Return the trigger system of the model."""
-        return TriggerSystem(self.clock, self._begin_reading, self._finish_reading)
+        return TriggerSystem(self.clock, self._begin_reading, self._finish_reading, self.engine.work_out)
 
     # --- what the engine asks -----------------------------------------------------------------------------
 

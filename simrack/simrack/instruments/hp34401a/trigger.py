@@ -11,7 +11,7 @@ from simrack.instruments.hp34401a.inputs import MeterReading
 from simrack.scpi import ScpiError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from simrack.clock import Clock
 
@@ -48,6 +48,7 @@ class TriggerSystem:
         clock: bench time.
         begin: begins a reading at or after an instant.
         finished: gives a finished reading its math and status, and returns what becomes of it.
+        work_out: has what takes this computer long worked out, at once or in slices.
         capacity: how many readings can be stored.
     """
 
@@ -56,12 +57,14 @@ class TriggerSystem:
         clock: Clock,
         begin: Callable[[float], MeterReading],
         finished: Callable[[float], float],
+        work_out: Callable[[Iterator[object]], None],
         capacity: int = MEMORY,
     ) -> None:
         self.capacity = capacity
         self._clock = clock
         self._begin = begin
         self._finished = finished
+        self._work_out = work_out
         self.preset()
 
     def preset(self) -> None:
@@ -158,8 +161,23 @@ class TriggerSystem:
             sequence.current = self._begin(max(self._clock.now(), sequence.armed_s))
 
     def _finish_reading(self, sequence: TriggerSequence) -> None:
-        assert sequence.current is not None  # noqa: S101  (service looked)
-        outcome = sequence.current.value()
+        reading = sequence.current
+        assert reading is not None  # noqa: S101  (service looked)
+        if reading.labour is None:
+            self._take(sequence, reading.value())
+            return
+        sequence.current = None
+
+        def labour() -> Iterator[None]:
+            assert reading.labour is not None  # noqa: S101  (for the type checker)
+            outcome = yield from reading.labour()
+            if self.sequence is sequence:
+                self._take(sequence, outcome)
+
+        self._work_out(labour())
+
+    def _take(self, sequence: TriggerSequence, outcome: float | MeterReading) -> None:
+        """Keep what has been read, and begin what comes next."""
         if isinstance(outcome, MeterReading):
             sequence.current = outcome
             return

@@ -121,8 +121,9 @@ class SimulatedTruevolt(SimulatedHp34401A):
             self.clock,
             self._begin_reading,
             self._finish_reading,
-            self.kind.memory,
-            lambda: self.questionable.latch(_OVERFLOW),
+            self.engine.work_out,
+            capacity=self.kind.memory,
+            overflowed=lambda: self.questionable.latch(_OVERFLOW),
         )
         return self.ring
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from simrack.instruments.hp34401a.trigger import TriggerSystem
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from simrack.clock import Clock
     from simrack.instruments.hp34401a.inputs import MeterReading
@@ -22,11 +22,13 @@ class RingTriggerSystem(TriggerSystem):
         clock: Clock,
         begin: Callable[[float], MeterReading],
         finished: Callable[[float], float],
+        work_out: Callable[[Iterator[object]], None],
+        *,
         capacity: int,
         overflowed: Callable[[], None],
     ) -> None:
         self._overflowed = overflowed
-        super().__init__(clock, begin, finished, capacity)
+        super().__init__(clock, begin, finished, work_out, capacity)
 
     def preset(self) -> None:
         """Take the settings of *RST, CONFigure and MEASure; the trigger's slope is negative (p. 306, example)."""
