@@ -65,7 +65,7 @@ MODULATIONS = {
 }
 FIXED = ("noise", "level")
 """What nothing modulates."""
-GENERATORS = {"33220A": Agilent33220ATwin, "33500B": TrueformTwin}
+GENERATORS = {"33220A": Agilent33220ATwin, "33522B": TrueformTwin.of_model("33522B", 30e6)}
 _MEASURED = ("VOLT:DC", "VOLT:AC", "FREQ", "PER")
 _CONFIGURED = ("CONF:FREQ;:VOLT:RANG:AUTO ON;:FREQ:APER 1;:DET:BAND 3;:READ?", "CONF:VOLT:AC;:DET:BAND 3;:READ?")
 _SCOPE = (
