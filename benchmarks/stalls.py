@@ -3,7 +3,7 @@
 A server looks at its other clients between the calls of a device, and between the slices of what is worked out in
 slices. So every measurement of each meter and oscilloscope is asked, in this process, of every waveform of each
 generator, and the longest call or slice is noted, in processor time of its thread. The bar is 20 ms.
-`stalls.py WORD...` asks only cells whose names hold the words, and prints each; `quick` a few former worst ones.
+`stalls.py WORD...` asks only cells whose names hold the words, and prints each.
 """
 
 from __future__ import annotations
