@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from msgspec import Struct, to_builtins
 
-from vcfbench.analysis.allan import Sampling
+from vcfbench.analysis.allan import BiasStability, Sampling
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.csv_table import decode, parse_columns
 from vcfbench.errors import ConfigError
@@ -51,7 +51,7 @@ class RecordAnalysis(Struct, frozen=True):
     mean_deg_s: float
     noise: tuple[NoiseCoefficient, ...]
     allan_deg_h: tuple[AllanRow, ...]
-    stability_deg_h: Any
+    stability_deg_h: BiasStability
     fitted_from_s: float
 
     def as_json(self) -> dict[str, Any]:
