@@ -6,11 +6,13 @@ import asyncio
 import json
 import socket
 from contextlib import ExitStack, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import vcfbench
+from vcfbench.clock import WallClock, sleep
 from vcfbench.page.view import View
 from vcfbench.safety.control import RunControl
 
@@ -28,8 +30,6 @@ from vcfbench.records.journal import Journal  # noqa: E402
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Report, Series, Table, Text  # noqa: E402
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from vcfbench.archive.run import Run
 
 HERE = "http://127.0.0.1:8330"
@@ -267,6 +267,23 @@ def test_connections_are_few_and_must_ask(monkeypatch: pytest.MonkeyPatch, tmp_p
             with suppress(ConnectionResetError):
                 assert each.recv(1) == b""
         assert httpx.get(page.address.split("#")[0], timeout=5.0).status_code == 200
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="the descriptors of a process are counted there")
+def test_a_burst_of_connections_takes_few_descriptors(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(connections, "_MOST", 3)
+    with LivePage(tmp_path, tmp_path, 0, RunControl()) as page, ExitStack() as stack:
+        port = int(page.address.split(":")[2].split("/")[0])
+        opened = [stack.enter_context(socket.socket()) for _ in range(200)]
+        before, most = len(list(Path("/proc/self/fd").iterdir())), 0
+        for each in opened:
+            each.setblocking(False)  # noqa: FBT003
+            each.connect_ex(("127.0.0.1", port))
+        clock = WallClock()
+        for _ in range(300):
+            most = max(most, len(list(Path("/proc/self/fd").iterdir())))
+            sleep(clock, 1e-3)
+    assert most - before < 40
 
 
 def test_a_report_is_told_in_plain_values() -> None:

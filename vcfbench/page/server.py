@@ -25,6 +25,9 @@ LOOPBACK: Final = "127.0.0.1"
 _WHAT: Final = "the page in a browser"
 _PARTING_S: Final = 1.5  # Time of browsers for the last of a run, s: the command does not wait for them any longer
 _STARTING_S: Final = 10.0
+_TAKEN_AT_ONCE: Final = (
+    8  # Connections accepted in one go, each with a file descriptor, before the first can be refused
+)
 
 
 def _shown(runs: Path, devices: Path) -> PageContent:
@@ -58,9 +61,10 @@ def _server(shown: PageContent) -> Any:
     from vcfbench.page.connections import BoundedConnection  # noqa: PLC0415  # as above
 
     how = {"log_config": None, "log_level": "critical", "access_log": False, "lifespan": "off", "ws": "none"}
-    return uvicorn.Server(
-        uvicorn.Config(application(shown), http=BoundedConnection, timeout_graceful_shutdown=1, **how)
+    config = uvicorn.Config(
+        application(shown), http=BoundedConnection, backlog=_TAKEN_AT_ONCE, timeout_graceful_shutdown=1, **how
     )
+    return uvicorn.Server(config)
 
 
 class LivePage:
