@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -18,6 +19,7 @@ from vcfbench.bench.make_safe import MadeSafe
 from vcfbench.cli.left_live import _safe
 from vcfbench.cli.watchdog import SILENT_TURNS, TURN_S
 from vcfbench.clock import WallClock, sleep
+from vcfbench.drivers.calls import Calls
 from vcfbench.errors import ConnectFailed, InterlockError
 from vcfbench.records.journal import append_line, read_journal
 from vcfbench.safety.lock import InUse, Owner
@@ -175,6 +177,15 @@ import numpy  # the driver of another package may want it
 """
     done = subprocess.run([sys.executable, "-c", act], capture_output=True, text=True, check=True)  # noqa: S603
     assert done.stdout == "{'pyvisa'}\n"
+
+
+def test_a_bench_that_is_not_safe_is_left_without_waiting(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """`Thread.start` waits for ever for a thread that has no memory to begin with."""
+    with serve_simulated() as lab:
+        watchdog = Watchdog(vcfbench.load_bench(bench_file(lab, tmp_path)), lambda: None, Calls())
+        watchdog.require_ready()
+        monkeypatch.setattr(threading.Thread, "start", lambda _: pytest.fail("a program without memory hangs here"))
+        watchdog.leave(safe=False)
 
 
 def test_a_torn_line_makes_room_for_the_watchdog_s(tmp_path: Path) -> None:

@@ -12,10 +12,10 @@ import os
 import signal
 import stat
 import sys
-import threading
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final, Protocol, cast
 
+from vcfbench.clock import within
 from vcfbench.errors import Aborted, BenchError, NotSafe
 
 if TYPE_CHECKING:
@@ -193,9 +193,7 @@ def _put(number: int, data: bytes) -> bool:
                 rest = rest[os.write(number, rest) :]
             taken.append(True)
 
-    writer = threading.Thread(target=write, daemon=True)
-    writer.start()
-    writer.join(_SAYING_S)
+    within(_SAYING_S, write)
     return bool(taken)
 
 

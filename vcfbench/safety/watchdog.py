@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import to_builtins
 
+from vcfbench.clock import start_thread
 from vcfbench.errors import BenchError
 from vcfbench.files import kept_from_forks
 from vcfbench.safety.processes import mark_of
@@ -104,7 +105,8 @@ class Watchdog:
                 with suppress(OSError):
                     pipe.close()
         if not safe:
-            threading.Thread(target=self._process.wait, daemon=True).start()
+            with suppress(RuntimeError, MemoryError):
+                start_thread(self._process.wait)
             return
         try:
             self._process.wait(_LEAVING_S)
