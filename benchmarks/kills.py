@@ -294,6 +294,12 @@ def points_of(path: Path) -> list[dict[str, Any]]:
     return [json.loads(each) for each in path.read_text().splitlines()] if path.exists() else []
 
 
+def in_order(shown: list[dict[str, Any]], kept: vcfbench.Run) -> bool:
+    """Tell whether all that was shown is kept; a program may be ended between keeping and showing."""
+    points = iter([point.as_json() for point in kept.points])
+    return all(each in points for each in shown)
+
+
 def resumed(station: Station, folder: Path) -> dict[str, Any]:
     """Resume the record until it is complete; say what was lost, and what it states beside the truth."""
     line: dict[str, Any] = {"lost": 0, "resumes": 0, "waits": 0}
@@ -303,9 +309,8 @@ def resumed(station: Station, folder: Path) -> dict[str, Any]:
     while line["resumes"] < TRIES and line["waits"] < WAITS:
         records = [vcfbench.load_run(each.parent) for each in sorted((folder / "runs").glob("*/journal.jsonl"))]
         kept = records[-1]  # which goes back along the earlier ones, if it was ended before it had taken them over
-        shown = points_of(folder / "shown")
-        known = [[point.as_json() for point in each.points][: len(shown)] for each in records]
-        line["lost"] += int(shown not in (known[-1:] if kept.status == "complete" else known))
+        known = records[-1:] if kept.status == "complete" else records
+        line["lost"] += int(not any(in_order(points_of(folder / "shown"), each) for each in known))
         if kept.status == "complete":
             break
         time.sleep(0.5)
@@ -319,6 +324,8 @@ def resumed(station: Station, folder: Path) -> dict[str, Any]:
         line["resume_code"] = program.code
     else:
         why = (folder / "stderr").read_text()[-1500:]
+        if "it would end again as it did" in why:  # no V_Vc gives the output, between two ranges or for noise
+            return line | {"record": "refused", "why": why}
         slow = "at-rate flag not set" in why  # readings come too late for a rate that follows from angles
         return line | {"record": "slow" if slow else str(kept.status), "why": why}
     stated = metrics_of(kept, station.description, ["*"])
@@ -348,7 +355,7 @@ def case(number: int, station: Station, folder: Path) -> dict[str, Any]:
         *(["not safe"] if not line["safe"] else []),
         *(["late"] if late else []),
         *(["lost"] if line["lost"] else []),
-        *(["not resumed"] if line["record"] not in {"complete", "none", "slow"} else []),
+        *(["not resumed"] if line["record"] not in {"complete", "none", "slow", "refused"} else []),
         *(["it did not end"] if line.get("not_ended") and line["live"] else []),
         *(["NOT SAFE said"] if complaints.rfind("NOT SAFE") > complaints.rfind("bench was made safe") else []),
     ]
@@ -458,12 +465,12 @@ def summary(lines: Path) -> None:
     live = [each for each in whole if each["live"]]
     wrong = Counter(word for each in cases for word in each["wrong"])
     times = sorted(each["safe_s"] for each in live)
-    slow = sum(each["record"] == "slow" for each in whole)
+    slow, refused = (sum(each["record"] == what for each in whole) for what in ("slow", "refused"))
     again = [each for each in whole if each["resumes"]]
     done = sum(each["record"] == "complete" for each in again)
     print(
         f"{len(whole)} cases, {len(live)} struck while live, {done} of {len(again)} resumed to the end; "
-        f"{slow} not, for this machine was too slow"
+        f"{slow} not, for this machine was too slow, {refused} could not be matched"
     )
     if times:
         print(f"at rest and off after {times[len(times) // 2]} s (median), {times[-1]} s at most; bar {BAR_S} s")
