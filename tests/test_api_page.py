@@ -1,4 +1,4 @@
-"""The API reference is what the docstrings say now."""
+"""The references of API and command line are what docstrings and commands say now."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import vcfbench
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "api.md"
 
 
-def test_the_page_is_up_to_date() -> None:
-    """Run `python docs/make_api.py` if it is not."""
-    command = [sys.executable, str(ROOT / "docs" / "make_api.py"), "--check"]
-    assert subprocess.run(command, check=False).returncode == 0, "python docs/make_api.py"  # noqa: S603
+@pytest.mark.parametrize("script", ["docs/make_api.py", "docs/make_cli.py"])
+def test_the_page_is_up_to_date(script: str) -> None:
+    """Run the script if it is not."""
+    command = [sys.executable, str(ROOT / script), "--check"]
+    assert subprocess.run(command, check=False).returncode == 0, f"python {script}"  # noqa: S603
 
 
 def test_every_public_name_has_its_entry() -> None:
