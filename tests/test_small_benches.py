@@ -206,6 +206,18 @@ def test_a_supply_alone_is_a_bench_too(tmp_path: Path) -> None:
     assert [(each["instrument"], each["safe"]) for each in footer_of(run)["safe"]] == [("power", True)]
 
 
+def test_a_table_calibration_needs_no_generator(tmp_path: Path) -> None:
+    """It is off throughout; what stands on the bench is off before the gyroscope gets power."""
+    without = structs.replace(PAPER, rate_source=None, limits=structs.replace(PAPER.limits, max_v_vc_v=None))
+    quick = {**QUICK, "rates_deg_s": [10.0, 0.0, -10.0]}
+    run = vcfbench.run("turntable", without, seed=3, settings=quick, runs=tmp_path)
+    with_one = vcfbench.run("turntable", PAPER, seed=3, settings=quick, runs=tmp_path)
+    assert run.results.scale_factor.value == pytest.approx(with_one.results.scale_factor.value, rel=1e-3)
+    assert set(run.header["identities"]) == {"power", "multimeter", "rate_table", "oscilloscope"}
+    u95 = [made.results.uncertainty.value("scale_factor").u95 for made in (run, with_one)]
+    assert u95[0] == pytest.approx(u95[1], rel=0.2)
+
+
 OWN_FILE = """
 from vcfbench import Procedure
 from vcfbench.interfaces import PowersRails, ReadsVoltage, SetsVoltage

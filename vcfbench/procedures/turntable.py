@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from msgspec.structs import asdict
 
 from vcfbench.analysis.column import CalibrationColumn
+from vcfbench.interfaces import PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import PAPER_USES, Procedure
 from vcfbench.procedures.shared.column import report
 from vcfbench.procedures.shared.column import results as columns
 from vcfbench.procedures.shared.routines import go_to_rate, powered, ramp_to, take, take_reference
@@ -145,6 +146,8 @@ TURNTABLE = Procedure(
         "non-linearity. Uncertainties are combined after the GUM (JCGM 100)."
     ),
     settings=schedule.SweepSettings,
+    needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_table": Rotates},
+    uses={**PAPER_USES, "rate_source": SetsVoltage},
     plan=turntable,
     results=lambda settings, points: turntable_results(points, settings.meter_resolution_v, settings),
     report=turntable_report,

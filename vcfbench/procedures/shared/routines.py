@@ -24,8 +24,7 @@ _ANSWERS = 10.0
 def power_up(settings: ProcedureSettings) -> Routine[None]:
     """Set up meter and generator, then switch the rails on; V_Vc is off before the PCB gets power."""
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    yield steps.DisableVvc()
-    yield steps.ConfigureGenerator(0.0)
+    yield from source_off(settings)
     yield from rails_on(settings)
 
 
@@ -192,7 +191,7 @@ def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
         yield from power_up(settings)
         return (yield from work)
     finally:
-        yield from power_down()
+        yield from power_down(settings)
 
 
 def under_servo(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
@@ -213,10 +212,10 @@ def table_to_rest(settings: ProcedureSettings) -> Routine[None]:
     yield steps.AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
 
 
-def power_down(*, generator: bool = True) -> Routine[None]:
-    """Switch off the stimulus, where there is one, then the power."""
+def power_down(settings: ProcedureSettings) -> Routine[None]:
+    """Switch V_Vc off, where the bench has a generator, then the power."""
     try:
-        if generator:
+        if _has_source(settings):
             yield steps.DisableVvc()
     finally:
         yield steps.DisableSupply()
@@ -250,4 +249,4 @@ def off_afterwards(settings: ProcedureSettings, work: Routine[steps.Outcome]) ->
     try:
         return (yield from work)
     finally:
-        yield from power_down(generator=_has_source(settings))
+        yield from power_down(settings)
