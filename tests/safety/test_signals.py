@@ -1,16 +1,20 @@
-"""A stop that comes from another thread, such as that of the page."""
+"""What signals do to an open bench, and a stop that comes from another thread, such as that of the page."""
 
 from __future__ import annotations
 
 import signal
+import socket
 import threading
+from contextlib import nullcontext
 
 import pytest
 from simrack.attendance import AttendedClock
+from simrack_tests.ports import PLENTY_S
 
 from vcfbench.clock import VirtualClock, WallClock
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
-from vcfbench.safety.signals import ControlClock, StopSignals
+from vcfbench.safety.signals import ControlClock, Interrupted, StopSignals
+from vcfbench.safety.stack import LeaveNow
 
 
 def test_it_wakes_who_waits_and_says_who_wanted_it() -> None:
@@ -67,9 +71,37 @@ def test_what_is_undivided_is_done_before_the_second_signal_stops_the_bench() ->
             signal.raise_signal(signal.SIGINT)
             done.append("all of it")
 
+    with StopSignals() as signals:
+        with pytest.raises(Aborted, match=r"^stopped by SIGINT$"):
+            write(signals)
+        signal.raise_signal(signal.SIGINT)  # once is enough: the unwinding has begun
+    assert done == ["all of it"]
+
+
+def test_what_is_undivided_within_something_undivided_ends_with_that() -> None:
+    done: list[str] = []
+
+    def write(signals: StopSignals) -> None:
+        with signals.undivided():
+            with signals.undivided():
+                signal.raise_signal(signal.SIGINT)
+                signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+            done.append("the rest")
+
     with StopSignals() as signals, pytest.raises(Aborted, match=r"^stopped by SIGINT$"):
         write(signals)
-    assert done == ["all of it"]
+    assert done == ["the rest"]
+
+
+def test_what_a_stopped_run_writes_is_not_broken_off() -> None:
+    with StopSignals() as signals:
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Aborted, match=r"^stopped by SIGTERM$"):
+            signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGTERM)
+        with signals.undivided():
+            signal.raise_signal(signal.SIGTERM)
 
 
 def test_the_first_signal_waits_for_a_safe_point_there_too() -> None:
@@ -100,6 +132,89 @@ def test_while_the_bench_is_made_safe_it_holds_nothing_up() -> None:
         with signals.undivided():
             signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGINT)
+        signals.safe_point()
+
+
+def test_the_third_signal_of_all_ends_the_making_safe_once() -> None:
+    """A fourth one shall not keep anything from being told to stop."""
+    with StopSignals() as signals:
+        signal.raise_signal(signal.SIGINT)
+        signals.unwind()
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(LeaveNow):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_when_all_is_over_signals_change_nothing() -> None:
+    with StopSignals() as signals:
+        signals.close()
+        for _ in range(4):
+            signal.raise_signal(signal.SIGINT)
+        signals.safe_point()
+
+
+def test_a_second_ctrl_c_in_a_wait_that_may_be_broken_off_is_meant_for_the_bench() -> None:
+    with StopSignals() as signals:
+        with signals.interruptible(), pytest.raises(Interrupted):
+            signal.raise_signal(signal.SIGINT)
+        with signals.interruptible():
+            with pytest.raises(Interrupted):
+                signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Aborted, match=r"^stopped by SIGINT$"):
+            signals.safe_point()
+
+
+@pytest.mark.parametrize("after", ["interruptible", "with SIGTERM", "unwinding"])
+def test_nothing_but_the_keyboard_breaks_off_a_wait_and_no_other_wait(after: str) -> None:
+    with StopSignals() as signals:
+        with signals.interruptible():
+            if after == "unwinding":
+                signals.unwind()
+            if after != "interruptible":
+                signal.raise_signal(signal.SIGTERM if after == "with SIGTERM" else signal.SIGINT)
+        if after == "interruptible":
+            signal.raise_signal(signal.SIGINT)
+        with nullcontext() if after == "unwinding" else pytest.raises(Aborted):
+            signals.safe_point()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no SIGHUP")
+def test_the_handlers_are_given_back_and_what_is_ignored_stays_ignored() -> None:
+    """``nohup vcfbench run ...`` goes on when its terminal is closed."""
+    before, hangup = signal.getsignal(signal.SIGINT), signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with StopSignals() as signals:
+            assert signal.getsignal(signal.SIGINT) != before
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, hangup)
+    assert signal.getsignal(signal.SIGINT) is before
+    signals.stop("the page")  # too late for a signal
+    with pytest.raises(Aborted, match=r"^stopped by the page$"):
+        signals.safe_point()
+
+
+def test_a_stop_where_no_signal_is_watched_is_the_first_one() -> None:
+    signals = StopSignals()
+    with signals.undivided():
+        signals.stop("the page")
+    with pytest.raises(Aborted, match=r"^stopped by the page$"):
+        signals.safe_point()
+
+
+def test_a_stop_wakes_who_waits_for_a_person() -> None:
+    ours, theirs = socket.socketpair()
+    with StopSignals() as signals, ours, theirs:
+        timer = threading.Timer(0.1, signals.stop, ["the page"])
+        late = threading.Timer(PLENTY_S, theirs.send, [b"an answer"])
+        timer.start()
+        late.start()
+        with pytest.raises(Aborted, match=r"^stopped by the page$"):
+            signals.attend(lambda: ours.recv(1))
+        assert late.is_alive()
+        late.cancel()
 
 
 def test_a_stop_that_came_out_as_something_else_is_found() -> None:
@@ -128,14 +243,32 @@ def test_a_stop_does_not_come_amid_what_a_simulated_device_does() -> None:
 
     class Busy:
         def wake_at(self) -> float | None:
-            if not done:
+            if len(done) == 1:
                 signal.raise_signal(signal.SIGTERM)
-            done.append(True)
-            return None
+            done.append(clock.now())
+            return 0.5
 
     clock = AttendedClock(VirtualClock(), [Busy()])
     with StopSignals() as signals:
         clock.asleep = signals.asleep
         with pytest.raises(Aborted, match="SIGTERM"):
             ControlClock(clock, signals).sleep_until(1.0)
-    assert done
+    assert done == [0.0, 0.5]
+
+
+def test_what_a_simulated_instrument_waits_for_in_an_exchange_is_not_broken_off() -> None:
+    clock = AttendedClock(VirtualClock())
+    with StopSignals() as signals:
+        clock.asleep = signals.asleep
+        ControlClock(clock, signals).sleep_until(1.0)
+        with signals.asleep:
+            signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(Aborted, match="SIGTERM"):
+            signals.safe_point()
+
+
+def test_the_clock_of_what_goes_on_is_ahead_by_what_went_before() -> None:
+    clock = VirtualClock()
+    control = ControlClock(clock, StopSignals(), 100.0)
+    control.sleep_until(102.5)
+    assert (control.now(), clock.now()) == (102.5, 2.5)

@@ -14,7 +14,7 @@ from vcfbench.bench.check import check_bench
 from vcfbench.bench.console import open_console
 from vcfbench.cli.main import app
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.safety.trust import VARIABLE, require_library
+from vcfbench.safety.trust import VARIABLE, Trust, require_library, require_trust
 from vcfbench.station.writing import bench_text
 from vcfbench.testing.benches import serve_simulated
 
@@ -82,6 +82,18 @@ def test_what_pyvisa_finds_by_itself_is_no_file(library: str, bench: BenchDescri
             require_library(named, trust=False)
     else:
         require_library(named, trust=False)
+
+
+def test_a_simulated_bench_loads_no_library_that_it_names() -> None:
+    require_library(replace(vcfbench.load_bench("paper"), visa_library="/somewhere/libvisa.so"), trust=False)
+
+
+@pytest.mark.parametrize("trust", [False, lambda _: False])
+def test_what_has_no_file_is_refused_without_a_sum_to_trust(trust: Trust, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as refused:
+        require_trust("the procedure", tmp_path / "none.py", trust, "add ")
+    assert "none.py (SHA-256 unknown: the system looks for it): it is run only where" in str(refused.value)
+    assert refused.value.hint == "add --yes, trust=True from Python"
 
 
 @pytest.mark.parametrize("command", ["run turntable --quiet", "bench check", "talk multimeter"])

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import io
+import json
+import os
+import signal as signals
 import subprocess
 import sys
 import threading
-from typing import TYPE_CHECKING
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, cast
 
 import msgspec
 import pytest
 from msgspec import structs
 from simrack_tests.cells import few
+from simrack_tests.ports import PLENTY_S, eventually
 
 import vcfbench
 from tests.bench.test_holding import what_is_on
@@ -20,16 +27,17 @@ from vcfbench.cli.left_live import _safe
 from vcfbench.cli.watchdog import SILENT_TURNS, TURN_S
 from vcfbench.clock import WallClock, sleep
 from vcfbench.drivers.calls import Calls
-from vcfbench.errors import ConnectFailed, InterlockError
+from vcfbench.errors import BenchError, ConnectFailed, InterlockError
 from vcfbench.records.journal import append_line, read_journal
 from vcfbench.safety.lock import InUse, Owner
+from vcfbench.safety.processes import mark_of
 from vcfbench.safety.watchdog import Watchdog
 from vcfbench.station.description import Safety
 from vcfbench.station.writing import bench_text
 from vcfbench.testing.benches import serve_simulated
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Callable, Iterator
 
     from vcfbench.testing.benches import ServedLab
 
@@ -195,3 +203,162 @@ def test_a_torn_line_makes_room_for_the_watchdog_s(tmp_path: Path) -> None:
     first, second = journal.read_bytes().splitlines()
     assert first == b'{"type":"header"}'
     assert second.startswith(b'{"type":"watchdog","safe":true,"utc":"')
+
+
+# What the program tells its watchdog
+
+
+class Process:
+    """A watchdog process that only listens."""
+
+    def __init__(self, command: list[str], **options: Any) -> None:
+        self.command = command
+        self.options = options
+        self.blocked = set(signals.pthread_sigmask(signals.SIG_BLOCK, ()))
+        self.stdin = Path("said").open("wb")  # noqa: SIM115
+        self.stdout: Any = io.BytesIO(b"ready\n")
+        self.waits: list[float | None] = []
+        self.killed = False
+        self.stays = False
+
+    def kill(self) -> None:
+        self.killed = True
+
+    def wait(self, timeout: float | None = None) -> int:
+        self.waits.append(timeout)
+        if self.stays and not self.killed:
+            raise subprocess.TimeoutExpired("watchdog", timeout or 0.0)
+        return 0
+
+
+class OverdueCalls(Calls):
+    """Calls, of which one is overdue at each beat that is marked so."""
+
+    def __init__(self, at_beats: str) -> None:
+        super().__init__()
+        self.script = list(at_beats)
+
+    def overdue(self) -> str | None:
+        return "power: sending" if self.script and self.script.pop(0) == "!" else None
+
+
+def said(kinds: tuple[str, ...] = ()) -> list[str]:
+    lines = Path("said").read_text("utf-8").splitlines()
+    return [line for line in lines if not kinds or line.startswith(kinds)]
+
+
+@pytest.fixture
+def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., tuple[Watchdog, Process]]]:
+    """Start watchdogs whose processes only listen, with a beat in so many seconds."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("subprocess.Popen", Process)
+    made: list[tuple[Watchdog, Process]] = []
+
+    def start(beat_s: float = PLENTY_S, calls: Calls | None = None, lost: list[str] | None = None) -> Any:
+        monkeypatch.setattr("vcfbench.safety.watchdog.BEAT_S", beat_s)
+        on_loss = [] if lost is None else lost
+        dog = Watchdog(vcfbench.load_bench("paper"), lambda: on_loss.append("lost"), calls or Calls())
+        made.append((dog, cast("Process", dog._process)))
+        return made[-1]
+
+    yield start
+    for dog, process in made:
+        dog._over.set()
+        process.stdin.close()
+
+
+def test_it_is_told_bench_journal_and_steps_and_is_let_go(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
+    dog, process = listener()
+    dog.require_ready()
+    dog.keep_in(Path("runs/journal.jsonl"))
+    dog.step("ramp", 2.5)
+    dog.step("wait", None)
+    dog.making_safe(9.0)
+    bench, *others = said()
+    kind, _, words = bench.partition(" ")
+    charge = json.loads(words)
+    assert (kind, charge["owner"], charge["mark"]) == ("bench", os.getpid(), mark_of(os.getpid()))
+    assert charge["bench"]["name"] == "paper"
+    journal = json.dumps(str(Path("runs/journal.jsonl").absolute()))
+    assert others == [f"journal {journal}", 'step 2.5 "ramp"', 'step inf "wait"', 'step 9.0 "making safe"']
+    dog.leave(safe=True)
+    assert said()[-1] == "left safe"
+    assert process.stdin.closed
+    assert process.stdout.closed
+    assert (process.waits, process.killed) == ([2.0], False)
+    dog.step("too late", None)  # nobody hears it, and nothing is raised
+
+
+def test_one_that_stays_is_killed_but_for_one_that_has_a_bench_to_make_safe(
+    listener: Callable[..., tuple[Watchdog, Process]],
+) -> None:
+    for safe in (True, False):
+        dog, process = listener()
+        process.stays = safe
+        dog.leave(safe=safe)
+        eventually(lambda: process.waits == ([2.0, None] if safe else [None]))  # noqa: B023
+        assert process.killed is safe
+    assert said()[-1] == "left live"
+
+
+def test_a_call_that_does_not_return_is_late_then_overdue(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
+    listener(0.001, OverdueCalls(".!!.!!!!!!!!!"))
+    eventually(lambda: len(said(("beat", "late", "overdue"))) > 13)
+    call = "power: sending"
+    *words, after = said(("beat", "late", "overdue"))[:14]
+    assert (
+        words
+        == ["beat ", *[f"beat {call}"] * 2, "beat ", *[f"beat {call}"] * 3]
+        + [f"late {call}"] * 4
+        + [f"overdue {call}"] * 2
+    )
+    assert after == "beat "
+
+
+def test_no_call_is_overdue_while_the_bench_is_made_safe(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
+    dog, _ = listener(0.01, OverdueCalls("!" * 100_000))
+    dog.making_safe(9.0)
+    eventually(lambda: said()[-1] == "beat ")
+
+
+def test_its_death_is_told_once_and_not_where_the_program_let_it_go(
+    listener: Callable[..., tuple[Watchdog, Process]],
+) -> None:
+    lost: list[str] = []
+    dog, process = listener(0.01, lost=lost)
+    process.stdin.close()
+    eventually(lambda: lost)
+    assert (dog.lost, lost) == (True, ["lost"])
+    left, process = listener(0.01, lost=lost)
+    left.leave(safe=True)
+    with pytest.raises(ValueError, match="closed"):
+        left._put("beat")
+    sleep(WallClock(), 0.03)
+    assert (left.lost, lost) == (False, ["lost"])
+
+
+@pytest.mark.parametrize("answer", ["none", "wrong", "died"])
+def test_one_that_does_not_get_ready_is_an_error(
+    answer: str, listener: Callable[..., tuple[Watchdog, Process]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vcfbench.safety.watchdog._STARTING_S", 0.05)
+    dog, process = listener()
+    over = threading.Event()
+    never = SimpleNamespace(readline=lambda: over.wait(PLENTY_S) and b"ready\n", close=lambda: None)
+    process.stdout = {"none": never, "wrong": io.BytesIO(b"Traceback\n"), "died": io.BytesIO()}[answer]
+    with pytest.raises(BenchError, match="the watchdog did not start"):
+        dog.require_ready()
+    over.set()
+    assert process.killed
+
+
+def test_neither_signals_nor_forks_of_the_program_reach_it(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
+    _, process = listener()
+    assert {signals.SIGINT, signals.SIGTERM, signals.SIGHUP} <= process.blocked
+    assert not signals.pthread_sigmask(signals.SIG_BLOCK, ()) & {signals.SIGINT, signals.SIGTERM, signals.SIGHUP}
+    assert process.options["start_new_session"] is True
+    if (child := os.fork()) == 0:
+        os.write(process.stdin.fileno(), b"left safe\n")
+        os._exit(0)
+    os.waitpid(child, 0)
+    assert "left safe" not in said()

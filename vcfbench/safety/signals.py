@@ -112,9 +112,7 @@ class StopSignals:
             return
         before, self.asleep.waiting = self.asleep.waiting, True
         try:
-            self.safe_point()
-            clock.sleep_until(instant_s)
-            self.safe_point()
+            clock.sleep_until(instant_s)  # enters `asleep`, a safe point
         finally:
             self.asleep.waiting = before
 

@@ -25,7 +25,7 @@ def require_trust(what: str, path: str | Path, trust: Trust, hint: str = "") -> 
     if trust is True:
         return
     digest = _sha256(Path(path))
-    if digest is not None and digest in os.environ.get(VARIABLE, "").lower().replace(" ", "").split(","):
+    if digest in os.environ.get(VARIABLE, "").lower().replace(" ", "").split(","):
         return
     words = f"{what} {shown(path)} (SHA-256 {digest or 'unknown: the system looks for it'})"
     if callable(trust) and trust(words):

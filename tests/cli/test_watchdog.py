@@ -1,0 +1,189 @@
+"""The watchdog process counts turns, and knows by what it hears, or no longer hears, whether its program lives."""
+
+from __future__ import annotations
+
+import io
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from vcfbench.cli import watchdog
+from vcfbench.cli.watchdog import SILENT_TURNS, Watch, main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+BENCH = b"bench {}"
+
+
+class Turns:
+    """The threads and the lock of a watch, whose turns pass at once; `said` has what is heard in each.
+
+    After the last turn the program's pipe is broken.
+    """
+
+    def __init__(self, *said: bytes) -> None:
+        self.said = list(said)
+        self.passed = 0
+        self.released = 0
+        self.watch: Watch | None = None
+        self.started: list[Callable[[], object]] = []
+
+    def allocate_lock(self) -> Turns:
+        return self
+
+    def start_new_thread(self, act: Callable[[], object], _none: tuple[()]) -> None:
+        self.started.append(act)
+
+    def acquire(self, timeout: float | None = None) -> bool:
+        if timeout is None:
+            return True
+        assert timeout == watchdog.TURN_S
+        if self.passed == len(self.said):
+            return True
+        assert self.watch is not None
+        for line in filter(None, self.said[self.passed].split(b"\n")):
+            kind, _, words = line.partition(b" ")
+            self.watch._hear(kind, words)
+        self.passed += 1
+        return False
+
+    def release(self) -> None:
+        self.released += 1
+
+
+@pytest.fixture
+def ended(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The programs that were ended, and the benches that were made safe, with the reason."""
+    done: list[str] = []
+
+    def make_safe(said: Mapping[bytes, bytes], why: str) -> int:
+        done.append(f"{said[b'bench'].decode()} safe: {why}")
+        return 5
+
+    def end_owner(said: Mapping[bytes, bytes]) -> None:
+        done.append(f"{said[b'bench'].decode()} ended")
+
+    acting = SimpleNamespace(end_owner=end_owner, make_safe=make_safe)
+    monkeypatch.setattr(watchdog, "loaded", lambda: acting)
+    return done
+
+
+def watched(monkeypatch: pytest.MonkeyPatch, *said: bytes) -> tuple[str | None, Turns]:
+    turns = Turns(*said)
+    monkeypatch.setattr(watchdog, "_thread", turns)
+    turns.watch = Watch()
+    return turns.watch.until_it_ends(), turns
+
+
+@pytest.mark.parametrize(
+    ("last", "why"),
+    [
+        ((b"beat ", b"left safe"), None),
+        ((b"beat ", b"left live"), "the program has not made its bench safe"),
+        ((b"beat ",), "the program died"),
+    ],
+)
+def test_a_program_that_lives_leaves_its_bench_or_dies(
+    last: tuple[bytes, ...], why: str | None, ended: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waiting = [b""] * 3 * SILENT_TURNS  # a program may be slow to begin
+    assert watched(monkeypatch, *waiting, BENCH, *last)[0] == why
+    assert ended == []
+
+
+def test_a_program_that_is_silent_hangs_and_is_ended(ended: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    pause = [b""] * (SILENT_TURNS - 1)
+    why, turns = watched(monkeypatch, BENCH, *pause[1:], b"beat ", *pause, b"too late")
+    assert why == "the program gave no sign of life for 2 s and was ended"
+    assert turns.passed == 2 * SILENT_TURNS - 1
+    assert ended == ["{} ended"]
+
+
+def test_a_step_that_takes_longer_than_it_may_hangs_however_lively_the_program_is(
+    ended: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    beats = [b"beat "] * 50
+    why, turns = watched(monkeypatch, BENCH, b'step inf "wait"', *beats, b'step 0.25 "ramp"', *beats)
+    assert why == "its step took longer than it may and was ended"
+    assert turns.passed == 2 + 50 + 1 + 2
+    assert turns.watch is not None
+    assert turns.watch.said[b"step"] == b'"ramp"'
+    assert ended == ["{} ended"]
+
+
+def test_a_call_that_never_returned_is_named(ended: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    why, _ = watched(monkeypatch, BENCH, b"overdue power: receiving")
+    assert why == "a call never returned (power: receiving) and was ended"
+    assert ended == ["{} ended"]
+
+
+@pytest.mark.parametrize(
+    ("said", "prepared"),
+    [
+        ([b"beat "] * 40, 0),
+        ([b"late "] * 9, 1),
+        ([*[b""] * 8, b"beat "], 0),
+        ([*[b""] * 9, b"beat ", *[b""] * 15], 1),
+    ],
+)
+def test_what_acts_is_loaded_once_as_soon_as_it_may_be_needed(
+    said: list[bytes], prepared: int, ended: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes as long as an instrument to be told; while all is well nothing is loaded."""
+    assert ended == []
+    _, turns = watched(monkeypatch, BENCH, *said)
+    assert turns.started[1:] == [watchdog.loaded] * prepared
+
+
+def test_it_says_that_it_is_ready_when_it_knows_the_bench(
+    ended: list[str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    watched(monkeypatch, b"beat ", b'step 1.0 "x"', b"left safe")
+    assert capfd.readouterr().out == ""
+    watched(monkeypatch, BENCH, b"beat ", b"left safe")
+    assert capfd.readouterr().out == "ready\n"
+    assert ended == []
+
+
+@pytest.mark.parametrize(
+    ("came", "heard"),
+    [
+        (b"bench {}\nbeat \nleft sa", {b"bench": b"{}", b"beat": b""}),  # torn
+        (b'bench {}\nstep 1.5 "a b"\nleft live\nleft safe\n', {b"bench": b"{}", b"step": b'"a b"', b"left": b"live"}),
+        (b"bench {}\noverdue power: sending\nbeat \n", {b"bench": b"{}", b"overdue": b"power: sending"}),
+    ],
+)
+def test_whole_lines_are_heard_until_the_program_leaves_or_a_call_is_overdue(
+    came: bytes, heard: dict[bytes, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns = Turns()
+    monkeypatch.setattr(watchdog, "_thread", turns)
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(came)))
+    watch = Watch()
+    (listen,) = turns.started
+    listen()
+    assert (watch.said, turns.released) == (heard, 1)
+
+
+@pytest.mark.parametrize(
+    ("said", "code", "done"),
+    [
+        ((BENCH, b"left safe"), 0, []),
+        ((BENCH, b"beat "), 5, ["{} safe: the program died"]),
+        ((b"",), 0, []),  # it died before it had a bench
+    ],
+)
+def test_its_code_is_that_of_the_bench(
+    said: tuple[bytes, ...], code: int, done: list[str], ended: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns = Turns(*said)
+    monkeypatch.setattr(watchdog, "_thread", turns)
+    made = Watch()
+    turns.watch = made
+    monkeypatch.setattr(watchdog, "Watch", lambda: made)
+    monkeypatch.setattr("os._exit", lambda code: pytest.exit(f"{code}"))
+    with pytest.raises(pytest.exit.Exception, match=f"^{code}$"):
+        main()
+    assert ended == done
