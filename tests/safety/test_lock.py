@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -8,17 +9,21 @@ import socket
 import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from msgspec import structs
+from simrack_tests.ports import free_port
 
 from vcfbench.bench.ground import station
 from vcfbench.clock import WallClock
 from vcfbench.errors import BenchError
+from vcfbench.files import try_lock
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.safety.lock import InUse, LockUnusable, instrument_locks, lock_directory, lock_path, owners_of
+from vcfbench.safety.processes import mark_of
 from vcfbench.station.file import template
 
 if TYPE_CHECKING:
@@ -59,6 +64,8 @@ def test_a_second_process_is_told_who_has_the_instrument_under_whatever_name(hol
     with pytest.raises(InUse, match=words) as caught, instrument_locks("other", {"multimeter": "gpib::22"}):
         pytest.fail("two have it")
     assert caught.value.exit_code == 3
+    assert caught.value.owner is not None
+    assert caught.value.owner.pid == holder.pid
     assert str(lock_path(METER)) in str(caught.value)
 
 
@@ -114,12 +121,117 @@ def test_the_end_of_an_owner_is_waited_for_and_of_one_elsewhere_never_known(hold
 
 
 @pytest.mark.skipif(not OPEN_FILES.is_dir(), reason="open files are counted there")
-def test_a_lock_that_is_given_back_leaves_no_file_open() -> None:
+def test_a_lock_that_is_given_back_or_refused_leaves_no_file_open(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_locks(_file: int) -> bool:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    folder.mkdir()
+    os.mkfifo(lock_path(METER))
     before = len(list(OPEN_FILES.iterdir()))
     for _ in range(5):
-        with instrument_locks("lab-1", {"power": SUPPLY}):
-            pass
+        with instrument_locks("lab-1", {"power": SUPPLY}), pytest.raises(InUse):
+            instrument_locks("lab-1", {"power": SUPPLY}).__enter__()
+        with pytest.raises(LockUnusable, match="is no plain file"):
+            instrument_locks("lab-1", {"multimeter": METER}).__enter__()
+    monkeypatch.setattr("vcfbench.safety.lock.try_lock", no_locks)
+    with pytest.raises(LockUnusable, match=r"lock file .* cannot be locked: No locks available"):
+        instrument_locks("lab-1", {"power": SUPPLY}).__enter__()
     assert len(list(OPEN_FILES.iterdir())) == before
+
+
+@posix
+@pytest.mark.parametrize("meanwhile", ["taken away", "another"])
+def test_a_file_that_is_taken_away_while_it_is_locked_is_made_anew(
+    meanwhile: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its owner has given it back: who locks what is no longer there would have it beside the next one."""
+    path, tries = lock_path(METER), list[int]()
+
+    def slow(file: int) -> bool:
+        tries.append(file)
+        if len(tries) == 1:
+            path.unlink()
+            if meanwhile == "another":
+                path.write_text("")
+        return try_lock(file)
+
+    monkeypatch.setattr("vcfbench.safety.lock.try_lock", slow)
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        assert len(tries) == 2
+        with pytest.raises(InUse, match=rf"process {os.getpid()} of "):
+            instrument_locks("lab-2", {"multimeter": METER}).__enter__()
+
+
+@posix
+def test_who_is_still_dying_is_waited_for(holder: subprocess.Popen[str]) -> None:
+    """Its lock is free before its wires are."""
+    signed = lock_path(METER).read_text("utf-8")
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(0.4)"]) as dying:
+        holder.kill()
+        holder.wait()
+        owner = {**json.loads(signed), "pid": dying.pid, "mark": mark_of(dying.pid)}
+        lock_path(METER).write_text(json.dumps(owner), encoding="utf-8")
+        with instrument_locks("lab-1", {"multimeter": METER}) as left_by:
+            assert mark_of(dying.pid) is None
+        assert left_by["multimeter"].startswith(f"process {dying.pid} of ")
+
+
+@posix
+def test_what_cannot_be_taken_away_is_left_empty(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file of another user in a directory that all share: nobody has died."""
+
+    def refuse(_path: Path) -> None:
+        raise PermissionError
+
+    with monkeypatch.context() as patch, instrument_locks("lab-1", {"multimeter": METER}):
+        patch.setattr(Path, "unlink", refuse)
+    assert [each.read_bytes() for each in folder.iterdir()] == [b""]
+    with instrument_locks("lab-2", {"multimeter": METER}) as left_by:
+        assert left_by == {}
+
+
+@posix
+def test_what_a_library_has_kept_of_a_lock_keeps_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: list[int] = []
+
+    def lock(file: int) -> bool:
+        kept.append(os.dup(file))
+        return try_lock(file)
+
+    monkeypatch.setattr("vcfbench.safety.lock.try_lock", lock)
+    for _ in range(2):
+        with instrument_locks("lab-1", {"multimeter": METER}):
+            pass
+    for each in kept:
+        os.close(each)
+
+
+@posix
+def test_what_may_be_read_and_not_written_is_locked_and_not_signed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def guarded(path: Path, flags: int, mode: int = 0o777) -> int:
+        if flags & os.O_RDWR and not flags & os.O_CREAT:
+            raise PermissionError
+        return opened(path, flags, mode)
+
+    lock_path(METER).parent.mkdir()
+    lock_path(METER).write_text("")
+    opened = os.open
+    monkeypatch.setattr("os.open", guarded)
+    with instrument_locks("lab-1", {"m": METER}), pytest.raises(InUse, match="in use by another process") as caught:
+        instrument_locks("lab-2", {"m": METER}).__enter__()
+    assert caught.value.owner is None
+
+
+@posix
+def test_a_user_without_a_name_signs_with_the_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nobody() -> str:
+        raise KeyError("getpwuid(): uid not found")
+
+    monkeypatch.setattr("getpass.getuser", nobody)
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        assert json.loads(lock_path(METER).read_text("utf-8"))["user"] == str(os.getuid())
 
 
 @posix
@@ -127,14 +239,20 @@ def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(folder: Path
     """A socket at which somebody listens is another matter: its next owner is told who died with it."""
     with socket.create_server(("127.0.0.1", 0)) as served, socket.create_server(("127.0.0.1", 0)) as gone:
         served_at, gone_at = (f"socket://localhost:{each.getsockname()[1]}" for each in (served, gone))
-        for resource in (served_at, gone_at, METER):
+        lives_at, nowhere = f"socket://localhost:{free_port()}", "socket://localhost:99999"
+        for resource in (served_at, gone_at, lives_at, nowhere, METER):
             with instrument_locks("lab-1", {"multimeter": resource}):
                 signed = lock_path(resource).read_text("utf-8")
-            lock_path(resource).write_text(signed.replace(f'"pid": {os.getpid()}', '"pid": 0'), encoding="utf-8")
+            if resource != lives_at:
+                signed = signed.replace(f'"pid": {os.getpid()}', '"pid": 0')
+            lock_path(resource).write_text(signed, encoding="utf-8")
+        with socket.create_connection(gone.getsockname()):
+            gone.accept()[0].close()  # its end of a connection lingers
         gone.close()
         with instrument_locks("lab-1", {"multimeter": "GPIB0::1::INSTR"}):
             left = sorted(each.name for each in folder.iterdir())
-        assert left == sorted(lock_path(each).name for each in (served_at, METER, "GPIB0::1::INSTR"))
+    stays = (served_at, lives_at, nowhere, METER, "GPIB0::1::INSTR")
+    assert left == sorted(lock_path(each).name for each in stays)
 
 
 def test_a_lock_is_given_back_and_can_be_taken_again(folder: Path) -> None:
@@ -207,6 +325,23 @@ def test_without_being_told_all_users_look_in_one_place(monkeypatch: pytest.Monk
     assert lock_directory() == found
     assert found.stat().st_mode & stat.S_ISVTX
     assert re.fullmatch(r"vcfbench-gpib-0-22-[0-9a-f]{8}\.lock", lock_path(METER).name)
+    assert re.fullmatch(r"vcfbench-[a-z0-9-]{80}-[0-9a-f]{8}\.lock", lock_path(f"ASRL{'x' * 200}::INSTR").name)
+
+
+@posix
+def test_a_place_is_shared_where_all_may_make_files_and_nobody_take_away_another_s(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("VCFBENCH_LOCKS")
+    places = {"none": None, "file": 0o1777, "anybody's": 0o777, "read": 0o1755, "shared": 0o1777, "later": 0o1777}
+    for name, mode in places.items():
+        if mode is not None:
+            (tmp_path / name).touch() if name == "file" else (tmp_path / name).mkdir()
+            (tmp_path / name).chmod(mode)
+    monkeypatch.setattr("vcfbench.safety.lock._SHARED", tuple(str(tmp_path / name) for name in places))
+    assert lock_directory() == tmp_path / "shared"
+    monkeypatch.setattr("vcfbench.safety.lock._SHARED", (str(tmp_path / "none"),))
+    assert lock_directory() == Path(tempfile.gettempdir())
 
 
 def test_a_station_locks_its_instruments_whatever_it_is_called_and_a_console_its_own() -> None:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from simrack_tests.ports import PLENTY_S, eventually
 
 from tests.bench.fakes import FakeInstrument
-from vcfbench.clock import VirtualClock, WallClock
+from vcfbench.clock import VirtualClock, WallClock, sleep
 from vcfbench.errors import NotSafe
 from vcfbench.interfaces import SafeReport, UnprovedCommand
 from vcfbench.safety.stack import LeaveNow, SafeAction, SafetyStack, Stage, not_safe
@@ -113,6 +114,20 @@ def test_a_third_signal_names_what_stays_energised_and_not_what_only_listens(log
 def test_one_that_lies_is_found_out_by_the_read_back(log: list[str]) -> None:
     reports = stack_of(action(FakeInstrument("power", log, "lies"))).make_safe()
     assert [(report.safe, report.detail) for report in reports] == [(False, "reported safe, but it is still on")]
+
+
+def test_one_that_says_itself_that_it_is_on_is_believed(log: list[str]) -> None:
+    reports = stack_of(action(FakeInstrument("power", log, "refuses"))).make_safe()
+    assert [(report.safe, report.detail) for report in reports] == [(False, "with 0 s left")]
+
+
+def test_the_longest_that_making_safe_takes_is_all_deadlines_patience_and_grace(log: list[str]) -> None:
+    plain, patient = SafetyStack(VirtualClock()), SafetyStack(VirtualClock(), patience=3.0, grace_s=0.5)
+    for each in (plain, patient):
+        each.register(action(FakeInstrument("power", log), deadline_s=7.0))
+        each.register(action(FakeInstrument("table", log), deadline_s=1.0))
+    assert plain.longest_s == 5.0 + (7.0 + 2.0) + (1.0 + 2.0)
+    assert patient.longest_s == 5.0 + (21.0 + 0.5) + (3.0 + 0.5)
 
 
 def test_one_that_only_listens_is_no_danger_when_it_does_not_answer(log: list[str]) -> None:
@@ -281,3 +296,57 @@ def test_one_whose_connection_comes_back_is_told_then(log: list[str]) -> None:
     stack.command_safe()
     assert back.wait(10.0)
     stack.close()
+
+
+@pytest.mark.parametrize("end", ["closed", "in time"])
+def test_one_that_stays_away_is_told_for_some_seconds_or_until_the_bench_is_closed(
+    end: str, log: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vcfbench.safety.stack._BETWEEN_S", 0.005)
+    monkeypatch.setattr("vcfbench.safety.stack._RETURN_S", 0.1 if end == "in time" else PLENTY_S)
+    away = FakeInstrument("power", log, "fails")
+    stack = stack_of(action(away))
+    stack.command_safe()
+    eventually(lambda: away.commands > 2)
+    if end == "closed":
+        stack.close()
+    sleep(WallClock(), 0.15)
+    told = away.commands
+    sleep(WallClock(), 0.05)
+    assert away.commands == told
+
+
+def test_without_threads_each_is_told_once(log: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the interpreter ends none can be started."""
+
+    def none(_act: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr("vcfbench.safety.stack.start_thread", none)
+    crowd = [FakeInstrument("table", log, "fails"), FakeInstrument("power", log)]
+    stack_of(*map(action, crowd)).command_safe()
+    assert [(each.commands, each.energised) for each in crowd] == [(1, True), (1, False)]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a signal in the middle of a wait")
+def test_a_third_signal_in_the_last_words_keeps_nobody_from_hearing_them(log: list[str]) -> None:
+    class Interrupted(FakeInstrument):
+        def command_safe(self) -> UnprovedCommand:
+            if self.commands == 1 and not self.released.is_set():
+                self.released.set()
+                os.kill(os.getpid(), signal.SIGUSR1)
+                sleep(WallClock(), 0.05)
+            return super().command_safe()
+
+    def leave(_number: int, _frame: object) -> None:
+        raise LeaveNow
+
+    table, supply = Interrupted("table", log, "dumb"), FakeInstrument("power", log, "dumb")
+    before = signal.signal(signal.SIGUSR1, leave)
+    try:
+        reports = stack_of(action(table, Stage.MOTION), action(supply)).make_safe()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    assert [(report.safe, report.unproved is None) for report in reports] == [(False, False)] * 2
+    assert table.commands >= 2
+    assert supply.commands >= 2

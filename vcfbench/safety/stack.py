@@ -159,7 +159,7 @@ class _Telling:
 
     def wait(self, wall_s: float) -> None:
         """Wait until it was told once, no longer than `wall_s`."""
-        self._tried.wait(max(0.0, wall_s))
+        self._tried.wait(wall_s)
 
     def _tell(self) -> None:
         wall = WallClock()
