@@ -85,9 +85,10 @@ def test_v_vc_with_an_offset_moves_the_zero_as_the_generator_comes_on() -> None:
         require_same_zero(zero, point(2, 0.0, BIAS_V + 150 * 0.5 * K), turning)
 
 
-@pytest.mark.parametrize("k_vc", [-150.0, 14.0, 1600.0])
+@pytest.mark.parametrize("k_vc", [-150.0, 14.9, 1501.0])
 def test_k_vc_has_the_sign_and_roughly_the_size_of_the_guess(k_vc: float) -> None:
-    require_expected_k_vc(40.0, 150.0, Expected())
+    for good in (15.0, 40.0, 1500.0):
+        require_expected_k_vc(good, 150.0, Expected())
     with pytest.raises(MeasurementError, match="the bench file guesses 150"):
         require_expected_k_vc(k_vc, 150.0, Expected())
 
@@ -95,12 +96,13 @@ def test_k_vc_has_the_sign_and_roughly_the_size_of_the_guess(k_vc: float) -> Non
 def test_what_is_expected_of_the_gyroscope() -> None:
     good = Expected(scale_factor_v_per_deg_s=(-0.013, -0.012), bias_v=(-0.1, 0.1), k_vc_deg_s_per_v=(140.0, 160.0))
     require_expected_column(sweep(1), good)
-    require_expected_k_vc(150.0, 36.0, good)
+    for k_vc in (140.0, 150.0, 160.0):
+        require_expected_k_vc(k_vc, 1.0, good)
     with pytest.raises(MeasurementError, match=r"scale factor is 0.0125 V/\(deg/s\), the bench file expects -0.013 to"):
         require_expected_column(faulty(sweep(1), 0, lambda v: -v), good)
-    with pytest.raises(MeasurementError, match=r"the bias is \+?0.459 V"):
+    with pytest.raises(MeasurementError, match=r"multimeter: the bias is \+?0.459 V.*step 1"):
         require_expected_column(faulty(sweep(1), 0, lambda v: v + 0.5), good)
-    with pytest.raises(MeasurementError, match=r"K_Vc is 161 .*\(expected.k_vc_deg_s_per_v\)"):
+    with pytest.raises(MeasurementError, match=r"K_Vc is 161 .*\(expected.k_vc_deg_s_per_v\), step 2"):
         require_expected_k_vc(161.0, 150.0, good)
 
 
@@ -112,7 +114,15 @@ def test_what_is_expected_is_the_slope_from_end_to_end() -> None:
     require_expected_column(curved, Expected(scale_factor_v_per_deg_s=around))
 
 
-@pytest.mark.parametrize(("by_v", "found"), [(0.9, False), (1.1, True)])
+def test_the_bias_is_that_of_the_rate_nearest_to_zero() -> None:
+    """Of a curved column, 40 mV higher at both ends; nearest are 0 or, without it, -10 deg/s."""
+    curved = [point(1, rate, BIAS_V + K * rate + rate**2 * 1e-6) for rate in RATES]
+    expected = Expected(bias_v=(BIAS_V - 2e-4, BIAS_V + 2e-4))
+    require_expected_column(curved, expected)
+    require_expected_column([p for p in curved if p.rate_deg_s not in {0.0, 10.0}], expected)
+
+
+@pytest.mark.parametrize(("by_v", "found"), [(0.99, False), (1.01, True)])
 def test_a_step_is_allowed_as_far_as_the_noise_of_two_means_goes(by_v: float, *, found: bool) -> None:
     """Half a step of the line, and eight standard deviations of a difference of means of ten readings each."""
     bound_v = 0.5 * abs(K) * 10.0 + 8.0 * NOISE_V * 100.0 * (2.0 / 10.0) ** 0.5
@@ -123,6 +133,37 @@ def test_a_step_is_allowed_as_far_as_the_noise_of_two_means_goes(by_v: float, *,
             require_steady_slope(moved)
     else:
         require_steady_slope(moved)
+
+
+@pytest.mark.parametrize(("by_v", "found"), [(0.99, False), (1.01, True)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_level_that_is_believed_as_set_may_be_off_by_the_limits_of_both(
+    by_v: float, sign: float, *, found: bool
+) -> None:
+    """Half a step of 0.1 V, 5 mV at 0 V and 6 mV at -0.1 V."""
+    levels = [point(4, 0.0, sign * K * 150.0 * v, v) for v in (-0.1, 0.0, 0.1, 0.2)]
+    bound_v = abs(K) * 150.0 * (0.5 * 0.1 + 0.005 + 0.006)
+    quiet = [replace(p, std_v=0.0) for p in levels]
+    moved = [replace(p, output_v=p.output_v - sign * bound_v * by_v) if p.v_vc_v == 0.0 else p for p in quiet]
+
+    def limit_v(level_v: float) -> float:
+        return 5e-3 + 0.01 * abs(level_v)
+
+    reference = (point(2, 0.0, 0.0), point(2, 0.0, sign * K * 15.0, 0.1))
+    if found:
+        with pytest.raises(MeasurementError, match=r"lets expect .*step 4"):
+            require_steady_slope(moved, reference, limit_v)
+    else:
+        require_steady_slope(moved, reference, limit_v)
+
+
+def test_an_output_that_stands_still_is_found_though_noise_hides_each_step() -> None:
+    dead = [replace(p, output_v=BIAS_V, std_v=0.1) for p in sweep()]
+    step_1 = (point(1, 0.0, BIAS_V), point(1, 10.0, BIAS_V + 10 * K))
+    with pytest.raises(MeasurementError, match=r"from -200 deg/s to \+200 deg/s the output moves by \+0 V"):
+        require_steady_slope(dead, step_1)
+    with pytest.raises(MeasurementError, match="the slope of step 1"):
+        require_steady_slope(dead[::8], step_1)
 
 
 @pytest.mark.parametrize("step", [2, 4, 6, 7])
