@@ -10,7 +10,7 @@ import pytest
 from uncertainties import umath
 
 from tests.analysis.monte_carlo import agreement, propagate
-from vcfbench.analysis.budget import Budget, Distribution, Source, coverage_factor, evaluate
+from vcfbench.analysis.budget import Budget, Distribution, Model, Source, coverage_factor, evaluate
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -293,7 +293,12 @@ def test_trials_of_few_degrees_of_freedom_are_students() -> None:
         ([Source("a", 0.0, 1.0), Source("a", 0.0, 1.0)], {}, "one name: a"),
         ([Source("a", 0.0, -1.0)], {}, "source a"),
         ([Source("a", 0.0, math.inf)], {}, "source a"),
+        ([Source("a", math.nan, 1.0)], {}, "source a"),
+        ([Source("a", 0.0, 1.0, dof=0.0)], {}, "source a"),
         ([Source("a", 0.0, 1.0)], {("a", "b"): 0.5}, "no such pair"),
+        ([Source("a", 0.0, 1.0)], {("b", "a"): 0.5}, "no such pair"),
+        ([Source("a", 0.0, 1.0)], {("a", "a"): 0.5}, "no such pair"),
+        ([Source("a", 0.0, 1.0), Source("b", 0.0, 1.0)], {("a", "b"): -1.5}, "no such pair"),
         ([Source("a", 0.0, 1.0), Source("b", 0.0, 1.0)], {("a", "b"): 1.5}, "no such pair"),
         ([Source("a", 0.0, 1.0, dof=3), Source("b", 0.0, 1.0)], {("a", "b"): 0.5}, "equal degrees"),
     ],
@@ -301,6 +306,13 @@ def test_trials_of_few_degrees_of_freedom_are_students() -> None:
 def test_what_cannot_be_is_refused(sources: list[Source], pairs: dict[tuple[str, str], float], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         evaluate(sources, lambda x: {"a": x["a"]}, pairs)
+
+
+@pytest.mark.parametrize(("coefficient", "u"), [(1.0, 0.7), (-1.0, 0.1), (0.0, 0.5)])
+def test_what_is_fully_correlated_adds_up_or_cancels(coefficient: float, u: float) -> None:
+    sources = [Source("a", 1.0, 0.3), Source("b", 1.0, 0.4), Source("exact", 1.0, 0.0)]
+    model: Model = lambda x: {"sum": x["a"] + x["b"] + x["exact"]}  # noqa: E731
+    assert evaluate(sources, model, {("a", "b"): coefficient}).result("sum").u == pytest.approx(u)
 
 
 def test_trials_refuse_what_they_cannot_draw() -> None:
