@@ -101,10 +101,19 @@ def test_each_run_needs_a_control_of_its_own(control: RunControl) -> None:
 def test_one_that_pauses_hears_at_once_in_another_thread(
     what: str, control: RunControl, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """It sleeps till then."""
+
+    class Counting(StopSignals):
+        looked = 0
+
+        def safe_point(self) -> None:
+            self.looked += 1
+            super().safe_point()
+
     monkeypatch.setattr("vcfbench.safety.control._LOOKS_S", PLENTY_S)
-    clock = WallClock()
+    clock, signals = WallClock(), Counting()
     timer = threading.Timer(0.05, getattr(control, what), ["Eve"])
-    with control.of_run(StopSignals()):
+    with control.of_run(signals):
         control.pause("Ann")
         timer.start()
         if what == "go_on":
@@ -113,3 +122,4 @@ def test_one_that_pauses_hears_at_once_in_another_thread(
             with pytest.raises(Aborted, match=r"^stopped by Eve$"):
                 control.wait()
     assert clock.now() < PLENTY_S
+    assert signals.looked < 10
