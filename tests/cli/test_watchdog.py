@@ -27,6 +27,7 @@ class Turns:
         self.said = list(said)
         self.passed = 0
         self.released = 0
+        self.held = False
         self.watch: Watch | None = None
         self.started: list[Callable[[], object]] = []
 
@@ -38,7 +39,9 @@ class Turns:
 
     def acquire(self, timeout: float | None = None) -> bool:
         if timeout is None:
+            self.held = True
             return True
+        assert self.held  # else nobody would be waited for
         assert timeout == watchdog.TURN_S
         if self.passed == len(self.said):
             return True
@@ -105,7 +108,7 @@ def test_a_step_that_takes_longer_than_it_may_hangs_however_lively_the_program_i
     ended: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     beats = [b"beat "] * 50
-    why, turns = watched(monkeypatch, BENCH, b'step inf "wait"', *beats, b'step 0.25 "ramp"', *beats)
+    why, turns = watched(monkeypatch, BENCH, b'step inf "wait"', *beats, b'step 0.2 "ramp"', *beats)
     assert why == "its step took longer than it may and was ended"
     assert turns.passed == 2 + 50 + 1 + 2
     assert turns.watch is not None
@@ -171,13 +174,15 @@ def test_whole_lines_are_heard_until_the_program_leaves_or_a_call_is_overdue(
     ("said", "code", "done"),
     [
         ((BENCH, b"left safe"), 0, []),
-        ((BENCH, b"beat "), 5, ["{} safe: the program died"]),
+        ((BENCH, b"beat "), 5, ["{} safe: the program died", "what was said is written"]),
         ((b"",), 0, []),  # it died before it had a bench
     ],
 )
 def test_its_code_is_that_of_the_bench(
     said: tuple[bytes, ...], code: int, done: list[str], ended: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    stderr = SimpleNamespace(flush=lambda: ended.append("what was said is written")) if code else None
+    monkeypatch.setattr("sys.stderr", stderr)  # there may be none
     turns = Turns(*said)
     monkeypatch.setattr(watchdog, "_thread", turns)
     made = Watch()

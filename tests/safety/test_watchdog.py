@@ -177,14 +177,19 @@ def test_who_died_with_a_table_that_turns_is_named(tmp_path: Path) -> None:
 
 def test_a_watchdog_that_acts_does_not_wait_for_numpy() -> None:
     act = """
-import sys
+import site, sys
 from vcfbench.cli.watchdog import loaded
+site.main = lambda: print("what an editable installation needs")
+sys.modules["vcfbench.drivers.visa_wire"] = None
+loaded()  # without PyVISA: whoever needs it will say so
+del sys.modules["vcfbench.drivers.visa_wire"], sys.modules["vcfbench.cli.left_live"]
+loaded()
 loaded()
 print({"pyvisa", "numpy"} & {*sys.modules})
 import numpy  # the driver of another package may want it
 """
     done = subprocess.run([sys.executable, "-c", act], capture_output=True, text=True, check=True)  # noqa: S603
-    assert done.stdout == "{'pyvisa'}\n"
+    assert done.stdout == "what an editable installation needs\n" * 2 + "{'pyvisa'}\n"
 
 
 def test_a_bench_that_is_not_safe_is_left_without_waiting(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
