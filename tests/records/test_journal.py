@@ -1,31 +1,39 @@
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
 import subprocess
 import sys
-from typing import TYPE_CHECKING, Any
+import threading
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import try_lock
 from vcfbench.records import journal as journal_module
 from vcfbench.records.journal import (
     Journal,
+    MemoryJournal,
     SimulatedJournal,
     append_line,
     being_written,
+    lines_of,
     read_header,
     read_journal,
+    read_start,
 )
 from vcfbench.records.outline import outline_of
 from vcfbench.records.schema import Point, Status
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from vcfbench.records.signing import SigningKey
 
 POINT = Point(3, 200.0, 0.0, -2.5536, 1e-4, 10)
 
@@ -305,3 +313,187 @@ def test_a_header_is_read_by_itself_and_is_empty_where_there_is_none(tmp_path: P
     assert read_header(tmp_path / "j")["procedure"] == "turntable"
     (tmp_path / "none").write_bytes(b'{"type":"step"}\n')
     assert read_header(tmp_path / "none") == {}
+    (tmp_path / "torn").write_bytes(b'{"type":"header"}')
+    assert read_header(tmp_path / "torn") == {}
+
+
+@pytest.mark.parametrize(
+    ("line", "began"),
+    [
+        (b'{"type":"header","utc":"2026-11-27T22:00:00+00:00"}\n', "2026-11-27T22:00:00+00:00"),
+        (b'{"type":"header","utc":"2026-11-27T22:00:00+00:00"}', None),
+        (b'{"type":"step","utc":"2026-11-27T22:00:00+00:00"}\n', None),
+        (b'{"type":"header"}\n', None),
+        (b"\xff\n", None),
+    ],
+)
+def test_when_a_run_began_is_read_from_its_first_line(line: bytes, began: str | None, tmp_path: Path) -> None:
+    (tmp_path / "j").write_bytes(line)
+    assert read_start(tmp_path / "j") == began
+
+
+@pytest.mark.parametrize("number", ["true", '"1"', "0", "null"])
+def test_a_format_is_a_number_that_is_known(number: str, tmp_path: Path) -> None:
+    (tmp_path / "j").write_text(f'{{"type":"header","format":{number}}}\n')
+    with pytest.raises(ConfigError, match=r"a record of format .*; this version reads formats 1 and "):
+        read_journal(tmp_path / "j")
+
+
+def test_the_names_above_a_record_are_on_the_disk_with_its_first_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a power cut takes the directory with all that is in it; a simulated run can be made again."""
+    seen: list[Path] = []
+    monkeypatch.setattr(journal_module, "synchronise_names", seen.append)
+    path = tmp_path / "runs" / "2026" / "j"
+    path.parent.mkdir(parents=True)
+    write(path)
+    assert seen == [tmp_path / "runs" / "2026", tmp_path / "runs", tmp_path]
+    simulated = SimulatedJournal(path.with_name("simulated"))
+    simulated.header({})
+    simulated.close()
+    assert len(seen) == 3
+
+    def fail(_: Any) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(journal_module, "synchronise_names", fail)
+    monkeypatch.setattr(journal_module, "_sync", fail)
+    journal, simulated = Journal(path.with_name("k")), SimulatedJournal(path.with_name("l"))
+    with monkeypatch.context() as patch:
+        patch.setattr(journal_module, "_sync", lambda _: None)
+        with pytest.raises(BenchError, match="may be lost by a power cut: Input/output error"):
+            journal.header({})
+    with pytest.raises(BenchError, match="may be lost by a power cut: Input/output error"):
+        simulated.footer({})
+    journal.close()
+    simulated.close()
+
+
+@pytest.mark.parametrize("platform", ["linux", "darwin"])
+def test_a_line_is_on_the_disk_with_what_the_system_has_for_that(
+    platform: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr(os, "fsync", lambda _: done.append("darwin"))
+    monkeypatch.setattr(os, "fdatasync", lambda _: done.append("linux"), raising=False)
+    journal = Journal(tmp_path / "j")
+    journal.write("step", {})
+    journal.close()
+    assert done == [platform]
+
+
+@pytest.mark.parametrize("trouble", ["write", "sync"])
+def test_a_line_that_cannot_be_added_leaves_the_record_as_it_was(
+    trouble: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, path = write(tmp_path / "j"), tmp_path / "j"
+    path.write_bytes(whole + b'{"type":"st')  # torn
+
+    def fail(*_: Any) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    if trouble == "write":
+        monkeypatch.setattr(os, "write", fail)
+    else:
+        monkeypatch.setattr(journal_module, "_sync", fail)
+    with pytest.raises(BenchError, match="cannot be written: No space left on device"):
+        append_line(path, {"type": "watchdog"})
+    assert path.read_bytes() == whole
+
+
+def test_a_line_is_added_to_a_copy_with_the_line_ends_of_another_system(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    killed = write(path).splitlines()[:-1]
+    path.write_bytes(b"".join(line + b"\r\n" for line in killed))
+    append_line(path, {"type": "watchdog"})
+    record = read_journal(path)
+    assert (record.damage, record.lines[-1]["type"]) == (None, "watchdog")
+
+
+class Key:
+    """A key that signs by writing down what."""
+
+    def signature(self, seal: str) -> dict[str, str]:
+        return {"signed": seal}
+
+
+def test_a_signature_is_that_of_the_line_before(tmp_path: Path) -> None:
+    path, key = tmp_path / "j", cast("SigningKey", Key())
+    journal = Journal(path)
+    journal.signature(key)  # of nothing
+    assert path.read_bytes() == b""
+    journal.header({"run": "r"})
+    journal.signature(key)
+    journal.close()
+    append_line(path, {"type": "watchdog"}, key)
+    record = read_journal(path)
+    assert record.damage is None
+    assert [line["type"] for line in record.lines] == ["header", "signature", "watchdog", "signature"]
+    assert [line["signed"] for line in record.lines[1::2]] == [*record.seals[::2]]
+    (tmp_path / "old").write_text(HEADER)
+    append_line(tmp_path / "old", {"type": "watchdog"}, key)
+    assert [line["type"] for line in read_journal(tmp_path / "old").lines] == ["header", "watchdog"]
+
+
+def test_a_journal_of_a_run_that_leaves_no_record_keeps_its_lines_and_no_signature() -> None:
+    journal = MemoryJournal()
+    journal.header({"run": "r"})
+    journal.signature(cast("SigningKey", Key()))
+    journal.footer({})
+    journal.close()
+    assert [line["type"] for line in journal.lines()] == ["header", "footer"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there who has a file open keeps it locked")
+def test_who_only_asks_whether_a_run_goes_on_is_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has the lock for an instant, and what a library has kept of its file has it no more."""
+    path, kept = tmp_path / "j", list[int]()
+    write(path)
+
+    def lock(file: int) -> bool:
+        kept.append(os.dup(file))
+        return try_lock(file)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(journal_module, "try_lock", lock)
+        assert not being_written(path)
+        assert not being_written(path)
+    asking = os.open(path, os.O_RDWR)
+    assert try_lock(asking)
+    timer = threading.Timer(0.05, os.close, [asking])
+    timer.start()
+    append_line(path, {"type": "watchdog"})
+    timer.join()
+    for each in kept:
+        os.close(each)
+
+
+def test_without_locks_a_run_writes_and_nobody_knows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_locks(_: int) -> bool:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(journal_module, "try_lock", no_locks)
+    journal = Journal(tmp_path / "j")
+    journal.header({})
+    assert not being_written(tmp_path / "j")
+    append_line(tmp_path / "j", {"type": "watchdog"})
+    journal.close()
+
+
+def test_one_that_is_empty_or_not_there_is_not_asked_about(tmp_path: Path) -> None:
+    """It may be about to be locked, and nobody is to come in between."""
+    assert not being_written(tmp_path / "none")
+    journal = Journal(tmp_path / "j")
+    assert not being_written(tmp_path / "j")
+    journal.header({})
+    assert being_written(tmp_path / "j")
+    journal.close()
+
+
+def test_lines_are_yielded_up_to_the_first_that_is_not_whole(tmp_path: Path) -> None:
+    (tmp_path / "j").write_bytes(b'{"n":1}\n{"n":2}\n[3]\n{"n":4}\n')
+    assert list(lines_of(tmp_path / "j")) == [{"n": 1}, {"n": 2}]
+    (tmp_path / "j").write_bytes(b'{"n":1}\n{"n":2}')
+    assert list(lines_of(tmp_path / "j")) == [{"n": 1}]
