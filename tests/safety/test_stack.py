@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from simrack_tests.ports import PLENTY_S, eventually
 
 from tests.bench.fakes import FakeInstrument
@@ -279,6 +280,22 @@ def test_one_whose_words_raise_keeps_nothing_from_the_others(log: list[str]) -> 
     stack.command_safe()
     stack.close()
     assert not dumb.energised
+
+
+def test_what_a_driver_knew_itself_is_kept_where_it_cannot_be_told_again(log: list[str]) -> None:
+    words = UnprovedCommand("to stop", sent=True)
+
+    class Careless(FakeInstrument):
+        def make_safe(self, deadline: Deadline) -> SafeReport:
+            return replace(super().make_safe(deadline), safe=False, unproved=words)
+
+        def command_safe(self) -> UnprovedCommand:
+            raise ZeroDivisionError
+
+    stack = stack_of(action(Careless("table", log)))
+    (report,) = stack.make_safe()
+    stack.close()
+    assert report.unproved is words
 
 
 def test_one_whose_connection_comes_back_is_told_then(log: list[str]) -> None:
