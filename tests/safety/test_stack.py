@@ -321,8 +321,8 @@ def test_one_that_stays_away_is_told_for_some_seconds_or_until_the_bench_is_clos
 ) -> None:
     monkeypatch.setattr("vcfbench.safety.stack._BETWEEN_S", 0.005)
     monkeypatch.setattr("vcfbench.safety.stack._RETURN_S", 0.1 if end == "in time" else PLENTY_S)
-    away = FakeInstrument("power", log, "fails")
-    stack = stack_of(action(away))
+    away, there = FakeInstrument("power", log, "fails"), FakeInstrument("table", log)
+    stack = stack_of(action(away), action(there))
     stack.command_safe()
     eventually(lambda: away.commands > 2)
     if end == "closed":
@@ -330,7 +330,7 @@ def test_one_that_stays_away_is_told_for_some_seconds_or_until_the_bench_is_clos
     sleep(WallClock(), 0.15)
     told = away.commands
     sleep(WallClock(), 0.05)
-    assert away.commands == told
+    assert (away.commands, there.commands) == (told, 1)
 
 
 def test_without_threads_each_is_told_once(log: list[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -95,7 +95,7 @@ class SafetyStack:
             for action in pending:
                 reports.append(self._run(action))  # noqa: PERF401  # what was done must survive LeaveNow
             return _with_last_words(pending, reports, self._over)
-        except LeaveNow:
+        except LeaveNow:  # it is raised once
             left = pending[len(reports) :]
             unsaved = (_report(action.instrument, "a third signal ended the making safe") for action in left)
             return _with_last_words(pending, [*reports, *map(_judged, left, unsaved)], self._over)
@@ -190,10 +190,7 @@ def _with_last_words(
 ) -> list[SafeReport]:
     """Tell once more the unsafe instruments, and add the last read-back to their reports."""
     unsafe = [action for action, report in zip(actions, reports, strict=True) if not report.safe]
-    try:
-        sent = iter(_tell(unsafe, over))
-    except LeaveNow:  # it is raised once
-        sent = iter(_tell(unsafe, over))
+    sent = iter(_tell(unsafe, over))
     return [report if report.safe else replace(report, unproved=next(sent) or report.unproved) for report in reports]
 
 
