@@ -13,7 +13,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
-import msgspec
 import pytest
 from msgspec import structs
 from simrack_tests.cells import few
@@ -22,14 +21,11 @@ from simrack_tests.ports import PLENTY_S, eventually
 import vcfbench
 from tests.bench.test_holding import what_is_on
 from tests.cli.test_safe import UNWATCHED, bench_file, left_live
-from vcfbench.bench.make_safe import MadeSafe
-from vcfbench.cli.left_live import _safe
 from vcfbench.cli.watchdog import SILENT_TURNS, TURN_S
 from vcfbench.clock import WallClock, sleep
 from vcfbench.drivers.calls import Calls
 from vcfbench.errors import BenchError, ConnectFailed, InterlockError
 from vcfbench.records.journal import append_line, read_journal
-from vcfbench.safety.lock import InUse, Owner
 from vcfbench.safety.processes import mark_of
 from vcfbench.safety.watchdog import Watchdog
 from vcfbench.station.description import Safety
@@ -75,45 +71,6 @@ def test_a_bench_whose_instruments_take_long_to_open_is_opened(tmp_path: Path) -
         done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)  # noqa: S603
     assert "multimeter" in done.stderr
     assert done.returncode == ConnectFailed.exit_code
-
-
-def in_use(pid: int) -> InUse:
-    error = InUse("in use")
-    error.owner = Owner(pid, "somebody", "here", "today", "paper", "GPIB0::5::INSTR")
-    return error
-
-
-@pytest.mark.parametrize("lives", [False, True], ids=["dead", "cannot be ended"])
-def test_what_a_dying_program_still_holds_is_not_left_to_it(lives: bool, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: FBT001
-    """Under load its locks are free only later: the free part is safe before, and the rest is asked for again."""
-    monkeypatch.setattr("vcfbench.cli.left_live._LOOK_S", 0.01)
-    monkeypatch.setattr("vcfbench.cli.left_live._FREED_S", 0.05)
-    monkeypatch.setattr("vcfbench.cli.left_live._OTHERS_S", 0.2)
-    monkeypatch.setattr("vcfbench.cli.left_live.mark_of", lambda _: "mark" if lives else None)
-    made: list[bool] = []
-
-    def safe_bench(_bench: object, *, force: bool = False) -> MadeSafe:
-        made.append(force)
-        held = not force and (lives or len(made) < 3)
-        return MadeSafe((), (), left_to={"power": in_use(4711)} if held else {})
-
-    monkeypatch.setattr("vcfbench.bench.make_safe.safe_bench", safe_bench)
-    charge = {"bench": msgspec.to_builtins(vcfbench.load_bench("paper")), "owner": 4711, "mark": "mark"}
-    if lives:
-        with pytest.raises(InUse):
-            _safe(charge, left=False)
-        assert not any(made)
-    else:
-        assert _safe(charge, left=False).left_to == {}
-        assert len(made) == 3
-
-
-def test_what_another_program_has_taken_is_left_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("vcfbench.cli.left_live.mark_of", lambda _: None)
-    taken = MadeSafe((), (), left_to={"power": in_use(4712)})
-    monkeypatch.setattr("vcfbench.bench.make_safe.safe_bench", lambda _: taken)
-    charge = {"bench": msgspec.to_builtins(vcfbench.load_bench("paper")), "owner": 4711, "mark": "mark"}
-    assert _safe(charge, left=False) is taken
 
 
 def test_a_call_that_never_returns_is_ended(tmp_path: Path) -> None:

@@ -1,0 +1,275 @@
+"""A bench whose program died: what the watchdog writes down, says and tells, and to whom it leaves it."""
+
+from __future__ import annotations
+
+import json
+import signal
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import pytest
+
+import vcfbench
+from vcfbench.bench.make_safe import MadeSafe, Safed
+from vcfbench.cli import left_live
+from vcfbench.errors import ConnectFailed
+from vcfbench.interfaces import SafeReport
+from vcfbench.records.journal import Journal, read_journal
+from vcfbench.safety.lock import InUse, Owner
+from vcfbench.safety.processes import KILL
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+PAPER = vcfbench.load_bench("paper")
+BENCH = {**json.loads(json.dumps(msgspec.to_builtins(PAPER))), "notify": {"command": ["tell"]}}
+CHARGE: dict[str, Any] = {"bench": BENCH, "owner": 4711, "mark": "mark"}
+PLAIN = {**CHARGE, "bench": msgspec.to_builtins(PAPER)}
+SAFE = MadeSafe((Safed("power", "COM1", "on", safe=True, detail="off"),), ())
+LIVE = MadeSafe((), (SafeReport("power", "COM1", safe=False, detail="nobody answers"),))
+TAKEN = InUse("in use")
+TAKEN.owner = Owner(4712, "Eve", "here", "today", "paper", "COM1")
+LEFT = MadeSafe((), (), left_to={"power": TAKEN, "rate_table": TAKEN, "chamber": InUse("in use")})
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Path:
+    (tmp_path / "run").mkdir()
+    path = tmp_path / "run" / "journal.jsonl"
+    made = Journal(path)
+    made.header({"run": "run"})
+    made.close()
+    return path
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The signals that are ignored and let through, the words for the terminal, and what is told to a program."""
+    told: list[Any] = []
+    monkeypatch.setattr("signal.signal", lambda number, handler: told.append((number, handler)))
+    monkeypatch.setattr("signal.pthread_sigmask", lambda how, which: told.append((how, which)))
+    monkeypatch.setattr("vcfbench.cli.ending.say", lambda words, *, alarm: told.append((words, alarm)))
+    monkeypatch.setattr("vcfbench.runs.notified.notify", lambda _notice, outcome: told.append(outcome))
+    return told
+
+
+def made_safe(
+    monkeypatch: pytest.MonkeyPatch, made: MadeSafe | Exception, journal: Path | None, **said: bytes
+) -> tuple[int, list[bool]]:
+    left: list[bool] = []
+
+    def safe(charge: dict[str, Any], *, left: bool) -> MadeSafe:
+        assert charge == CHARGE
+        asked.append(left)
+        if isinstance(made, Exception):
+            raise made
+        return made
+
+    asked = left
+    monkeypatch.setattr(left_live, "_safe", safe)
+    words = {b"bench": json.dumps(CHARGE).encode(), **{kind.encode(): value for kind, value in said.items()}}
+    if journal is not None:
+        words[b"journal"] = json.dumps(str(journal)).encode()
+    return left_live.make_safe(words, "it died"), left
+
+
+def line_of(journal: Path) -> Mapping[str, Any]:
+    record = read_journal(journal)
+    assert record.damage is None
+    return {key: value for key, value in record.lines[-1].items() if key != "utc"}
+
+
+def test_a_bench_that_was_made_safe_is_said_to_be(
+    journal: Path, told: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, left = made_safe(monkeypatch, SAFE, journal, step=b'"ramp"')
+    assert (code, left) == (0, [False])
+    assert line_of(journal) == {
+        "type": "watchdog",
+        "why": "it died in ramp",
+        "safe": True,
+        "instruments": [{"instrument": "power", "found": "on", "safe": True, "detail": "off"}],
+    }
+    ignored, (words, outcome) = told[:-2], told[-2:]
+    assert ignored == [
+        *((number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)),
+        (signal.SIG_SETMASK, ()),
+    ]
+    assert words == ("vcfbench watchdog: it died in ramp; the bench was made safe", False)
+    assert outcome == {
+        "outcome": "failed",
+        "exit_code": None,
+        "error": "it died in ramp; the bench was made safe",
+        "run": "run",
+        "directory": str(journal.parent),
+        "bench": "paper",
+    }
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (LIVE, "NOT SAFE: power at COM1: nobody answers; make it safe by hand before anything else"),
+        (OSError("no memory"), "NOT SAFE: no memory"),
+    ],
+)
+def test_one_that_is_not_is_said_not_to_be(
+    made: MadeSafe | Exception, words: str, journal: Path, told: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, _ = made_safe(monkeypatch, made, journal)
+    assert code == 5
+    line = line_of(journal)
+    assert (line["safe"], line.get("error")) == ((False, None) if made is LIVE else (None, "OSError: no memory"))
+    assert told[-2:] == [
+        (f"vcfbench watchdog: it died; {words}", True),
+        {
+            "outcome": "NOT SAFE",
+            "exit_code": 5,
+            "error": f"it died; {words}",
+            "run": "run",
+            "directory": str(journal.parent),
+            "bench": "paper",
+        },
+    ]
+
+
+def test_what_others_have_taken_over_is_named(journal: Path, told: list[Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    code, _ = made_safe(monkeypatch, LEFT, journal)
+    others = f"another process, {TAKEN.owner}"
+    assert code == 0
+    assert (line_of(journal)["left_to"], line_of(journal)["safe"]) == (others, True)
+    assert told[-2] == (f"vcfbench watchdog: it died; what {others} has taken over was left to it", False)
+
+
+def test_a_program_that_lives_on_closes_its_own_record(
+    journal: Path, told: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = journal.read_bytes()
+    assert made_safe(monkeypatch, SAFE, journal, left=b"live") == (0, [True])
+    assert journal.read_bytes() == before
+    assert made_safe(monkeypatch, SAFE, None) == (0, [False])  # it had none yet
+    assert (told[-1]["run"], told[-1]["directory"]) == (None, None)
+
+
+def test_its_line_is_signed_where_the_station_signs(
+    journal: Path, told: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("cryptography")
+    from vcfbench.records.signing import new_key  # noqa: PLC0415
+
+    new_key(journal.with_name("key"))
+    monkeypatch.delenv("VCFBENCH_SIGNING_KEY", raising=False)
+    monkeypatch.setitem(CHARGE, "bench", {**BENCH, "laboratory": {"signing_key": str(journal.with_name("key"))}})
+    made_safe(monkeypatch, SAFE, journal)
+    assert [line["type"] for line in read_journal(journal).lines] == ["header", "watchdog", "signature"]
+    journal.with_name("key").unlink()
+    made_safe(monkeypatch, SAFE, journal)  # a line that is not signed says more than none
+    assert read_journal(journal).lines[-1]["type"] == "watchdog"
+    assert told
+
+
+def test_nobody_is_told_where_the_bench_names_nobody(
+    journal: Path, told: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(CHARGE, "bench", {**BENCH, "notify": None})
+    made_safe(monkeypatch, SAFE, journal)
+    assert told[-1] == ("vcfbench watchdog: it died; the bench was made safe", False)
+
+
+def test_the_program_that_hangs_is_ended_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[tuple[int, str, int]] = []
+
+    def end(pid: int, mark: str, number: int) -> None:
+        ended.append((pid, mark, number))
+        raise PermissionError  # another user's
+
+    monkeypatch.setattr(left_live, "end", end)
+    left_live.end_owner({b"bench": json.dumps(CHARGE).encode()})
+    assert ended == [(4711, "mark", KILL)]
+
+
+class Tries:
+    """What `safe_bench` does, one after the other, the last for ever; the time between is counted, not spent."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *does: MadeSafe | Exception, lives_for_s: float = 0.0) -> None:
+        self.does = list(does)
+        self.now_s = 0.0
+        self.made: list[tuple[float, bool]] = []
+        monkeypatch.setattr(left_live, "WallClock", lambda: self)
+        monkeypatch.setattr(left_live, "sleep", self.sleep)
+        monkeypatch.setattr(left_live, "mark_of", lambda pid: "mark" if self.now_s < lives_for_s else f"not {pid}")
+        monkeypatch.setattr("vcfbench.bench.make_safe.safe_bench", self.safe_bench)
+
+    def now(self) -> float:
+        return self.now_s
+
+    def sleep(self, clock: object, seconds: float) -> None:
+        assert clock is self
+        self.now_s = round(self.now_s + seconds, 3)
+
+    def safe_bench(self, bench: object, *, force: bool = False) -> MadeSafe:
+        assert bench == PAPER
+        self.made.append((self.now_s, force))
+        does = self.does[0] if len(self.does) == 1 else self.does.pop(0)
+        if isinstance(does, Exception) and not force:
+            raise does
+        return does if isinstance(does, MadeSafe) else SAFE
+
+
+def own() -> InUse:
+    error = InUse("in use")
+    error.owner = Owner(4711, "Ann", "here", "today", "paper", "COM1")
+    return error
+
+
+def test_the_death_of_the_program_is_waited_for_some_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As it dies it gives its locks back one by one, and then its wires; one that has left the bench lives on."""
+    for lives_for_s, left, at_s in ((0.35, False, 0.4), (60.0, False, 5.0), (60.0, True, 0.0)):
+        tries = Tries(monkeypatch, SAFE, lives_for_s=lives_for_s)
+        assert left_live._safe(PLAIN, left=left) is SAFE
+        assert tries.made == [(at_s, False)]
+
+
+def test_what_the_dead_program_still_holds_is_asked_for_again_then_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    held = MadeSafe((), (), left_to={"power": own()})
+    tries = Tries(monkeypatch, held, held, SAFE)
+    assert left_live._safe(PLAIN, left=False) is SAFE
+    assert tries.made == [(0.0, False), (0.1, False), (0.2, False)]
+    tries = Tries(monkeypatch, held)
+    left_live._safe(PLAIN, left=False)
+    assert tries.made[-2:] == [(30.1, False), (30.1, True)]
+    assert len(tries.made) == 303
+    tries = Tries(monkeypatch, own())
+    left_live._safe(PLAIN, left=False)
+    assert tries.made[-1] == (5.1, True)
+
+
+def test_what_somebody_else_has_is_left_to_them_and_what_a_program_left_is_not_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    both = MadeSafe((), (), left_to={"power": own(), "rate_table": TAKEN})
+    Tries(monkeypatch, both)
+    with pytest.raises(InUse):  # its own part is not free, and forcing would speak beside the other
+        left_live._safe(PLAIN, left=False)
+    tries = Tries(monkeypatch, both)
+    assert left_live._safe(PLAIN, left=True) is both
+    tries = Tries(monkeypatch, TAKEN)
+    assert left_live._safe(PLAIN, left=False).left_to == {"all": TAKEN}
+    assert tries.now_s == 30.1
+    tries = Tries(monkeypatch, InUse("nobody has signed"))
+    left_live._safe(PLAIN, left=False)
+    assert tries.made[-1] == (5.1, True)
+    tries = Tries(monkeypatch, own(), lives_for_s=60.0)
+    with pytest.raises(InUse):
+        left_live._safe(PLAIN, left=False)
+    assert not any(force for _, force in tries.made)
+
+
+def test_a_served_bench_is_waited_for_as_long_as_locks_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    tries = Tries(monkeypatch, ConnectFailed("another controls its time"))
+    with pytest.raises(ConnectFailed):
+        left_live._safe(PLAIN, left=False)
+    assert tries.made[-1] == (5.1, False)
+    tries = Tries(monkeypatch, ConnectFailed("another controls its time"), SAFE)
+    assert left_live._safe(PLAIN, left=False) is SAFE
