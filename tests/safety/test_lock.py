@@ -18,7 +18,7 @@ from msgspec import structs
 from simrack_tests.ports import free_port
 
 from vcfbench.bench.ground import station
-from vcfbench.clock import WallClock
+from vcfbench.clock import WallClock, sleep
 from vcfbench.errors import BenchError
 from vcfbench.files import try_lock
 from vcfbench.procedures.bench_file import parse_bench
@@ -28,6 +28,8 @@ from vcfbench.station.file import template
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from vcfbench.clock import Clock
 
 METER = "GPIB0::22::INSTR"
 SUPPLY = "GPIB0::5::INSTR"
@@ -165,9 +167,16 @@ def test_a_file_that_is_taken_away_while_it_is_locked_is_made_anew(
 
 
 @posix
-def test_who_is_still_dying_is_waited_for(holder: subprocess.Popen[str]) -> None:
+def test_who_is_still_dying_is_waited_for(holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Its lock is free before its wires are."""
     signed = lock_path(METER).read_text("utf-8")
+    waits: list[float] = []
+
+    def wait(clock: Clock, wait_s: float) -> None:
+        waits.append(wait_s)
+        sleep(clock, wait_s)
+
+    monkeypatch.setattr("vcfbench.safety.lock.sleep", wait)
     with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(0.4)"]) as dying:
         holder.kill()
         holder.wait()
@@ -176,6 +185,7 @@ def test_who_is_still_dying_is_waited_for(holder: subprocess.Popen[str]) -> None
         with instrument_locks("lab-1", {"multimeter": METER}) as left_by:
             assert mark_of(dying.pid) is None
         assert left_by["multimeter"].startswith(f"process {dying.pid} of ")
+    assert {*waits} == {0.02}  # nobody waits for long after it is dead
 
 
 @posix
@@ -198,12 +208,13 @@ def test_what_a_library_has_kept_of_a_lock_keeps_nobody_out(monkeypatch: pytest.
 
     def lock(file: int) -> bool:
         kept.append(os.dup(file))
+        os.lseek(file, 1 << 20, os.SEEK_SET)  # as locking does on Windows
         return try_lock(file)
 
     monkeypatch.setattr("vcfbench.safety.lock.try_lock", lock)
     for _ in range(2):
         with instrument_locks("lab-1", {"multimeter": METER}):
-            pass
+            assert json.loads(lock_path(METER).read_text("utf-8"))["station"] == "lab-1"
     for each in kept:
         os.close(each)
 
@@ -326,6 +337,13 @@ def test_without_being_told_all_users_look_in_one_place(monkeypatch: pytest.Monk
     assert found.stat().st_mode & stat.S_ISVTX
     assert re.fullmatch(r"vcfbench-gpib-0-22-[0-9a-f]{8}\.lock", lock_path(METER).name)
     assert re.fullmatch(r"vcfbench-[a-z0-9-]{80}-[0-9a-f]{8}\.lock", lock_path(f"ASRL{'x' * 200}::INSTR").name)
+
+
+def test_windows_has_a_place_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("VCFBENCH_LOCKS")
+    monkeypatch.setattr("sys.platform", "win32")
+    monkeypatch.setenv("PROGRAMDATA", str(tmp_path))
+    assert lock_directory() == tmp_path / "vcfbench" / "locks"
 
 
 @posix

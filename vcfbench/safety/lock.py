@@ -222,7 +222,7 @@ def _opened_or_made(path: Path) -> int:
             except PermissionError:
                 return os.open(path, _FLAGS & ~os.O_RDWR | os.O_RDONLY)  # it can be locked, though not signed
         with suppress(FileExistsError):
-            file = os.open(path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o666)
+            file = os.open(path, _FLAGS | os.O_CREAT | os.O_EXCL)
             if sys.platform != "win32":
                 os.fchmod(file, 0o666)  # whatever the umask
             return file
