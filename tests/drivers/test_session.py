@@ -27,7 +27,7 @@ from vcfbench.testing import Exchange, expected_exchange, over_visa
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from vcfbench.drivers.wire import Interface
+    from vcfbench.drivers.wire import Interface, Wire
 
 IDENTITY = "ACME,X1,0,1"
 OPEN = over_visa(lambda session: session, name="device", timeout_s=1.0)
@@ -301,11 +301,126 @@ def test_a_command_that_was_interrupted_leaves_the_session_dirty() -> None:
             del data, deadline
             raise KeyboardInterrupt
 
+    for act in (lambda session: session.send("A"), lambda session: session.query("A?")):
+        session = on(Interrupted(VirtualClock(), b"", 1))
+        with pytest.raises(KeyboardInterrupt):
+            act(session)
+        assert session.dirty
+
+
+@pytest.mark.parametrize("ask", ["query", "query_raw"])
+def test_an_answer_that_drips_in_runs_into_its_deadline_too(ask: str) -> None:
+    class Dripping(PieceWire):
+        def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+            del deadline
+            sleep(self._clock, 0.3)
+            assert self._clock.now() < 60.0
+            return b"1", False
+
+    with pytest.raises(DeadlineExceeded, match=r"the answer does not end, command 'ANY\?', after 1\.2 s"):
+        getattr(on(Dripping(VirtualClock(), b"", 1)), ask)("ANY?")
+
+
+def test_a_line_may_be_ended_by_end_alone() -> None:
+    with expected_exchange(OPEN, [("A?", b"5"), ("B?", "6")]) as session:
+        assert (session.query("A?"), session.query("B?")) == ("5", "6")
+
+
+def test_a_command_after_a_failed_question_waits_until_the_session_is_in_step() -> None:
+    with expected_exchange(OPEN, [("*IDN?", IDENTITY), ("A?", None), *SYNC, ("B 1", None)]) as session:
+        session.identify()
+        with pytest.raises(DeadlineExceeded):
+            session.query("A?")
+        session.send("B 1")
+
+
+def test_a_session_is_brought_into_step_once_and_cleared_for_it() -> None:
+    with expected_exchange(OPEN, [("*IDN?", IDENTITY), *SYNC, ("A?", "1"), *SYNC, ("A?", "1")]) as session:
+        session.identify()
+        for bring in (session.revive, session.resync):
+            session.dirty = True
+            bring()
+            assert session._wire.clears > 0  # type: ignore[attr-defined]
+            assert session.query("A?") == "1"
+        session.revive()  # it is in step
+
+
+def test_an_error_queue_that_does_not_empty_does_not_hang_resynchronising() -> None:
+    full: list[Exchange] = [("SYST:ERR?", '-350,"Queue overflow"')] * 64
+    with expected_exchange(OPEN, [("*IDN?", IDENTITY), *SYNC[:2], *full, ("A?", "1")]) as session:
+        session.identify()
+        session.dirty = True
+        assert session.query("A?") == "1"
+
+
+def test_a_deadline_of_one_s_own_bounds_the_search_for_the_place() -> None:
+    session = on(PieceWire(VirtualClock(), b"", 1))
+    session._identity = IDENTITY
+    with pytest.raises(OutOfSync, match=r"device at X: .*after 0\.2 s"):
+        session.resync(Deadline.after(session.clock, 0.2))
+    assert session.closed
+
+
+def test_an_instrument_that_has_gone_is_named_before_anything_is_sent() -> None:
+    class Gone(PieceWire):
+        def pending(self) -> bytes:
+            raise LinkLost("the other end has closed the connection")
+
+    session = on(Gone(VirtualClock(), b"", 1))
+    with pytest.raises(LinkLost, match="device at X: the other end has closed"):
+        session.query("A?")
+    assert session.closed
+
+
+def test_refusals_of_an_instrument_without_an_error_queue_are_read_from_its_event_status() -> None:
+    """Bits 2 to 5 of it (IEEE 488.2, 11.5.1): power on and operation complete are no refusals."""
+    with expected_exchange(OPEN, [("*ESR?", "+48"), ("*ESR?", "0"), ("*ESR?", "+129")]) as session:
+        session.use_event_status()
+        with pytest.raises(InstrumentError, match='refused with 48 "execution error, command error"'):
+            session.check_errors()
+        session.check_errors()
+
+
+def test_the_safe_words_end_what_was_torn_and_none_are_said_at_once() -> None:
+    sent: list[bytes] = []
+
+    class Noting(PieceWire):
+        def send(self, data: bytes, deadline: Deadline) -> None:
+            del deadline
+            sent.append(data)
+
+    session = on(Noting(VirtualClock(), b"", 1))
+    assert session.command_safe() is True
+    assert sent == []
+    session.declare_safe("OUTP OFF", "VOLT 0")
+    assert session.command_safe() is True
+    assert sent == [b"\nOUTP OFF\nVOLT 0\n"]
+    session.declare_safe()
+    assert session.command_safe() is True
+    assert len(sent) == 1
+
+
+def test_an_instrument_that_needs_pauses_is_left_in_peace_after_its_safe_words() -> None:
     clock = VirtualClock()
-    session = Session(Interrupted(clock, b"", 1), name="device", resource="X", clock=clock, timeout_s=1.0)
-    with pytest.raises(KeyboardInterrupt):
-        session.send("A")
-    assert session.dirty
+    session = on(PieceWire(clock, b"", 1), write_pause_s=0.4)
+    session.revive()
+    assert clock.now() == 0.0
+    session.declare_safe("STOP")
+    session.revive()
+    assert clock.now() == 0.4
+    session.revive(Deadline.after(clock, 0.1))
+    assert clock.now() == 0.5
+
+
+def test_a_session_is_closed_where_its_context_ends() -> None:
+    session = on(PieceWire(VirtualClock(), b"", 1))
+    with session as entered:
+        assert entered is session
+    assert session.closed
+
+
+def on(wire: Wire, **more: float) -> Session:
+    return Session(wire, name="device", resource="X", clock=wire._clock, timeout_s=1.0, **more)  # type: ignore[attr-defined]
 
 
 class PieceWire:
