@@ -23,7 +23,7 @@ from vcfbench.safety.control import RunControl
 from vcfbench.steps.executor import StepFinished
 from vcfbench.studies.metrics import metrics_of
 from vcfbench.testing.benches import serve_simulated, simulated
-from vcfbench.validation.check import Check, Found, same
+from vcfbench.validation.check import Check, Found, check, same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,6 +45,8 @@ _FAULTS: Final = (
     ("the table jams", {"instrument": "rate_table", "kind": "jam"}),
     ("the supply limits the current", {"instrument": "power", "kind": "current_limit"}),
 )
+_FLIPS: Final = 40
+"""Single bits that are turned."""
 _AT_S: Final = 30.0
 """Bench time at which a fault begins: the table turns, rails and drive are on."""
 
@@ -101,6 +103,7 @@ def _state(lab: ServedLab) -> str:
     return ", ".join(live) or "at rest and off"
 
 
+@check("faults", "Is a number given that cannot be true, or the bench left on?", "docs/safety.md")
 def _faults() -> Found:
     came, wrong = [], []
     with serve_simulated("paper", seed=_SEED) as lab:
@@ -118,6 +121,7 @@ def _faults() -> Found:
     return Found("no result, and the bench at rest and off, after each", "; ".join(came), passed=not wrong)
 
 
+@check("wires", "Does the bench give the same over TCP as in this process?", "the run in this process")
 def _wires() -> Found:
     with serve_simulated("paper", seed=_SEED) as lab:
         over = run("turntable", lab.on_wires(), runs=None, settings=_SHORT)
@@ -127,6 +131,7 @@ def _wires() -> Found:
     return same(f"{', '.join(outputs[0])} V; at rest and off", f"{', '.join(outputs[1])} V; {left}")
 
 
+@check("limits", "Is a rate above the limit refused before anything moves?", "docs/safety.md")
 def _limits() -> Found:
     above = {**_SHORT, "rates_deg_s": [100, 0, -5000]}
     with serve_simulated("paper", seed=_SEED) as lab:
@@ -152,7 +157,8 @@ class _StopsAfter:
                 self._control.stop()
 
 
-def _resumed() -> Found:
+@check("resumption", "Is a run that was broken off kept, and gone on with?", "docs/records.md")
+def _resumption() -> Found:
     with _folder() as folder:
         control = RunControl()
         try:
@@ -169,14 +175,15 @@ def _resumed() -> Found:
     )
 
 
-def _seals(flips: int = 40) -> Found:
+@check("seals", "Is a record that was changed by one bit recognised?", "docs/records.md")
+def _seals() -> Found:
     with _folder() as folder:
         record = run("turntable", seed=_SEED, runs=folder, settings=_SHORT).directory
         assert record is not None  # noqa: S101  # it was asked to record
         sound = verify_run(record).verdict
         files = [record / name for name in ("journal.jsonl", "points.csv", "result.json")]
         draw, unseen = random.Random(_SEED), 0  # noqa: S311  # no secret
-        for _ in range(flips):
+        for _ in range(_FLIPS):
             file = draw.choice(files)
             data = bytearray(file.read_bytes())
             place = draw.randrange(len(data))
@@ -191,8 +198,8 @@ def _seals(flips: int = 40) -> Found:
         (cut / "journal.jsonl").write_bytes(b"".join(lines[:-1]))
         truncated = verify_run(cut).verdict
     return same(
-        f"as it was PASS, of {flips} single bits turned 0 unseen, without its last line FAIL",
-        f"as it was {sound}, of {flips} single bits turned {unseen} unseen, without its last line {truncated}",
+        f"as it was PASS, of {_FLIPS} single bits turned 0 unseen, without its last line FAIL",
+        f"as it was {sound}, of {_FLIPS} single bits turned {unseen} unseen, without its last line {truncated}",
     )
 
 
@@ -210,9 +217,5 @@ def checks(runs: int = RUNS) -> tuple[Check, ...]:
             )
             for value in _VALUES
         ),
-        Check("faults", "Is a number given that cannot be true, or the bench left on?", "docs/safety.md", _faults),
-        Check("limits", "Is a rate above the limit refused before anything moves?", "docs/safety.md", _limits),
-        Check("wires", "Does the bench give the same over TCP as in this process?", "the run in this process", _wires),
-        Check("resumption", "Is a run that was broken off kept, and gone on with?", "docs/records.md", _resumed),
-        Check("seals", "Is a record that was changed by one bit recognised?", "docs/records.md", _seals),
+        *(_faults, _limits, _wires, _resumption, _seals),
     )

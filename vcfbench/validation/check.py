@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
@@ -30,6 +31,11 @@ class Check(Struct, frozen=True):
     question: str
     source: str
     answer: Callable[[], Found]
+
+
+def check(name: str, question: str, source: str) -> Callable[[Callable[[], Found]], Check]:
+    """Make a function, which gives the answer, a check."""
+    return partial(Check, name, question, source)
 
 
 class Checked(Struct, frozen=True):

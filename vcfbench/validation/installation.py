@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from packaging.requirements import Requirement
 
-from vcfbench.validation.check import Check, Found
+from vcfbench.validation.check import Found, check
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,6 +45,7 @@ def fingerprint(name: str) -> str:
     return total.hexdigest()
 
 
+@check("packages", "Are the packages that it needs installed, none too old?", "metadata of the package")
 def _packages() -> Found:
     asked = {str(each): each for each in requirements() if each.name not in _OURS}
     wrong = []
@@ -58,6 +59,7 @@ def _packages() -> Found:
     return Found(f"{len(asked)} packages as required", "; ".join(wrong) or f"{len(asked)} as required", not wrong)
 
 
+@check("files", "Is the program as it was installed?", "RECORD of the wheel (PEP 376)")
 def _files() -> Found:
     expected = "each file with the SHA-256 that it was installed with"
     wrong, count = [], 0
@@ -75,8 +77,5 @@ def _files() -> Found:
     return Found(expected, "changed: " + ", ".join(wrong[:5]) if wrong else f"{count} files unchanged", not wrong)
 
 
-CHECKS = (
-    Check("packages", "Are the packages that it needs installed, none too old?", "metadata of the package", _packages),
-    Check("files", "Is the program as it was installed?", "RECORD of the wheel (PEP 376)", _files),
-)
+CHECKS = (_packages, _files)
 """Checks of the installation, in their order."""

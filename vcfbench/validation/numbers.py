@@ -16,7 +16,7 @@ from vcfbench.analysis.scale_factor import characterise, compare
 from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
-from vcfbench.validation.check import Check, Found, same
+from vcfbench.validation.check import Found, check, same
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,6 +43,11 @@ _NORRIS: Final = (
 )  # fmt: skip
 
 
+@check(
+    "table of the paper",
+    "Do scale factors, biases and their difference follow from the printed outputs?",
+    "Wang, Cao, Shen, Chai, Micromachines 9 (2018), table 1 and section 4.2",
+)
 def _paper() -> Found:
     table, virtual = characterise(RATES_DEG_S, TURNTABLE_V), characterise(RATES_DEG_S, VIRTUAL_V)
     came = (
@@ -53,6 +58,11 @@ def _paper() -> Found:
     return same("-12.54 and -12.73 mV/(deg/s), -42.04 and 0.66 mV, error 1.515 %", came)
 
 
+@check(
+    "straight line",
+    "Slope, intercept, their standard deviations and that of the residuals",
+    "NIST Statistical Reference Datasets, Norris, certified values",
+)
 def _norris() -> Found:
     x, y = np.array(_NORRIS).T
     line = fit_line(x, y)
@@ -61,6 +71,7 @@ def _norris() -> Found:
     return same("1.00211681802 (0.00042979685), -0.2623230738 (0.2328182343), 0.8847963961", came)
 
 
+@check("Allan deviation", "Overlapping, of 1000 points at factors 1, 10, 100", "NIST SP 1065 (2008), table 31")
 def _allan() -> Found:
     modulus, value, record = 2147483647, 1234567890, []
     for _ in range(1000):
@@ -70,6 +81,7 @@ def _allan() -> Found:
     return same("2.922319e-01 9.159953e-02 3.241343e-02", came)
 
 
+@check("Student's t", "97.5 % points at 1, 2, 5, 10, 30, 100 degrees of freedom", "NIST/SEMATECH e-Handbook, 1.3.6.7.2")
 def _student() -> Found:
     came = " ".join(f"{t_quantile(0.05, dof):.3f}" for dof in (1, 2, 5, 10, 30, 100))
     return same("12.706 4.303 2.571 2.228 2.042 1.984", came)
@@ -80,6 +92,7 @@ def _impedance(x: Mapping[str, Any]) -> Mapping[str, Any]:
     return {"R": z * umath.cos(x["phase"]), "X": z * umath.sin(x["phase"]), "Z": z}
 
 
+@check("correlated sources", "Resistance, reactance, impedance", "JCGM 100:2008 (GUM), H.2, table H.2")
 def _gum() -> Found:
     observed = np.array(
         [
@@ -104,6 +117,7 @@ def _gum() -> Found:
     )
 
 
+@check("data-sheet limits", "A weight of 10 kg", "EA-4/02 M:2022, S2")
 def _weight() -> Found:
     sources = [
         budget.Source("standard", 10_000.005, 0.0225, "g"),
@@ -117,6 +131,7 @@ def _weight() -> Found:
     return same("10000.025 g, u 29.3 mg, U 59 mg", came)
 
 
+@check("another calculator", "A budget with correlations", "GUM Tree Calculator (GTC)")
 def _tree_calculator() -> Found:
     expected = "value, u and degrees of freedom alike to 1e-9"
     try:
@@ -139,38 +154,10 @@ def _tree_calculator() -> Found:
     return Found(expected, f"largest relative difference {apart:.1e}", passed=apart < 1e-9)
 
 
-def _e_n() -> Found:
+@check("agreement", "E_n of 10.0 +- 0.3 and 10.4 +- 0.4", "ISO 13528:2022, 9.7, by hand")
+def _agreement() -> Found:
     return same("0.80", f"{e_n(10.0, 0.3, 10.4, 0.4):.2f}")
 
 
-CHECKS = (
-    Check(
-        "table of the paper",
-        "Do scale factors, biases and their difference follow from the printed outputs?",
-        "Wang, Cao, Shen, Chai, Micromachines 9 (2018), table 1 and section 4.2",
-        _paper,
-    ),
-    Check(
-        "straight line",
-        "Slope, intercept, their standard deviations and that of the residuals",
-        "NIST Statistical Reference Datasets, Norris, certified values",
-        _norris,
-    ),
-    Check(
-        "Allan deviation",
-        "Overlapping, of 1000 points at factors 1, 10, 100",
-        "NIST SP 1065 (2008), table 31",
-        _allan,
-    ),
-    Check(
-        "Student's t",
-        "97.5 % points at 1, 2, 5, 10, 30, 100 degrees of freedom",
-        "NIST/SEMATECH e-Handbook, 1.3.6.7.2",
-        _student,
-    ),
-    Check("correlated sources", "Resistance, reactance, impedance", "JCGM 100:2008 (GUM), H.2, table H.2", _gum),
-    Check("data-sheet limits", "A weight of 10 kg", "EA-4/02 M:2022, S2", _weight),
-    Check("another calculator", "A budget with correlations", "GUM Tree Calculator (GTC)", _tree_calculator),
-    Check("agreement", "E_n of 10.0 +- 0.3 and 10.4 +- 0.4", "ISO 13528:2022, 9.7, by hand", _e_n),
-)
+CHECKS = (_paper, _norris, _allan, _student, _gum, _weight, _tree_calculator, _agreement)
 """Checks of the arithmetic, in their order."""
