@@ -8,6 +8,7 @@ import typer
 
 from vcfbench.cli.ending import Stopped
 from vcfbench.cli.options import Devices_, Runs_  # typer reads them
+from vcfbench.page.server import serve_station
 
 _PORT = 8330
 
@@ -20,7 +21,5 @@ def page(
     ] = _PORT,
 ) -> None:
     """Show devices and runs, finished or in progress, in a browser on this machine, until Ctrl-C (extra page)."""
-    from vcfbench.page.server import serve_station  # noqa: PLC0415  # keeps ``vcfbench --help`` quick
-
     with suppress(Stopped):  # the way in which it is meant to end
         serve_station(runs, devices, port, lambda address: typer.echo(f"page: {address}  (Ctrl-C ends it)"))

@@ -7,12 +7,11 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from vcfbench.archive.run import Run
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.extras import need
-from vcfbench.page.app import PageContent
 from vcfbench.page.following import RunFollower
 from vcfbench.page.parts import end_of
 from vcfbench.page.station import StationDirectories
@@ -21,20 +20,30 @@ from vcfbench.runs.request import Prepared
 from vcfbench.safety.control import RunControl
 from vcfbench.steps.executor import Event
 
+if TYPE_CHECKING:
+    from vcfbench.page.app import PageContent
+
 LOOPBACK: Final = "127.0.0.1"
 _WHAT: Final = "the page in a browser"
 _PARTING_S: Final = 1.5  # Time of browsers for the last of a run, s: the command does not wait for them any longer
 _STARTING_S: Final = 10.0
-_TAKEN_AT_ONCE: Final = (
-    8  # Connections accepted in one go, each with a file descriptor, before the first can be refused
-)
+_TAKEN_AT_ONCE: Final = 8
+"""Connections accepted in one go, each with a file descriptor, before the first can be refused."""
 
 
-def _shown(runs: Path, devices: Path) -> PageContent:
+def _content_and_server(runs: Path, devices: Path) -> tuple[PageContent, Any]:
+    """Return the page of a station, and the server that shows it; ConfigError where the extra is not installed."""
     need("starlette", "page", _WHAT)
-    from vcfbench.page.app import PageContent  # noqa: PLC0415  # starlette comes with it
+    uvicorn = need("uvicorn", "page", _WHAT)
+    from vcfbench.page.app import PageContent, application  # noqa: PLC0415  # made of starlette
+    from vcfbench.page.connections import BoundedConnection  # noqa: PLC0415  # made of uvicorn
 
-    return PageContent(StationDirectories(runs, devices))
+    shown = PageContent(StationDirectories(runs, devices))
+    how = {"log_config": None, "log_level": "critical", "access_log": False, "lifespan": "off", "ws": "none"}
+    config = uvicorn.Config(
+        application(shown), http=BoundedConnection, backlog=_TAKEN_AT_ONCE, timeout_graceful_shutdown=1, **how
+    )
+    return shown, uvicorn.Server(config)
 
 
 def _bound(port: int) -> socket.socket:
@@ -55,18 +64,6 @@ def _bound(port: int) -> socket.socket:
     return listening
 
 
-def _server(shown: PageContent) -> Any:
-    uvicorn = need("uvicorn", "page", _WHAT)
-    from vcfbench.page.app import application  # noqa: PLC0415  # starlette comes with it
-    from vcfbench.page.connections import BoundedConnection  # noqa: PLC0415  # as above
-
-    how = {"log_config": None, "log_level": "critical", "access_log": False, "lifespan": "off", "ws": "none"}
-    config = uvicorn.Config(
-        application(shown), http=BoundedConnection, backlog=_TAKEN_AT_ONCE, timeout_graceful_shutdown=1, **how
-    )
-    return uvicorn.Server(config)
-
-
 class LivePage:
     """The page of the run of this process, in a thread of its own that nothing of the run waits for.
 
@@ -78,10 +75,9 @@ class LivePage:
 
     def __init__(self, runs: Path, devices: Path, port: int, control: RunControl) -> None:
         self.view = View()
-        self._shown = _shown(runs, devices)
+        self._shown, self._server = _content_and_server(runs, devices)
         self._shown.live, self._shown.control, self._shown.token = self.view, control, secrets.token_urlsafe(12)
         control.tell(self.view.hear)
-        self._server = _server(self._shown)
         self._socket = _bound(port)
         self._prepared: Prepared | None = None
         self._follower: RunFollower | None = None
@@ -127,8 +123,8 @@ def serve_station(runs: Path, devices: Path, port: int, said: Callable[[str], No
         ConfigError: the port is taken, or what the page needs is not installed.
         BenchError: the server ended by itself.
     """
-    shown = _shown(runs, devices)
-    server, listening = _server(shown), _bound(port)
+    shown, server = _content_and_server(runs, devices)
+    listening = _bound(port)
     said(f"http://{LOOPBACK}:{listening.getsockname()[1]}/")
     thread = Thread(target=server.run, args=([listening],), name="page", daemon=True)
     thread.start()
