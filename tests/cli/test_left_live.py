@@ -1,4 +1,4 @@
-"""A bench whose program died: what the watchdog writes down, says and tells, and to whom it leaves it."""
+"""A bench whose program died: what the watchdog writes down, says and tells."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 import vcfbench
 from vcfbench.bench.make_safe import MadeSafe, Safed
 from vcfbench.cli import left_live
-from vcfbench.errors import ConnectFailed
 from vcfbench.interfaces import SafeReport
 from vcfbench.records.journal import Journal, read_journal
 from vcfbench.safety.lock import InUse, Owner
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
 PAPER = vcfbench.load_bench("paper")
 BENCH = {**json.loads(json.dumps(msgspec.to_builtins(PAPER))), "notify": {"command": ["tell"]}}
 CHARGE: dict[str, Any] = {"bench": BENCH, "owner": 4711, "mark": "mark"}
-PLAIN = {**CHARGE, "bench": msgspec.to_builtins(PAPER)}
 SAFE = MadeSafe((Safed("power", "COM1", "on", safe=True, detail="off"),), ())
 LIVE = MadeSafe((), (SafeReport("power", "COM1", safe=False, detail="nobody answers"),))
 TAKEN = InUse("in use")
@@ -67,7 +65,7 @@ def made_safe(
         return made
 
     asked = left
-    monkeypatch.setattr(left_live, "_safe", safe)
+    monkeypatch.setattr("vcfbench.bench.abandoned.safe_abandoned", safe)
     words = {b"bench": json.dumps(CHARGE).encode(), **{kind.encode(): value for kind, value in said.items()}}
     if journal is not None:
         words[b"journal"] = json.dumps(str(journal)).encode()
@@ -187,89 +185,3 @@ def test_the_program_that_hangs_is_ended_and_no_other(monkeypatch: pytest.Monkey
     monkeypatch.setattr(left_live, "end", end)
     left_live.end_owner({b"bench": json.dumps(CHARGE).encode()})
     assert ended == [(4711, "mark", KILL)]
-
-
-class Tries:
-    """What `safe_bench` does, one after the other, the last for ever; the time between is counted, not spent."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *does: MadeSafe | Exception, lives_for_s: float = 0.0) -> None:
-        self.does = list(does)
-        self.now_s = 0.0
-        self.made: list[tuple[float, bool]] = []
-        monkeypatch.setattr(left_live, "WallClock", lambda: self)
-        monkeypatch.setattr(left_live, "sleep", self.sleep)
-        monkeypatch.setattr(left_live, "mark_of", lambda pid: "mark" if self.now_s < lives_for_s else f"not {pid}")
-        monkeypatch.setattr("vcfbench.bench.make_safe.safe_bench", self.safe_bench)
-
-    def now(self) -> float:
-        return self.now_s
-
-    def sleep(self, clock: object, seconds: float) -> None:
-        assert clock is self
-        self.now_s = round(self.now_s + seconds, 3)
-
-    def safe_bench(self, bench: object, *, force: bool = False) -> MadeSafe:
-        assert bench == PAPER
-        self.made.append((self.now_s, force))
-        does = self.does[0] if len(self.does) == 1 else self.does.pop(0)
-        if isinstance(does, Exception) and not force:
-            raise does
-        return does if isinstance(does, MadeSafe) else SAFE
-
-
-def own() -> InUse:
-    error = InUse("in use")
-    error.owner = Owner(4711, "Ann", "here", "today", "paper", "COM1")
-    return error
-
-
-def test_the_death_of_the_program_is_waited_for_some_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As it dies it gives its locks back one by one, and then its wires; one that has left the bench lives on."""
-    for lives_for_s, left, at_s in ((0.35, False, 0.4), (60.0, False, 5.0), (60.0, True, 0.0)):
-        tries = Tries(monkeypatch, SAFE, lives_for_s=lives_for_s)
-        assert left_live._safe(PLAIN, left=left) is SAFE
-        assert tries.made == [(at_s, False)]
-
-
-def test_what_the_dead_program_still_holds_is_asked_for_again_then_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    held = MadeSafe((), (), left_to={"power": own()})
-    tries = Tries(monkeypatch, held, held, SAFE)
-    assert left_live._safe(PLAIN, left=False) is SAFE
-    assert tries.made == [(0.0, False), (0.1, False), (0.2, False)]
-    tries = Tries(monkeypatch, held)
-    left_live._safe(PLAIN, left=False)
-    assert tries.made[-2:] == [(30.1, False), (30.1, True)]
-    assert len(tries.made) == 303
-    tries = Tries(monkeypatch, own())
-    left_live._safe(PLAIN, left=False)
-    assert tries.made[-1] == (5.1, True)
-
-
-def test_what_somebody_else_has_is_left_to_them_and_what_a_program_left_is_not_asked_for(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    both = MadeSafe((), (), left_to={"power": own(), "rate_table": TAKEN})
-    Tries(monkeypatch, both)
-    with pytest.raises(InUse):  # its own part is not free, and forcing would speak beside the other
-        left_live._safe(PLAIN, left=False)
-    tries = Tries(monkeypatch, both)
-    assert left_live._safe(PLAIN, left=True) is both
-    tries = Tries(monkeypatch, TAKEN)
-    assert left_live._safe(PLAIN, left=False).left_to == {"all": TAKEN}
-    assert tries.now_s == 30.1
-    tries = Tries(monkeypatch, InUse("nobody has signed"))
-    left_live._safe(PLAIN, left=False)
-    assert tries.made[-1] == (5.1, True)
-    tries = Tries(monkeypatch, own(), lives_for_s=60.0)
-    with pytest.raises(InUse):
-        left_live._safe(PLAIN, left=False)
-    assert not any(force for _, force in tries.made)
-
-
-def test_a_served_bench_is_waited_for_as_long_as_locks_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    tries = Tries(monkeypatch, ConnectFailed("another controls its time"))
-    with pytest.raises(ConnectFailed):
-        left_live._safe(PLAIN, left=False)
-    assert tries.made[-1] == (5.1, False)
-    tries = Tries(monkeypatch, ConnectFailed("another controls its time"), SAFE)
-    assert left_live._safe(PLAIN, left=False) is SAFE

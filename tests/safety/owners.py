@@ -24,8 +24,8 @@ MISTAKES = {
     "hung and left alive": "the watchdog does not end a program that hangs (cli.watchdog.Watch._ended)",
     "number alone": "a process is ended by its number (processes.end without a mark)",
     "lock before wires": "the lock is given back before the wires are closed (Holding.leave)",
-    "dying is dead": "nobody waits for a process that is dying (Owner.ended_within, cli.left_live._safe)",
-    "left to the first": "the watchdog leaves the bench to a `safe` that dies (cli.left_live._safe)",
+    "dying is dead": "nobody waits for a process that is dying (Owner.ended_within, bench.abandoned.safe_abandoned)",
+    "left to the first": "the watchdog leaves the bench to a `safe` that dies (bench.abandoned.safe_abandoned)",
 }
 
 
@@ -136,7 +136,7 @@ def _ended(state: State, mistake: str) -> State:
 
 
 def _watchdog(state: State, mistake: str) -> Iterator[State]:
-    """The watchdog: `cli.watchdog.Watch`, then `cli.left_live._safe`."""
+    """The watchdog: `cli.watchdog.Watch`, then `bench.abandoned.safe_abandoned`."""
     at = state.at[DOG]
     yield from _taking(state, DOG, "refused", mistake)
     yield from _giving_back(state, DOG, "gone")

@@ -45,7 +45,7 @@ def loaded() -> ModuleType:
             site.main()  # it was started without: an editable installation may need it
             sys.modules["numpy"] = None  # type: ignore[assignment]  # an import raises ImportError
             try:
-                import vcfbench.bench.make_safe  # noqa: PLC0415
+                import vcfbench.bench.abandoned  # noqa: PLC0415
                 import vcfbench.drivers.visa_wire  # noqa: F401, PLC0415
             except ImportError:  # whoever needs it will say so
                 pass

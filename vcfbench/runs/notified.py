@@ -1,18 +1,18 @@
 """Notice of a run's outcome to a program that the bench file names: ``[notify]``."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
 import subprocess
 from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from vcfbench.archive.run import Run
 from vcfbench.errors import Aborted, NotSafe
 from vcfbench.station.description import Notify
+from vcfbench.typed import typed
 
 _FAILED = 1
 
@@ -75,6 +75,22 @@ def notify(notice: Notify, outcome: Mapping[str, Any]) -> str | None:
         _end(process)
         raise
     return None if process.returncode == 0 else f"{name} ended with code {process.returncode}"
+
+
+def notify_in_place_of(directory: Path | None, bench: Mapping[str, Any], error: str, code: int | None) -> None:
+    """Notify of the end of a run that can tell nothing itself any more; `bench` is as its header has it.
+
+    `directory` is that of the record, `code` that of NotSafe where the bench is not safe.
+    """
+    outcome = {
+        "outcome": "NOT SAFE" if code else "failed",
+        "exit_code": code,
+        "error": error,
+        "run": None if directory is None else directory.name,
+        "directory": None if directory is None else str(directory),
+        "bench": bench.get("name"),
+    }
+    notify(typed(bench["notify"], Notify), outcome)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
