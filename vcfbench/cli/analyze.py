@@ -1,7 +1,7 @@
 """``vcfbench analyze``: the whole analysis of a table that was measured somewhere else."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator
 from json import dumps
 from pathlib import Path
 from shutil import get_terminal_size
@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from vcfbench.analysis.nonlinearity import DEFINITIONS
-from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
+from vcfbench.archive.analyzed import TableAnalysis
 from vcfbench.archive.analyzed import analyze as analyzed
 from vcfbench.archive.analyzed_record import analyze_record
 from vcfbench.archive.written import write_document
@@ -69,9 +69,7 @@ def analyze(  # noqa: PLR0917  # options of a command
     if json:
         typer.echo(dumps(analysis.as_json(), allow_nan=False))
     else:
-        tables = [_fit_table(analysis.series), _nonlinearity_table(analysis.series)]
-        if analysis.compared is not None and analysis.comparison is not None:
-            tables.append(_comparison_table(analysis.compared, analysis.comparison))
+        tables = list(_tables(analysis))
         console = Console(highlight=False, width=_UNBOUNDED)
         if sys.stdout.isatty():
             # where figures would be cut the terminal shall wrap them: then nothing is lost
@@ -99,8 +97,10 @@ def _columns_table(title: str, columns: list[str], *, note: str = "") -> Table:
     return table
 
 
-def _fit_table(results: Mapping[str, ScaleFactorResult]) -> Table:
-    table = _columns_table(
+def _tables(analysis: TableAnalysis) -> Iterator[Table]:
+    """Yield the lines, their non-linearities, and the comparison of two where there is one."""
+    results = analysis.series
+    fits = _columns_table(
         "Least-squares line",
         list(results),
         note="u_fit: of the fit alone, lack of fit included; of points alone no combined u is known",
@@ -116,31 +116,24 @@ def _fit_table(results: Mapping[str, ScaleFactorResult]) -> Table:
         "degrees of freedom": [str(line.dof) for line in lines],
     }
     for name, cells in rows.items():
-        table.add_row(name, *cells)
-    return table
-
-
-def _nonlinearity_table(results: Mapping[str, ScaleFactorResult]) -> Table:
+        fits.add_row(name, *cells)
+    yield fits
     note = "full scale: |K| times the largest rate; reading: from 10 deg/s on"
-    table = _columns_table("\nNon-linearity and asymmetry, ppm", list(results), note=note)
-    table.add_column("definition", overflow="fold")
+    bends = _columns_table("\nNon-linearity and asymmetry, ppm", list(results), note=note)
+    bends.add_column("definition", overflow="fold")
     for name, words in DEFINITIONS.items():
         values = (result.nonlinearity_ppm[name] for result in results.values())
-        table.add_row(name, *("-" if value is None else f"{value:.1f}" for value in values), words)
-    return table
-
-
-def _comparison_table(pair: tuple[str, str], comparison: Comparison) -> Table:
-    table = _columns_table(f"\n{pair[1]} against {pair[0]}", [""])
+        bends.add_row(name, *("-" if value is None else f"{value:.1f}" for value in values), words)
+    yield bends
+    found = analysis.comparison
+    if analysis.compared is None or found is None:
+        return
+    table = _columns_table(f"\n{analysis.compared[1]} against {analysis.compared[0]}", [""])
     table.show_header = False
-    rounded, e_n = comparison.scale_factor_error_percent_rounded, comparison.e_n
-    rows = {
-        "scale factor error, %": f"{comparison.scale_factor_error_percent:.3f}",
-        "  u_fit, percentage points": f"{comparison.u_fit_scale_factor_error_percent:.3f}",
-        "  from slopes rounded to five decimals, %": "-" if rounded is None else f"{rounded:.3f}",
-        "E_n (above 1: they disagree)": "-" if e_n is None else f"{e_n:.2f}",
-        "bias difference, mV": f"{1e3 * comparison.bias_difference_v:.3f}",
-    }
-    for name, cell in rows.items():
-        table.add_row(name, cell)
-    return table
+    rounded, e_n = found.scale_factor_error_percent_rounded, found.e_n
+    table.add_row("scale factor error, %", f"{found.scale_factor_error_percent:.3f}")
+    table.add_row("  u_fit, percentage points", f"{found.u_fit_scale_factor_error_percent:.3f}")
+    table.add_row("  from slopes rounded to five decimals, %", "-" if rounded is None else f"{rounded:.3f}")
+    table.add_row("E_n (above 1: they disagree)", "-" if e_n is None else f"{e_n:.2f}")
+    table.add_row("bias difference, mV", f"{1e3 * found.bias_difference_v:.3f}")
+    yield table

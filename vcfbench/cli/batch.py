@@ -57,7 +57,15 @@ def batch(
         for serial in asked.devices or _typed(asked, runs):
             worst = max(worst, _measure(asked, serial, options))
     finally:  # what there is, also when the batch was stopped
-        _show(asked, runs, sheet, as_json=json)
+        rows = sheet_rows(asked.name, runs)
+        written = () if sheet is None else write_sheet(asked.name, rows, sheet)
+        if json:
+            listed = [to_builtins(each) for each in rows]
+            print_json({"batch": asked.name, "rows": listed, "sheet": list(map(str, written))})
+        else:
+            print_verdicts(text_of(batch_sheet(asked.name, rows), _WIDTH))
+            for each in written:
+                typer.echo(f"sheet: {each}")
     if (ending := context.find_object(SignalsWithoutBench)) is not None:
         ending.answered()
     if worst:
@@ -124,16 +132,3 @@ def _failed(serial: str, each: BatchRun, error: BenchError) -> int:
     """Say why a device has no result; the batch goes on."""
     typer.echo(f"vcfbench: {serial}: {each.procedure.name}: {error}; the batch goes on", err=True)
     return error.exit_code
-
-
-def _show(asked: Batch, runs: Path, sheet: Path | None, *, as_json: bool) -> None:
-    rows = sheet_rows(asked.name, runs)
-    written = () if sheet is None else write_sheet(asked.name, rows, sheet)
-    if as_json:
-        print_json(
-            {"batch": asked.name, "rows": [to_builtins(each) for each in rows], "sheet": list(map(str, written))}
-        )
-        return
-    print_verdicts(text_of(batch_sheet(asked.name, rows), _WIDTH))
-    for each in written:
-        typer.echo(f"sheet: {each}")

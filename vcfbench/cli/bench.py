@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-import msgspec
 import typer
 from msgspec import to_builtins
+from msgspec.structs import astuple
 
-from vcfbench.bench.check import CheckedInstrument, CheckedWatchdog, check_bench
+from vcfbench.bench.check import CheckedWatchdog, check_bench
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
 from vcfbench.cli.discover import discover
@@ -18,7 +18,6 @@ from vcfbench.procedures.resolved import as_resolved, resolved_text
 from vcfbench.reports.text import left_table
 from vcfbench.runs.needs import what_can_run
 from vcfbench.station import file
-from vcfbench.station.description import BenchDescription
 from vcfbench.station.equipment import calibration_words
 
 _CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificate", "overdue")
@@ -61,12 +60,17 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
         done = check_bench(description, trust=agreed)
 
     def show() -> None:
+        station: dict[str, Any] = {
+            "limits": to_builtins(description.limits),
+            "acceptance": to_builtins(description.acceptance),
+            "procedures": what_can_run(description),
+        }
         if json:
             safe = {report.instrument: report.safe for report in done.safe_reports}
             instruments = {
                 each.role: {
                     "resource": each.resource,
-                    "identity": msgspec.to_builtins(each.identity),
+                    "identity": to_builtins(each.identity),
                     "ok": each.problem is None,
                     "problem": each.problem,
                     "safe": safe.get(each.role),
@@ -80,52 +84,33 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
                 "problem": done.watchdog.problem,
                 "instruments": {role: {"armed": False, "why": why} for role, why in done.watchdog.instruments.items()},
             }
-            print_json(
-                {
-                    "bench": description.name,
-                    "ok": done.failure() is None,
-                    "watchdog": watchdog,
-                    "instruments": instruments,
-                    **_station_json(description, what_can_run(description)),
-                }
-            )
+            whole = {"bench": description.name, "ok": done.failure() is None}
+            print_json({**whole, "watchdog": watchdog, "instruments": instruments, **station})
         else:
             rows = (
                 (
                     *(each.role, "ok" if each.problem is None else "FAILED", each.equipment.model, each.resource),
-                    *(calibration_words(each.equipment), _who(each)),
+                    calibration_words(each.equipment),
+                    "-" if each.identity is None else " ".join(filter(None, astuple(each.identity))),
                 )
                 for each in done.instruments
             )
             table = left_table(("role", "state", "model", "resource", "calibration", "who answers"), rows)
             typer.echo(f"{description.title}\n\n{table}\n")
-            for each in done.instruments:
-                if each.problem is not None:
-                    typer.echo(each.problem)
+            for problem in filter(None, (each.problem for each in done.instruments)):
+                typer.echo(problem)
             typer.echo(f"{left_table(('watchdog', 'state', ''), _watchdog_rows(done.watchdog))}\n")
             # Print limits and acceptance, and the procedures that can run here; of the others the missing parts
-            procedures = what_can_run(description)
-            station = _station_json(description, procedures)
             for name, otherwise in (("limits", "none"), ("acceptance", "no result is judged")):
                 given = {key: value for key, value in station[name].items() if value not in (None, "none")}
-                typer.echo(
-                    f"{name}: {', '.join(f'{key} {_shown(value)}' for key, value in given.items()) or otherwise}"
-                )
-            able = [name for name, lacking in procedures.items() if lacking is None]
+                said = ", ".join(f"{key} {_shown(value)}" for key, value in given.items())
+                typer.echo(f"{name}: {said or otherwise}")
+            able = [name for name, lacking in station["procedures"].items() if lacking is None]
             typer.echo(f"can run: {', '.join(able) or 'nothing'}")
-            for lacking in filter(None, procedures.values()):
+            for lacking in filter(None, station["procedures"].values()):
                 typer.echo(f"cannot run: {lacking}")
 
     answer(show, done.failure())
-
-
-def _station_json(description: BenchDescription, procedures: dict[str, str | None]) -> dict[str, Any]:
-    """Return the bench file's settings of the station, and the procedures that can run there."""
-    return {
-        "limits": to_builtins(description.limits),
-        "acceptance": to_builtins(description.acceptance),
-        "procedures": procedures,
-    }
 
 
 def _shown(value: object) -> str:
@@ -143,10 +128,3 @@ def _watchdog_rows(watchdog: CheckedWatchdog) -> Iterator[tuple[str, str, str]]:
         yield "process", "ok", f"watches {watchdog.ready_s:.2f} s after its start"
     for role, why in watchdog.instruments.items():
         yield f"of {role} itself", "none", why
-
-
-def _who(each: CheckedInstrument) -> str:
-    if each.identity is None:
-        return "-"
-    identity = each.identity
-    return " ".join(filter(None, (identity.maker, identity.model, identity.serial, identity.firmware)))

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import nullcontext
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
 from msgspec import Struct, field, structs, to_builtins
 
+from vcfbench.archive.run import Run
 from vcfbench.cli.answer import given, print_json, print_report
+from vcfbench.cli.ending import SignalsWithoutBench
 from vcfbench.cli.keys import Keys
 from vcfbench.cli.person import agreed, at_the_terminal
 from vcfbench.errors import BenchError
@@ -24,13 +27,7 @@ from vcfbench.safety.control import RunControl
 from vcfbench.safety.signals import StopSignals
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from contextlib import AbstractContextManager
-
-    from vcfbench.archive.run import Run
-    from vcfbench.cli.ending import SignalsWithoutBench
     from vcfbench.page.server import LivePage
-    from vcfbench.runs.expected import Expectation
 
 _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
 """Terminals on which nothing can be drawn in place, by the name that they give themselves."""
@@ -180,22 +177,19 @@ def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_js
         return
     for each in planned.steps:
         typer.echo(f"{each.number:4d}  {each.t_s:8.1f} s  {each.step.describe()}")
-    typer.echo("\n".join(_expected_lines(planned.expected)))
+    expectation = planned.expected
+    if expectation.why_none is not None:
+        typer.echo(f"expected U95: not known before the run: {expectation.why_none}")
+    else:
+        typer.echo(f"expected with {expectation.noise}:")
+    for value in expectation.values:
+        causes = ", ".join(f"{source} {u:.2g}" for source, u in value.causes)
+        u95 = f"  {value.name}: U95 {value.u95:.2g} {value.unit}".rstrip()
+        typer.echo(f"{u95}; u of {causes}" if causes else u95)
+    for why in dict.fromkeys(why for _, why in expectation.unknown):
+        names = ", ".join(name for name, of in expectation.unknown if of == why)
+        typer.echo(f"  not known before the run: {names}: {why}")
     typer.echo(
         f"estimated bench time {planned.bench_seconds:.0f} s, {planned.physical_minimum_s:.0f} s of it windows, "
         "ramps and settling"
     )
-
-
-def _expected_lines(expected: Expectation) -> Iterator[str]:
-    """Yield for each result its expected U95, and the contributions to it."""
-    if expected.why_none is not None:
-        yield f"expected U95: not known before the run: {expected.why_none}"
-        return
-    yield f"expected with {expected.noise}:"
-    for each in expected.values:
-        causes = ", ".join(f"{source} {u:.2g}" for source, u in each.causes)
-        yield f"  {each.name}: U95 {each.u95:.2g} {each.unit}".rstrip() + (f"; u of {causes}" if causes else "")
-    for why in dict.fromkeys(why for _, why in expected.unknown):
-        names = ", ".join(name for name, of in expected.unknown if of == why)
-        yield f"  not known before the run: {names}: {why}"

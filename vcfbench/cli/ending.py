@@ -4,8 +4,6 @@ A command may have lost its terminal, its reader or its disk, and signals may co
 out about the bench stands. The worst that is known wins, whatever went wrong on the way out.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import os
@@ -13,15 +11,10 @@ import signal
 import stat
 import sys
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final, Protocol, cast
+from types import FrameType, TracebackType
+from typing import Final, Protocol, Self, TextIO, cast
 
-from vcfbench.clock import within
 from vcfbench.errors import Aborted, BenchError, NotSafe
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from types import FrameType, TracebackType
-    from typing import Self, TextIO
 
 _WATCHED: Final = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 _SAYING_S: Final = 2.0
@@ -88,9 +81,14 @@ def ending_of(error: BaseException) -> tuple[str, int] | None:
 
     What is not safe comes before everything, wherever it is in the chain of what went wrong.
     """
-    not_safe = next((each for each in _chain(error) if isinstance(each, NotSafe)), None)
-    if not_safe is not None:
-        return str(not_safe), NotSafe.exit_code
+    waiting, seen = [error], set[int]()  # the error, and all that led to it or that it came in the way of
+    while waiting:
+        each = waiting.pop()
+        if isinstance(each, NotSafe):
+            return str(each), NotSafe.exit_code
+        if id(each) not in seen:
+            seen.add(id(each))
+            waiting += filter(None, (each.__cause__, each.__context__))
     match error:
         case BenchError():
             words = f"{error}; the bench was made safe" if isinstance(error, Aborted) else str(error)
@@ -106,17 +104,6 @@ def ending_of(error: BaseException) -> tuple[str, int] | None:
         case _:
             return None
     return ending
-
-
-def _chain(error: BaseException | None) -> Iterator[BaseException]:
-    """Yield `error` and all that led to it, or that it came in the way of."""
-    waiting, seen = [error], set[int]()
-    while waiting:
-        each = waiting.pop()
-        if each is not None and id(each) not in seen:
-            seen.add(id(each))
-            yield each
-            waiting += [each.__cause__, each.__context__]
 
 
 class _Usage(Protocol):
@@ -182,6 +169,8 @@ def _to_system_log(words: str) -> None:
 
 def _put(number: int, data: bytes) -> bool:
     """Write `data`; tell whether it was taken, within a time short enough to wait for an exit code."""
+    from vcfbench.clock import within  # noqa: PLC0415  # there where a bench was opened; else msgspec comes with it
+
     taken: list[bool] = []
 
     def write() -> None:

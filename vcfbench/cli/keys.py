@@ -61,14 +61,22 @@ class Keys:
                     if self._over.is_set():
                         return
                     pressed = self._pressed()
-                if pressed is not None:
-                    self._heard(pressed)
+                for key in pressed:
+                    waits = self._control.state in {RunState.PAUSING, RunState.PAUSED}
+                    if waits and key in "pP\r\n":
+                        self._control.go_on(_BY)
+                    elif key in "pP":
+                        self._control.pause(_BY)
 
-    def _pressed(self) -> str | None:
-        """Return the keys pressed since, None where the terminal is another's; OSError at its end."""
+    def _pressed(self) -> str:
+        """Return the keys pressed since, none where the terminal is another's; OSError at its end."""
         if os.tcgetpgrp(self._descriptor) != os.getpgrp():
-            return None
-        self._take()
+            return ""
+        now = termios.tcgetattr(self._descriptor)
+        if now[3] & termios.ICANON:  # each key as it is pressed; a shell may have changed that meanwhile (Ctrl-Z, fg)
+            self._before = list(now)
+            now[3] &= ~(termios.ICANON | termios.ECHO)
+            termios.tcsetattr(self._descriptor, termios.TCSANOW, now)
         pressed = ""
         while select.select([self._descriptor], [], [], 0.0)[0]:
             data = os.read(self._descriptor, 64)
@@ -76,22 +84,6 @@ class Keys:
                 raise OSError("the terminal is gone")
             pressed += data.decode("latin-1")
         return pressed
-
-    def _heard(self, pressed: str) -> None:
-        for key in pressed:
-            waits = self._control.state in {RunState.PAUSING, RunState.PAUSED}
-            if waits and key in "pP\r\n":
-                self._control.go_on(_BY)
-            elif key in "pP":
-                self._control.pause(_BY)
-
-    def _take(self) -> None:
-        """Have the terminal give each key as it is pressed; a shell may have changed that meanwhile (Ctrl-Z, fg)."""
-        now = termios.tcgetattr(self._descriptor)
-        if now[3] & termios.ICANON:
-            self._before = list(now)
-            now[3] &= ~(termios.ICANON | termios.ECHO)
-            termios.tcsetattr(self._descriptor, termios.TCSANOW, now)
 
     def _give_back(self) -> None:
         if self._before is not None:

@@ -5,24 +5,21 @@ Whatever a user can cause ends in one sentence on stderr and the exit code of it
 command runs.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import sys
 import traceback
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from vcfbench.cli.ending import SignalsWithoutBench, discard_stdout, ending_of, open_streams, say, usage_of
 from vcfbench.errors import BenchError, NotSafe
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from vcfbench.version import installed_version
 
 COMMANDS = {
     "resume": "Go on with a run that failed, or was stopped or killed.",
@@ -134,8 +131,6 @@ app = typer.Typer(
 
 def _version(*, wanted: bool) -> None:
     if wanted:
-        from vcfbench.version import installed_version  # noqa: PLC0415  # looked up where packages are installed
-
         typer.echo(f"vcfbench {installed_version()}")
         raise typer.Exit
 

@@ -1,34 +1,27 @@
 """``vcfbench sim serve`` and ``vcfbench sim ctl``: the simulated bench on real wires, and its remote control."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import json as encoder
 import re
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path  # typer reads the annotations when it runs
-from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
+from typing import Annotated, Any, cast, get_args
 
 import typer
 from msgspec import structs
 from simrack.faults import FaultScript, fault_from
-from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, Rs232, ServedClock, ServerSettings
+from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, Offer, Rs232, ServedClock, ServerSettings
 
 from vcfbench.cli.options import Bench_, seed_option  # typer reads them
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.fault_scripts import read_script
 from vcfbench.sim.served import build_served, on_wires
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.writing import bench_text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from simrack.serve import Offer
-
-    from vcfbench.station.description import BenchDescription
 
 _CONTROL_PORT = 20220
 _CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
@@ -125,7 +118,16 @@ def serve(
     with server, _stopped_by_signals(server):
         if write_bench is not None:
             _write_bench(write_bench, description, server, wires)
-        _announce(server, description.title, json=json)
+        # Say where everything is, at once: whoever started the server reads it from a pipe
+        if json:
+            typer.echo(encoder.dumps(server.as_json()))
+        else:
+            typer.echo(f"{description.title}, served until Ctrl-C")
+            for role, at in server.wires.items():
+                where = [text for text in (at.tcp, at.vxi11, at.hislip, at.pty) if text is not None]
+                typer.echo(f"{role:<16} {at.model:<9} {'  '.join(where)}")
+            typer.echo(f"{'control':<16} {'':<9} vcfbench sim ctl --port {server.control.port} status")
+        sys.stdout.flush()
         gc.freeze()  # what is here now stays: collections in between the answers are short
         gc.set_threshold(50_000)
         server.run()
@@ -145,7 +147,15 @@ def ctl(
 
     Any argument can be given by its name, as in fault multimeter late delay_s=3 count=1.
     """
-    name, asked = command[0], _arguments(command[0], command[1:])
+    name, *given = command
+    named = dict(text.split("=", 1) for text in given if _NAMED.match(text))
+    placed = [text for text in given if not _NAMED.match(text)]
+    names = _ARGUMENTS.get(name, ())
+    if len(placed) > len(names):
+        raise ConfigError(f"ctl {name} takes {' '.join(names).upper() or 'nothing'}, not {' '.join(given)!r}")
+    if reserved := {"do", "id"} & set(named):
+        raise ConfigError(f"ctl {name}: {min(reserved)} is no argument of a command")
+    asked = {key: _value(text) for key, text in [*zip(names, placed, strict=False), *named.items()]}
     try:
         with Control(port) as control:
             result = control.request(name, **asked)
@@ -170,19 +180,8 @@ _ARGUMENTS: dict[str, tuple[str, ...]] = {
 }
 
 
-def _arguments(command: str, given: list[str]) -> dict[str, Any]:
-    """Return the arguments of a control command by name; numbers, true, false and null as in JSON."""
-    named = dict(text.split("=", 1) for text in given if _NAMED.match(text))
-    placed = [text for text in given if not _NAMED.match(text)]
-    names = _ARGUMENTS.get(command, ())
-    if len(placed) > len(names):
-        raise ConfigError(f"ctl {command} takes {' '.join(names).upper() or 'nothing'}, not {' '.join(given)!r}")
-    if reserved := {"do", "id"} & set(named):
-        raise ConfigError(f"ctl {command}: {min(reserved)} is no argument of a command")
-    return {name: _value(text) for name, text in [*zip(names, placed, strict=False), *named.items()]}
-
-
 def _value(text: str) -> Any:
+    """Return an argument: numbers, true, false and null as in JSON, else a text."""
     try:
         return encoder.loads(text)
     except (ValueError, RecursionError):
@@ -241,16 +240,3 @@ def _stopped_by_signals(server: BenchServer) -> Iterator[None]:
         signal.set_wakeup_fd(wakes_before)
         for number, handler in zip(wanted, before, strict=True):
             signal.signal(number, handler)
-
-
-def _announce(server: BenchServer, title: str, *, json: bool) -> None:
-    """Say where everything is, at once: whoever started the server reads it from a pipe."""
-    if json:
-        typer.echo(encoder.dumps(server.as_json()))
-    else:
-        typer.echo(f"{title}, served until Ctrl-C")
-        for role, wires in server.wires.items():
-            where = [text for text in (wires.tcp, wires.vxi11, wires.hislip, wires.pty) if text is not None]
-            typer.echo(f"{role:<16} {wires.model:<9} {'  '.join(where)}")
-        typer.echo(f"{'control':<16} {'':<9} vcfbench sim ctl --port {server.control.port} status")
-    sys.stdout.flush()

@@ -66,13 +66,10 @@ def asked_by_command(
 
 def _meant(key: str, text: str, lists_of_texts: Container[str], texts: Container[str]) -> object:
     """Return the value of `key` that `text` stands for."""
-    if key in lists_of_texts:
-        # The list of texts that `text` stands for: TOML, or texts without quotes between commas
-        found = plain_value(text.strip(), f"--set {key}")
-        if not isinstance(found, str) or text.strip()[:1] in {"'", '"', "["}:
-            return found
-        return [each.strip() for each in found.split(",")]
     found = plain_value(text, f"--set {key}")
+    if key in lists_of_texts:  # in TOML, or texts without quotes between commas
+        quoted = text[:1] in {"'", '"', "["}
+        return found if quoted or not isinstance(found, str) else [each.strip() for each in found.split(",")]
     return text if key in texts and not isinstance(found, str) else found
 
 

@@ -6,6 +6,7 @@ import typer
 
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError
+from vcfbench.testing import soaking
 from vcfbench.testing.soaking import Verdict
 
 
@@ -25,20 +26,18 @@ def soak(
 
     What breaks is said with the smallest part of its draw that still breaks it; the exit code is then 1.
     """
-    from vcfbench.testing.soaking import shrunk, soak  # noqa: PLC0415  # loads all that a run loads
-
     parts = seeds.split(":")
     if not (len(parts) == 2 and all(map(str.isdecimal, parts)) and int(parts[0]) < int(parts[1])):
         raise ConfigError(f"--seeds: expected A:B, whole numbers with A below B, came {seeds!r}")
     first, last = map(int, parts)
     clock, broken, tried = WallClock(), list[int](), 0
-    for verdict in soak(range(first, last)):
+    for verdict in soaking.soak(range(first, last)):
         tried += 1
         if verbose or verdict.wrong:
             typer.echo("\n".join([*verdict.draw.describe(), *_words(verdict)]))
         if verdict.wrong:
             broken.append(verdict.draw.seed)
-            least = shrunk(verdict)
+            least = soaking.shrunk(verdict)
             typer.echo("\n".join(["the smallest that still breaks it:", *least.draw.describe(), *_words(least)]))
         if minutes is not None and clock.now() >= 60.0 * minutes:
             break

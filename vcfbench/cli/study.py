@@ -1,11 +1,10 @@
 """``vcfbench study``: Monte-Carlo and parameter studies of a simulated bench."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,16 +12,11 @@ from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import Json_, output_option  # typer reads them
 from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.text import left_table, text_of
-from vcfbench.studies.conduct import Progress, StudyOptions, conduct, journal_of, plan_of
+from vcfbench.studies.conduct import Plan, Progress, StudyOptions, conduct, journal_of, plan_of
 from vcfbench.studies.file import read_study
 from vcfbench.studies.progress import BarProgress, StudyLineProgress
 from vcfbench.studies.result import beside
 from vcfbench.studies.table import in_words
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.studies.conduct import Plan, Progress
 
 
 def study(

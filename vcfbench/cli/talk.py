@@ -254,19 +254,15 @@ def _perform(by_hand: ByHand, line: str) -> str | None:
             raise ConfigError(f"{name}: expected what is to be sent, as in {name} *IDN?")
         return _show(by_hand.raw(name, rest.strip()))
     else:
-        raise _unknown(by_hand, name)
-    return None
-
-
-def _unknown(by_hand: ByHand, name: str) -> PlanError:
-    roles = {word.name: word.role for word in WORDS}
-    role = roles.get(name, ALIASES.get(name, name))
-    if role in {*filter(None, roles.values())}:
+        roles = {word.name: word.role for word in WORDS}
+        role = roles.get(name, ALIASES.get(name, name))
         if role in by_hand.bench.instruments:
-            return PlanError(f"{name!r}: the language of {role} cannot be typed")
-        return PlanError(f"{name!r}: bench {by_hand.bench.description.name} has no {role}")
-    close = get_close_matches(name, [*by_hand.names(), *_OWN], n=1)
-    return PlanError(f"there is no word {name!r}{f' ({close[0]!r}?)' if close else ''}; help shows them")
+            raise PlanError(f"{name!r}: the language of {role} cannot be typed")
+        if role in {*filter(None, roles.values())}:
+            raise PlanError(f"{name!r}: bench {by_hand.bench.description.name} has no {role}")
+        close = get_close_matches(name, [*by_hand.names(), *_OWN], n=1)
+        raise PlanError(f"there is no word {name!r}{f' ({close[0]!r}?)' if close else ''}; help shows them")
+    return None
 
 
 def _remark(text: str) -> None:
