@@ -1,7 +1,5 @@
 """``python -m vcfbench``: the command line."""
 
-from __future__ import annotations
-
 from vcfbench.cli.main import main
 
 if __name__ == "__main__":

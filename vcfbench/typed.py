@@ -27,7 +27,5 @@ def typed(values: Any, kind: Any) -> Any:
 
 def decoder_of(kind: type[_T]) -> Decoder[_T]:
     """Return a decoder of a `kind` from JSON."""
-    from msgspec.json import Decoder  # noqa: PLC0415  # most that converts reads no JSON
-
     with _ONE_AT_A_TIME:
         return Decoder(kind)

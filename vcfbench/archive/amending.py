@@ -1,7 +1,5 @@
 """Records amended: a person's words about a run, corrected by a line of its own."""
 
-from __future__ import annotations
-
 import getpass
 import socket
 from collections.abc import Mapping

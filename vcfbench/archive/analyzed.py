@@ -1,7 +1,5 @@
 """The whole analysis of a calibration table that was measured elsewhere, from its file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

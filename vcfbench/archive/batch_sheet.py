@@ -1,7 +1,5 @@
 """Calibrations under each other: those of a batch, with yield and spread, and those of one gyroscope, with drift."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from datetime import datetime

@@ -1,19 +1,17 @@
 """Entries of a certificate that no measurement tells: laboratory, customer, device, responsible person."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from datetime import date
 from typing import Any, Final
+
+from msgspec import Struct
 
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CertificateWords:
+class CertificateWords(Struct, frozen=True, kw_only=True):
     """Laboratory, customer, device and responsible person of a calibration; entries with a default may be left out.
 
     `country` is that of the laboratory, two capital letters (ISO 3166-1); `identifier` the certificate's own number;
@@ -38,7 +36,7 @@ class CertificateWords:
     issued: str = ""
 
 
-_KNOWN: Final = tuple(field.name for field in fields(CertificateWords))
+_KNOWN: Final = CertificateWords.__struct_fields__
 _NEEDED: Final = {
     "laboratory": "name in [laboratory] of the bench file",
     "laboratory_address": "address in [laboratory] of the bench file",

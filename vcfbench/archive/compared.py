@@ -1,13 +1,11 @@
 """Runs beside each other: differences of their results, points, settings and equipment."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain, groupby
 from typing import Any
 
+from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.archive.quantities import ResultValue, values_of
@@ -18,8 +16,7 @@ from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(Struct, frozen=True):
     """Difference of one run's value from that of the first: `u` and `e_n` None where an uncertainty is not known.
 
     `e_n` is its size over its expanded uncertainty (95 %), both runs' taken as independent; above 1 they disagree.
@@ -30,8 +27,7 @@ class Difference:
     e_n: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class SharedResult:
+class SharedResult(Struct, frozen=True):
     """One result that all runs have: its value in each, and the differences of the others to the first."""
 
     name: str
@@ -42,8 +38,7 @@ class SharedResult:
     missing: tuple[tuple[str, ...], ...] = ()  # Contributions missing from each `u`
 
 
-@dataclass(frozen=True, slots=True)
-class RunComparison:
+class RunComparison(Struct, frozen=True):
     """Two runs or more beside each other; the first is the reference of the others.
 
     `results` are those that all runs have in the same unit, by name. `points` are the points of each where they can be

@@ -4,8 +4,6 @@ Source: https://ptb.de/dcc/v3.3.0/ and https://ptb.de/si/v2.2.1/, the published 
 and is no certificate of an accredited laboratory unless a laboratory makes it one.
 """
 
-from __future__ import annotations
-
 import re
 from base64 import b64encode
 from collections.abc import Sequence

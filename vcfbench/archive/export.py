@@ -1,13 +1,11 @@
 """A run for other programs: its points or every raw reading, a column a quantity, with the facts of its record."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import msgspec
+from msgspec import Struct
 
 from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.run import Run
@@ -23,8 +21,7 @@ FORMATS: Final = ("csv", "parquet", "hdf5", "xlsx", "mat")
 _SUFFIXES: Final = {".h5": "hdf5", **{f".{each}": each for each in FORMATS}}
 
 
-@dataclass(frozen=True, slots=True)
-class Exported:
+class Exported(Struct, frozen=True):
     """Written export: the file, its format, its table, its columns and the number of rows."""
 
     file: Path

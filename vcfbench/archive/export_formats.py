@@ -1,17 +1,15 @@
 """Tables of a run for other programs, and their writers, one a file format; a library is imported for its own."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from vcfbench.errors import ConfigError
@@ -48,8 +46,7 @@ _LARGEST_ATTRIBUTE: Final = 60_000  # Bytes: an attribute of HDF5 takes 64 kB wi
 _XLSX_ROWS: Final = 1_048_576  # Most rows of a sheet, its head included
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ExportColumn:
+class ExportColumn(Struct, frozen=True, eq=False):
     """One quantity: its name, which ends in its unit, the unit, its meaning, and its values, shape (n,).
 
     Counts are whole numbers; in a quantity nan is a missing value.
@@ -61,8 +58,7 @@ class ExportColumn:
     values: NDArray[np.float64] | NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ExportTable:
+class ExportTable(Struct, frozen=True, eq=False):
     """Columns of the same length; `name` is ``points`` or ``readings``, `about` the facts of the run by its record."""
 
     name: str

@@ -3,8 +3,6 @@
 What ISO/IEC 17025, 7.8.2 and 7.8.4 ask for and nobody told is a blank line, to be filled in by hand.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ The records are the truth. Before an index answers, it is held against them: wha
 is read anew, and a file that cannot be read as an index is made again. Nothing is in it that is not in the records.
 """
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping
@@ -129,8 +127,12 @@ class RunIndex:
             changed = [run for run, seen in present.items() if rebuild or before.get(run) != seen]
             gone = before.keys() - present.keys()
             database.executemany("DELETE FROM runs WHERE run = ?", [(run,) for run in gone])
-            rows = (self._row(run, present[run]) for run in changed)
-            database.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?, ?)", rows)
+            for run in changed:
+                summary = summary_of(RunDirectory(self._runs / os.fsdecode(run)))
+                kept = {key: value for key, value in plain(summary).items() if key not in {"run", "directory"}}
+                seen = "goes on" if summary.status is Status.RUNNING else present[run]  # to be killed changes no file
+                row = (run, seen, msgspec.json.encode(kept))
+                database.execute("INSERT OR REPLACE INTO runs VALUES (?, ?, ?)", row)
             database.execute("COMMIT")
         return Refreshed(len(present), len(changed), len(gone))
 
@@ -145,13 +147,6 @@ class RunIndex:
         for entry in entries:
             if (journal := _seen(f"{entry.path}/journal.jsonl")) is not None:
                 yield os.fsencode(entry.name), f"{journal} {_seen(f'{entry.path}/result.json')}"
-
-    def _row(self, run: bytes, seen: str) -> tuple[bytes, str, bytes]:
-        """Return the row of a record; its summary is JSON."""
-        summary = summary_of(RunDirectory(self._runs / os.fsdecode(run)))
-        kept = {key: value for key, value in plain(summary).items() if key not in {"run", "directory"}}
-        going_on = summary.status is Status.RUNNING  # to be killed changes no file
-        return run, "goes on" if going_on else seen, msgspec.json.encode(kept)
 
 
 def _known(database: sqlite3.Connection) -> dict[bytes, str]:

@@ -1,7 +1,5 @@
 """Device entry of a complete record, added to the device store where the run itself could not."""
 
-from __future__ import annotations
-
 from datetime import datetime
 from pathlib import Path
 

@@ -1,10 +1,9 @@
 """The numbers in the results of a run, by name, with their uncertainties as far as the results tell them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
+
+from msgspec import Struct
 
 from vcfbench.archive.run import Run
 from vcfbench.records.plain import plain
@@ -13,8 +12,7 @@ _USUAL_FACTOR = 2.0
 """Coverage factor for 95 % where only the standard uncertainty is told: that of a normal distribution."""
 
 
-@dataclass(frozen=True, slots=True)
-class ResultValue:
+class ResultValue(Struct, frozen=True):
     """One number of a run's results.
 
     `name` is that of its field, with dots between where fields are nested; `u` the standard uncertainty, None where it

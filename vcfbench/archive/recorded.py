@@ -1,7 +1,5 @@
 """Records read back: everything is made again from the journal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path

@@ -3,8 +3,6 @@
 It is made of nothing but the run and its record, so the same record gives the same report.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress

@@ -1,11 +1,9 @@
 """Results of the points of a run, the verdict on them, and the report: computed, computed again, or as stored."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import msgspec
 from msgspec import Raw, Struct
@@ -13,6 +11,8 @@ from msgspec import Raw, Struct
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.own_code import mistake_in
+from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import JournalRecord, lines_of
 from vcfbench.records.outline import Outline
@@ -21,12 +21,9 @@ from vcfbench.records.schema import Point, Status
 from vcfbench.reports.document import Report, Text, report_from
 from vcfbench.reports.generic import generic_report, points_table, results_table
 from vcfbench.station.acceptance import Acceptance, Verdict, judged
+from vcfbench.station.settings import Limit
+from vcfbench.steps.measured import Measured
 from vcfbench.typed import decoder_of
-
-if TYPE_CHECKING:
-    from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.station.settings import Limit
-    from vcfbench.steps.measured import Measured
 
 STORED_SETTINGS: Final = "settings"  # Title of the table of settings below results that are shown as they were stored
 
@@ -62,22 +59,16 @@ def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], me
     except BenchError:
         raise
     except Exception as error:  # the arithmetic is anybody's
-        raise ConfigError(_mistake_in(error)) from error
+        raise ConfigError(mistake_in(error)) from error
     try:
         report = procedure.report(settings, taken, results)
         failed = "" if isinstance(report, Report) else f"it returned a {type(report).__name__}"
     except Exception as error:  # noqa: BLE001  # it is anybody's, and the results are there
-        failed = _mistake_in(error)
+        failed = mistake_in(error)
     if failed:
         notice = Text(f"the report of {procedure.name} failed: {failed}")
         report = Report([*generic_report(settings, taken, results).parts, notice])
     return Evaluation(results, verdict, report, measured)
-
-
-def _mistake_in(error: BaseException) -> str:
-    from vcfbench.procedures.own_code import mistake_in  # noqa: PLC0415  # most make none
-
-    return mistake_in(error)
 
 
 def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
@@ -96,9 +87,7 @@ def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evalu
 
 def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     """Compute the results again; BenchError: the procedure is not known here, or gives none of these points."""
-    # complete records alone need them
-    from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415
-    from vcfbench.steps.measured import Measured  # noqa: PLC0415
+    from vcfbench.procedures.layers import recorded_settings  # noqa: PLC0415  # complete records alone need it
 
     name = record.header.get("procedure")
     if not isinstance(name, str) or name not in PROCEDURES:

@@ -1,17 +1,16 @@
 """A run as scripts and notebooks see it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 from zlib import crc32
 
 from msgspec import Struct, field
 from msgspec.structs import astuple
 
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.records.amendments import Amendment
 from vcfbench.records.damage import own_readings
 from vcfbench.records.export import point_columns
 from vcfbench.records.journal import lines_of, read_header, read_journal
@@ -21,10 +20,7 @@ from vcfbench.records.schema import Point, Status
 from vcfbench.reports.document import Report, Text
 from vcfbench.reports.generic import verdict_table
 from vcfbench.station.acceptance import Acceptance
-
-if TYPE_CHECKING:
-    from vcfbench.records.amendments import Amendment
-    from vcfbench.steps.measured import Measured
+from vcfbench.steps.measured import Measured
 
 
 class RawReading(NamedTuple):
@@ -98,8 +94,6 @@ class Run(Struct, frozen=True, eq=False):
     @property
     def measured(self) -> Measured:
         """Measured data, as results are made of them; readings are read from the record when asked for."""
-        from vcfbench.steps.measured import Measured  # noqa: PLC0415
-
         if self._measured is not None:
             kept: Measured = self._measured
             return kept

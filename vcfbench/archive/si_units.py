@@ -3,8 +3,6 @@ r"""Units as results have them, in the words of D-SI: ``V/(deg/s)`` is ``\volt\d
 Source: D-SI, Brochure of the Digital System of Units, SmartCom 2020: names behind backslashes, powers by ``\tothe``.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

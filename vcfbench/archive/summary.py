@@ -1,12 +1,10 @@
 """Summaries of records in a list, and the selection of records: no readings are read for it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 from msgspec import Struct, field, structs
@@ -106,7 +104,7 @@ class Selection(Struct, frozen=True, kw_only=True):
         since: str | datetime | None = None,
         status: str | None = None,
         **others: Any,
-    ) -> Selection:
+    ) -> Self:
         """Return the selection by values as :func:`vcfbench.run_summaries` takes them; errors as there."""
         known = [each.value for each in Status]
         if status is not None and status not in known:
@@ -172,6 +170,12 @@ def _summary(
     results: Mapping[str, msgspec.Raw],
     damage: str | None = None,
 ) -> RunSummary:
+    found: dict[str, KeyResult] = {}
+    for name, raw in results.items():
+        if b'"value"' in bytes(memoryview(raw)[:_VALUE_FIRST]):  # most are numbers, lists, tables of something else
+            with suppress(msgspec.DecodeError, UnicodeDecodeError):  # those that have a value and a unit
+                read = _QUANTITY.decode(raw)
+                found[name] = KeyResult(read.value, read.u, read.unit, read.missing)
     as_run = structs.replace(outline.metadata, dut=outline.metadata.dut or outline.device)
     metadata = amended(as_run, outline.amendments)
     return RunSummary(
@@ -187,7 +191,7 @@ def _summary(
         operator=metadata.operator,
         note=metadata.note,
         tags=ReadOnly(metadata.tags),
-        results=ReadOnly(dict(_stored_results(results))),
+        results=ReadOnly(found),
         verdict=None if verdict is None else verdict.word,
         damage=damage,
         revision=len(outline.amendments) + 1,
@@ -205,12 +209,3 @@ class _Quantity(msgspec.Struct, frozen=True, gc=False):
 _VALUE_FIRST = 64  # Bytes in which the first name of an object stands, however far it is indented
 
 _QUANTITY = msgspec.json.Decoder(_Quantity)
-
-
-def _stored_results(results: Mapping[str, msgspec.Raw]) -> Iterator[tuple[str, KeyResult]]:
-    """Yield the results that have a value and a unit."""
-    for name, raw in results.items():
-        if b'"value"' in bytes(memoryview(raw)[:_VALUE_FIRST]):  # most are numbers, lists, tables of something else
-            with suppress(msgspec.DecodeError, UnicodeDecodeError):
-                found = _QUANTITY.decode(raw)
-                yield name, KeyResult(found.value, found.u, found.unit, found.missing)

@@ -1,7 +1,5 @@
 """Integrity of a record: its seals, its form, its numbers, the files beside it, its signatures."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -137,7 +135,17 @@ class _Check(Struct):
         yield from self._files()
         yield from self._results()
         yield from self._earlier()
-        self._say_what_is_not_known()
+        notes = self.notes
+        if record.seal is None:
+            notes.append("it is of before there were seals: whether a line was changed cannot be known")
+        if record.torn:
+            notes.append(f"it ends within line {len(record.lines) + 1}, which tells nothing")
+        if record.status is Status.RUNNING:
+            notes.append("its run goes on")
+        elif record.footer is None and not self.signed_by:
+            notes.append("it has no footer and no signature: whether lines were cut off its end cannot be known")
+        if record.seal is not None and not self.signed_by:
+            notes.append("not signed: who can write it could have made it all anew, or taken amendments away")
 
     def _form(self) -> Iterator[str]:
         try:
@@ -175,15 +183,15 @@ class _Check(Struct):
                 signed = False
             elif promised is not None and not signed:  # who amends signs what is amended, not what was measured
                 yield f"line {place + 1} amends what was to be signed before, and is not"
-        yield from self._signed_end(promised) if signed else self._unsigned_end(promised)
+        yield from self._end(promised, signed=signed)
 
-    def _unsigned_end(self, promised: str | None) -> Iterator[str]:
-        if self.keys:
-            yield "it ends without a signature"
-        if promised is not None and self.record.status is not Status.RUNNING:
-            yield "it was to be signed, and ends without a signature: lines may be missing from its end"
-
-    def _signed_end(self, promised: str | None) -> Iterator[str]:
+    def _end(self, promised: str | None, *, signed: bool) -> Iterator[str]:
+        if not signed:
+            if self.keys:
+                yield "it ends without a signature"
+            if promised is not None and self.record.status is not Status.RUNNING:
+                yield "it was to be signed, and ends without a signature: lines may be missing from its end"
+            return
         if promised not in self.signed_by:
             yield f"it is not signed by the key that its header names, {promised}"
         if self.record.lines[-1].get("type") != "signature":
@@ -257,19 +265,6 @@ class _Check(Struct):
         for place, line in enumerate(self.record.lines, 1):
             if line.get("type") == "step" and "taken_over" in line and had.get(line["n"]) != _apart(line):
                 yield f"line {place}: step {line['n']} is not that of {name}"
-
-    def _say_what_is_not_known(self) -> None:
-        record = self.record
-        if record.seal is None:
-            self.notes.append("it is of before there were seals: whether a line was changed cannot be known")
-        if record.torn:
-            self.notes.append(f"it ends within line {len(record.lines) + 1}, which tells nothing")
-        if record.status is Status.RUNNING:
-            self.notes.append("its run goes on")
-        elif record.footer is None and not self.signed_by:
-            self.notes.append("it has no footer and no signature: whether lines were cut off its end cannot be known")
-        if record.seal is not None and not self.signed_by:
-            self.notes.append("not signed: who can write it could have made it all anew, or taken amendments away")
 
 
 def _step(line: Mapping[str, Any], own: set[str]) -> Iterator[str]:

@@ -1,7 +1,5 @@
 """Reports, figures and certificates of runs as files."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Final, Self
 
-from msgspec import Struct, field
+from msgspec import Struct
 
 from vcfbench.bench.ground import Builder, UnopenedBench, check_simulation, require_instruments_apart, station
 from vcfbench.bench.holding import Holding, SignalWatch
@@ -214,20 +214,19 @@ def open_bench(
             opening = attended(calls)
         with opening:
             opened = _open_all(roles, description, stand, holding.safety, stops)
-        if "rate_table" in opened.instruments:
-            require_still(opened.instruments["rate_table"])
+        if "rate_table" in opened:
+            require_still(opened["rate_table"][0])
         if holding.watchdog is not None:
             holding.watchdog.require_ready()
         checks = LimitChecks.of(description)
         instruments = {
-            role: (_LIMITED[role](each, checks) if role in _LIMITED else each)
-            for role, each in opened.instruments.items()
+            role: (_LIMITED[role](each, checks) if role in _LIMITED else each) for role, (each, _) in opened.items()
         }
         opened_bench = Bench(
             description,
             ControlClock(stand.clock, stops, ahead_s),
             stand.seed,
-            opened.identities,
+            {role: identity for role, (_, identity) in opened.items()},
             instruments,
             holding,
             stand.adjust,
@@ -256,46 +255,34 @@ def _without_watchdog(description: BenchDescription, stops: StopSignals) -> None
         sys.stderr.flush()
 
 
-class _Opened(Struct, frozen=True):
-    """Opened instruments and their identities, by role."""
-
-    instruments: dict[str, Any] = field(default_factory=dict)
-    identities: dict[str, Identity] = field(default_factory=dict)
-
-
 def _open_all(
     roles: Sequence[Role],
     description: BenchDescription,
     stand: UnopenedBench,
     safety: SafetyStack,
     signals: StopSignals,
-) -> _Opened:
+) -> dict[str, tuple[Any, Identity]]:
     """Open all of `roles`; try them all before giving up, so that all that is wrong is told at once."""
-    opened = _Opened()
+    opened: dict[str, tuple[Any, Identity]] = {}
     failures: list[BenchError] = []
     for role in roles:
         signals.safe_point()
         try:
-            instrument, opened.identities[role.name] = open_role(role.name, description, stand)
+            instrument, identity = open_role(role.name, description, stand)
         except BenchError as error:
             if (stop := Aborted.behind(error)) is not None:
                 raise stop from None
             failures.append(error)
             continue
         safety.register(safe_action(role, instrument, description))
-        opened.instruments[role.name] = instrument
+        opened[role.name] = instrument, identity
     if failures:
-        raise _all(failures)
+        failure = failures[0]
+        if len(failures) > 1:
+            failure = BenchError(f"{len(failures)} instruments did not open: {'; '.join(map(str, failures))}")
+        failure.step = "opening the bench"
+        raise failure
     return opened
-
-
-def _all(failures: list[BenchError]) -> BenchError:
-    """Return one error for `failures`: itself if there is one, else one that tells them all."""
-    error = failures[0]
-    if len(failures) > 1:
-        error = BenchError(f"{len(failures)} instruments did not open: {'; '.join(map(str, failures))}")
-    error.step = "opening the bench"
-    return error
 
 
 def _left_by(stand: UnopenedBench) -> dict[str, str]:

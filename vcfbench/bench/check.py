@@ -1,7 +1,8 @@
 """Tries every instrument of a bench and reports the problems of each."""
 
-from dataclasses import dataclass
 from typing import cast
+
+from msgspec import Struct
 
 from vcfbench.bench.ground import UnopenedBench, require_instruments_apart, station
 from vcfbench.bench.opening import open_role
@@ -20,8 +21,7 @@ from vcfbench.station.description import BenchDescription
 from vcfbench.station.equipment import equipment_on
 
 
-@dataclass(frozen=True, slots=True)
-class CheckedInstrument:
+class CheckedInstrument(Struct, frozen=True):
     """One instrument: its identity (None: nobody answered), its problem (None: none), and its calibration."""
 
     role: str
@@ -31,8 +31,7 @@ class CheckedInstrument:
     equipment: Equipment
 
 
-@dataclass(frozen=True, slots=True)
-class CheckedWatchdog:
+class CheckedWatchdog(Struct, frozen=True):
     """The watchdog process, started once, and what is known of watchdogs in the instruments, by role; none is armed.
 
     `ready_s` is how long after its start it watches, wall time; None on a bench that is simulated in this process and
@@ -44,8 +43,7 @@ class CheckedWatchdog:
     instruments: dict[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class BenchCheck:
+class BenchCheck(Struct, frozen=True):
     """All instruments of a bench, its watchdogs, and how making it safe afterwards ended."""
 
     instruments: list[CheckedInstrument]

@@ -3,8 +3,9 @@
 import re
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
 from typing import cast
+
+from msgspec import Struct
 
 from vcfbench.bench.ground import station
 from vcfbench.bench.opening import open_role
@@ -25,8 +26,7 @@ _ACTING_QUESTION = re.compile(r":?(\*?(TST|CAL)|MEAS\w*:(SCAL\w*:)?(F?RES|CONT|D
 """Questions that do something: self-tests, calibrations, and measurements that send a current into the PCB."""
 
 
-@dataclass(frozen=True, slots=True)
-class ConsoleReply:
+class ConsoleReply(Struct, frozen=True):
     """Reply to a message: the answer (None: nothing was asked), and the entries of the error queue (None: none)."""
 
     answer: bytes | None
@@ -91,7 +91,11 @@ class Console:
                 )
             self._raw.add(self.role, self.resource, message)
         if not (isinstance(self._plain, PlainLine) or _asks(message)):
-            return ConsoleReply(None, self._refusal_of(message) or self.errors())
+            try:
+                self._plain.tell(message)
+            except InstrumentError as error:
+                return ConsoleReply(None, error.what)
+            return ConsoleReply(None, self.errors())
         try:
             answer = self._plain.ask(message)
         except TransportError as error:
@@ -106,13 +110,6 @@ class Console:
         header = "".join(message.split(maxsplit=1)[:1])
         one = header.endswith("?") and ";" not in message and not isinstance(self._plain, PlainLine)
         return one and _ACTING_QUESTION.match(header) is None
-
-    def _refusal_of(self, message: str) -> str | None:
-        try:
-            self._plain.tell(message)
-        except InstrumentError as error:
-            return error.what
-        return None
 
     def errors(self) -> str | None:
         """Read the error queue to its end; return its entries in words, None when there was none."""

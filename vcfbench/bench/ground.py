@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import math
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec import Struct
 
-from vcfbench.clock import PacedClock, VirtualClock, WallClock
+from vcfbench.clock import Clock, PacedClock, VirtualClock, WallClock
 from vcfbench.errors import ConfigError
+from vcfbench.safety.lock import instrument_locks
 from vcfbench.safety.roles import filled_roles
+from vcfbench.station.description import BenchDescription, Served
 from vcfbench.station.resources import require_apart
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping
-    from contextlib import AbstractContextManager
-
-    from vcfbench.clock import Clock
     from vcfbench.sim.builder import SimulatedBench
-    from vcfbench.station.description import BenchDescription, Served
 
 FASTEST = "max"
 SLOWEST = 0.001
@@ -95,8 +93,6 @@ def require_instruments_apart(description: BenchDescription) -> None:
 
 
 def _locks(description: BenchDescription, roles: Collection[str] | None) -> AbstractContextManager[Mapping[str, str]]:
-    from vcfbench.safety.lock import instrument_locks  # noqa: PLC0415  # nobody else has a bench in this process
-
     locked = [each.name for each in filled_roles(description)] if roles is None else roles
     return instrument_locks(description.name, {each: getattr(description, each).resource for each in locked})
 

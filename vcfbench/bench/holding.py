@@ -4,27 +4,22 @@ A bench may be left by nobody: a script ends, or raises, while it is open; a not
 still open when Python ends is made safe then, while threads can still be started; code 5 says if it could not be.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal
 import sys
 import threading
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, Any, Final
+from mmap import mmap
+from types import FrameType
+from typing import Any, Final
 
+from vcfbench.bench.ground import UnopenedBench
 from vcfbench.errors import Aborted, BenchError, NotSafe
+from vcfbench.interfaces import SafeReport
+from vcfbench.safety.signals import StopSignals
 from vcfbench.safety.stack import LeaveNow, SafetyStack, not_safe
-
-if TYPE_CHECKING:
-    from mmap import mmap
-    from types import FrameType
-
-    from vcfbench.bench.ground import UnopenedBench
-    from vcfbench.interfaces import SafeReport
-    from vcfbench.safety.signals import StopSignals
-    from vcfbench.safety.watchdog import Watchdog
+from vcfbench.safety.watchdog import Watchdog
 
 _LEFT_TO_PYTHON: Final = ("SIGTERM", "SIGHUP", "SIGBREAK")
 """Signals that end a Python program at once, without a word to anybody."""

@@ -8,10 +8,12 @@ import signal
 import socket
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from vcfbench.bench.ground import UnopenedBench, station, table_port
 from vcfbench.bench.opening import open_role
@@ -48,8 +50,7 @@ _FLOW: Final = 1 << 5
 _GENERATOR: Final = {"level": "VOLT:OFFS?"}
 
 
-@dataclass(frozen=True, slots=True)
-class Safed:
+class Safed(Struct, frozen=True):
     """One instrument: its state before (None: it did not say), whether it is proved safe, and the proof."""
 
     role: str
@@ -59,8 +60,7 @@ class Safed:
     detail: str
 
 
-@dataclass(frozen=True, slots=True)
-class MadeSafe:
+class MadeSafe(Struct, frozen=True):
     """Result of making a bench safe, in the order in which it was done.
 
     `unlocked` says why the instruments could not be locked meanwhile; None where nothing kept them from it. `left_to`
@@ -111,8 +111,7 @@ def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False, end
             signals.close()
 
 
-@dataclass(frozen=True, slots=True)
-class _Held:
+class _Held(Struct, frozen=True):
     """The bench to be opened, its free instruments that drive something, and by role the owners of the rest."""
 
     stand: UnopenedBench

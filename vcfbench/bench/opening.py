@@ -6,6 +6,7 @@ from typing import Any
 from msgspec import structs
 
 from vcfbench.bench.ground import UnopenedBench
+from vcfbench.drivers.registry import open_instrument
 from vcfbench.errors import BenchError
 from vcfbench.interfaces import Identity, Instrument
 from vcfbench.station.description import CALIBRATION_KEYS, BenchDescription
@@ -16,26 +17,27 @@ def open_role(
 ) -> tuple[Instrument, Identity]:
     """Open the instrument of `role` and ask for its identity; another than the one meant is closed again, untouched.
 
-    `more` settings of its driver come before those of the bench file.
+    Its driver's settings are those of the bench file, and those of the station that it needs; `more` come before them.
 
     Raises:
         ConnectFailed: nobody answers.
         WrongInstrument: another model or another specimen answers.
     """
-    from vcfbench.drivers.registry import open_instrument  # noqa: PLC0415
-
-    settings = {**_settings(role, description), **more}
+    settings = structs.asdict(getattr(description, role))
+    for key in CALIBRATION_KEYS:
+        settings.pop(key, None)
+    if role in {"multimeter", "v_vc_meter"}:
+        settings["mains_hz"] = float(description.site.mains_hz)
+    if role == "rate_table":
+        limits = description.limits
+        settings |= {"model": settings.pop("dialect"), "max_rate_deg_s": limits.max_rate_deg_s}
+        settings["max_acceleration_deg_s2"] = limits.max_acceleration_deg_s2
+    settings |= more
     model, resource, like = settings.pop("model"), settings.pop("resource"), settings.pop("like", None)
     if role == "rate_table" and stand.rate_table != resource:  # its wire is elsewhere, messages name the bench file's
         settings["port"] = stand.rate_table
     instrument = open_instrument(
-        role,
-        model,
-        resource,
-        library=stand.visa_library,
-        clock=stand.clock,
-        settings=settings,
-        like=like,
+        role, model, resource, library=stand.visa_library, clock=stand.clock, settings=settings, like=like
     )
     try:
         return instrument, instrument.identify()
@@ -43,21 +45,3 @@ def open_role(
         with suppress(BenchError):  # the first error tells more than that the connection did not close either
             instrument.close()
         raise
-
-
-def _settings(role: str, description: BenchDescription) -> dict[str, Any]:
-    """Return the driver's settings for `role`: those of the bench file, and those of the station that it needs."""
-    settings = structs.asdict(getattr(description, role))
-    for key in CALIBRATION_KEYS:
-        settings.pop(key, None)
-    if role in {"multimeter", "v_vc_meter"}:
-        return {**settings, "mains_hz": float(description.site.mains_hz)}
-    if role == "rate_table":
-        limits, model = description.limits, settings.pop("dialect")
-        return {
-            **settings,
-            "model": model,
-            "max_rate_deg_s": limits.max_rate_deg_s,
-            "max_acceleration_deg_s2": limits.max_acceleration_deg_s2,
-        }
-    return settings

@@ -18,13 +18,10 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
 from vcfbench.records.devices import (
-    Certificate,
-    Characterisation,
     Device,
     DeviceStore,
     Entry,
     SelfCalibration,
-    StaticNoise,
 )
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
 from vcfbench.reports.plot import save_figure
@@ -35,6 +32,14 @@ _COLUMNS = (
     *("nonlinearity_ppm", "drift_ppm", "u_drift_ppm", "e_n", "cusum", "verdict"),
     *("bias_instability_deg_h", "u_bias_instability"),
 )
+_MEASURED = {
+    "scale_factor_v_per_deg_s": "u_scale_factor",
+    "bias_v": "u_bias_v",
+    "nonlinearity_ppm": None,
+    "drift_ppm": "u_drift_ppm",
+    "bias_instability_deg_h": "u_bias_instability",
+}
+"""Columns of measured values, and the column of the uncertainty where there is one."""
 
 
 def device_names(ctx: Any, incomplete: str) -> list[str]:
@@ -97,7 +102,9 @@ def device(
             }
         )
     elif csv:
-        typer.echo("\n".join([",".join(_COLUMNS), *(",".join(map(_plain, row.values())) for row in rows)]))
+        typer.echo(",".join(_COLUMNS))
+        for row in rows:
+            typer.echo(",".join(repr(each) if isinstance(each, float) else str(each or "") for each in row.values()))
     else:
         _print_history(known, rows)
         if calibrations:
@@ -132,7 +139,15 @@ def _print_history(known: Device, rows: list[dict[str, Any]]) -> None:
             cells[width + round(width * change / most)] = "*"
             lines.append(f"{row['entry']} {''.join(cells)} {change:+.1f}")
         typer.echo("\n" + "\n".join(lines))
-    _print_certificate(known.certificate)
+    valid = known.certificate
+    if valid is not None and valid.sensitivities:
+        # Print until when the K_Vc of the last certificate is good, and its sensitivities
+        when = "never" if valid.u95_until is None else f"on {valid.u95_until:%Y-%m-%d}"
+        drift = f"drift of at most {valid.k_vc_drift_ppm_per_year or 0.0:g} ppm a year"
+        if valid.u95_until is None and valid.k_vc_drift_ppm_per_year:
+            when = "before its certificate was out"
+        typer.echo(f"\nU95 of K_Vc comes to {valid.wanted_u95_ppm:g} ppm {when} ({drift})\n")
+        typer.echo(table_text(sensitivity_table(valid.sensitivities)))
     # Print the properties that the last self-calibration measured, beside the certificate's
     last = known.self_calibrations[-1] if known.self_calibrations else None
     named = {each.name: each.record for each in known.entries}
@@ -146,11 +161,10 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
     """Draw the scale factor of each entry, and of each run by its procedure, against the first, ppm, over days."""
     found = defaultdict[str, list[tuple[datetime, float, float]]](list)
     kept = set()
-    for record in (entry.record for entry in entries):
-        if isinstance(record, Certificate | SelfCalibration) and (scale := record.scale_factor_v_per_deg_s) is not None:
-            done = record.done if isinstance(record, SelfCalibration) else record.issued
-            found["certificates and self-calibrations"].append((done, scale.value, scale.u))
-            kept.add(record.conditions.run)
+    for entry in entries:
+        if (scale := getattr(entry.record, "scale_factor_v_per_deg_s", None)) is not None:
+            found["certificates and self-calibrations"].append((entry.done, scale.value, scale.u))
+            kept.add(entry.record.conditions.run)
     for each in calibrations:
         value, u95 = each.scale_factor_v_per_deg_s, each.u95_scale_factor_v_per_deg_s
         if each.run not in kept and value is not None:
@@ -198,41 +212,12 @@ def _failed(since: Entry) -> str:
 def _row(entry: Entry) -> dict[str, Any]:
     """Return an entry by the names of the columns; None where it has no such value."""
     record = entry.record
-    if isinstance(record, Characterisation):
-        made = {"kind": "characterisation", "done": record.done.isoformat(timespec="seconds")}
-        return {**dict.fromkeys(_COLUMNS), "entry": entry.name, **made}
-    if isinstance(record, StaticNoise):
-        found = record.bias_instability_deg_h
-        made = {"kind": "static-noise", "done": record.done.isoformat(timespec="seconds")}
-        noise = {"bias_instability_deg_h": found.value, "u_bias_instability": found.u}
-        return {**dict.fromkeys(_COLUMNS), "entry": entry.name, **made, **noise}
-    scale, bias = record.scale_factor_v_per_deg_s, record.bias_v
-    row: dict[str, Any] = {**dict.fromkeys(_COLUMNS), "entry": entry.name, "kind": "certificate"}
-    if scale is not None:
-        row |= {"scale_factor_v_per_deg_s": scale.value, "u_scale_factor": scale.u}
-    if bias is not None:
-        row |= {"bias_v": bias.value, "u_bias_v": bias.u}
-    if not isinstance(record, SelfCalibration):
-        return {**row, "done": record.issued.isoformat(timespec="seconds")}
-    row |= {"kind": "self-calibration", "done": record.done.isoformat(timespec="seconds")}
-    if record.nonlinearity_ppm is not None:
-        row["nonlinearity_ppm"] = record.nonlinearity_ppm.value
-    if record.drift_ppm is not None:
-        row |= {"drift_ppm": record.drift_ppm.value, "u_drift_ppm": record.drift_ppm.u}
-    return {**row, "e_n": record.e_n, "cusum": record.cusum, "verdict": record.verdict}
-
-
-def _plain(value: object) -> str:
-    return "" if value is None else repr(value) if isinstance(value, float) else str(value)
-
-
-def _print_certificate(known: Certificate | None) -> None:
-    """Print until when the K_Vc of the last certificate is good, and its sensitivities."""
-    if known is None or not known.sensitivities:
-        return
-    when = "never" if known.u95_until is None else f"on {known.u95_until:%Y-%m-%d}"
-    drift = f"drift of at most {known.k_vc_drift_ppm_per_year or 0.0:g} ppm a year"
-    if known.u95_until is None and known.k_vc_drift_ppm_per_year:
-        when = "before its certificate was out"
-    typer.echo(f"\nU95 of K_Vc comes to {known.wanted_u95_ppm:g} ppm {when} ({drift})\n")
-    typer.echo(table_text(sensitivity_table(known.sensitivities)))
+    row: dict[str, Any] = dict.fromkeys(_COLUMNS)
+    row |= {"entry": entry.name, "kind": record.__struct_config__.tag, "done": entry.done.isoformat(timespec="seconds")}
+    for key, u in _MEASURED.items():
+        found = getattr(record, key, None)
+        if found is not None:
+            row |= {key: found.value} if u is None else {key: found.value, u: found.u}
+    if isinstance(record, SelfCalibration):
+        row |= {"e_n": record.e_n, "cusum": record.cusum, "verdict": record.verdict}
+    return row

@@ -1,8 +1,7 @@
 """``vcfbench bench discover``: the instruments that answer, and their part of a bench file."""
 
-from dataclasses import asdict
-
 import typer
+from msgspec.structs import asdict
 
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import (

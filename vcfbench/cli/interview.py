@@ -2,19 +2,18 @@
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
 import typer
+from msgspec import Struct, field
 
 from vcfbench.errors import BenchError, ConfigError
 
 _T = TypeVar("_T")
 
 
-@dataclass(slots=True)
-class Interview:
+class Interview(Struct):
     """Puts questions; `given` are answers by key that need no question, `silent` takes the proposals."""
 
     given: dict[str, str]

@@ -1,15 +1,14 @@
 """``vcfbench runs``: the records of runs."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from csv import writer as csv_writer
-from dataclasses import asdict
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from msgspec import to_builtins
+from msgspec import structs, to_builtins
 
 from vcfbench.archive.amending import amend_run
 from vcfbench.archive.export import export_run
@@ -114,12 +113,17 @@ def show(
         members = shown_run.as_json()
         print_json(
             {
-                **_line(directory, record),
+                "run": directory.run,
+                "procedure": record.header.get("procedure"),
+                "status": record.status.value,
+                "damage": record.damage,
+                "bench": record.header.get("bench", {}).get("name"),
+                "seed": record.header.get("seed"),
+                "points": members["points"],
                 "simulated": shown_run.simulated,
                 "started_utc": record.header.get("utc"),
                 "bench_seconds": shown_run.bench_seconds,
                 "physical_minimum_s": shown_run.physical_minimum_s,
-                "points": members["points"],
                 "results": members["results"],
                 "no_results": shown_run.no_results,
                 "acceptance": members["acceptance"],
@@ -135,40 +139,48 @@ def show(
             }
         )
     else:
-        line = _line(directory, record)
-        status = _status(line["status"], line["damage"])
-        typer.echo(
-            f"{printable(line['run'])}: {status}, {printable(line['procedure'])}, bench {printable(line['bench'])}, "
-            f"seed {printable(line['seed'])}, {line['points']} points, began {printable(record.header.get('utc'))}\n"
-        )
-        for words in _metadata_lines(shown_run):
-            typer.echo(f"{printable(words)}\n")
-        print_report(shown_run.report())
-        for said in shown_run.asked_again:
-            typer.echo(f"\nasked again: {printable(said)}")
-        if shown_run.no_results is not None:
-            typer.echo(
-                f"\n{'no results' if shown_run.results is None else 'results as stored'}: {shown_run.no_results}"
-            )
-        for error in record.errors:
-            typer.echo(f"\nerror: {printable(error.get('error'))}")
-        for words in _made_with(record, shown_run):
-            typer.echo(f"\n{printable(words)}")
-        typer.echo(f"\nrecord: {shown(directory.path)}")
+        _print_run(directory, record, shown_run)
     if record.damage is not None:
         raise ConfigError(f"{shown(directory.journal)}: the record is damaged: {record.damage}")
 
 
-def _line(directory: RunDirectory, record: JournalRecord) -> dict[str, Any]:
-    return {
-        "run": directory.run,
-        "procedure": record.header.get("procedure"),
-        "status": record.status.value,
-        "damage": record.damage,
-        "bench": record.header.get("bench", {}).get("name"),
-        "seed": record.header.get("seed"),
-        "points": len(record.points),
-    }
+def _print_run(directory: RunDirectory, record: JournalRecord, run: Run) -> None:
+    """Print a line of the record, its metadata, the report, and the versions that made it."""
+    header, metadata = record.header, run.metadata
+    typer.echo(
+        f"{printable(directory.run)}: {_status(record.status.value, record.damage)}, "
+        f"{printable(header.get('procedure'))}, bench {printable(header.get('bench', {}).get('name'))}, "
+        f"seed {printable(header.get('seed'))}, {len(record.points)} points, began {printable(header.get('utc'))}\n"
+    )
+    conditions = ((metadata.ambient_temperature_c, "degC"), (metadata.humidity_percent, "% relative humidity"))
+    words = [
+        *([f"device {metadata.dut}"] if metadata.dut else []),
+        *([f"operator {metadata.operator}"] if metadata.operator else []),
+        *(f"{value:g} {unit}" for value, unit in conditions if value is not None),
+        *(f"{key}={value}" for key, value in metadata.tags.items()),
+    ]
+    for each in (
+        *([", ".join(words)] if words else []),
+        *([f"note: {metadata.note}"] if metadata.note else []),
+        *(f"overdue: {each}" for each in overdue_words(run.equipment)),
+        *(amendment.words() for amendment in run.amendments),
+    ):
+        typer.echo(f"{printable(each)}\n")
+    print_report(run.report())
+    for said in run.asked_again:
+        typer.echo(f"\nasked again: {printable(said)}")
+    if run.no_results is not None:
+        typer.echo(f"\n{'no results' if run.results is None else 'results as stored'}: {run.no_results}")
+    for error in record.errors:
+        typer.echo(f"\nerror: {printable(error.get('error'))}")
+    versions = header.get("versions")
+    if isinstance(versions, dict):
+        programs = ", ".join(f"{name} {version}" for name, version in versions.items())
+        typer.echo(f"\n{printable('made with ' + programs)}")
+    firmware = [f"{each.model} {each.identity.firmware}" for each in run.equipment if each.identity is not None]
+    if firmware:
+        typer.echo(f"\n{printable('firmware: ' + ', '.join(firmware))}")
+    typer.echo(f"\nrecord: {shown(directory.path)}")
 
 
 @app.command("index")
@@ -205,9 +217,15 @@ def export(
     json: Json_ = False,
 ) -> None:
     """Write the points of a run, or every raw reading, for other programs."""
-    done = export_run(run, output, format=format_, raw=raw, runs=runs, progress=_progress())
+
+    def progress(rows: int, of: int) -> None:  # a million rows take a spreadsheet most of a minute
+        end = "\r" if rows < of else "\r\x1b[K"
+        typer.echo(f"\r{100 * rows // of:3} % of {of} rows{end}", err=True, nl=False)
+
+    seen = progress if sys.stderr.isatty() else None
+    done = export_run(run, output, format=format_, raw=raw, runs=runs, progress=seen)
     if json:
-        print_json({**asdict(done), "file": str(done.file)})
+        print_json({**structs.asdict(done), "file": str(done.file)})
     else:
         typer.echo(f"{shown(done.file)}: {done.rows} {done.table}, {len(done.columns)} columns")
 
@@ -278,18 +296,6 @@ def new_key(
     )
 
 
-def _progress() -> Callable[[int, int], None] | None:
-    """Return a display of an export's progress on a terminal: a million rows take a spreadsheet most of a minute."""
-    if not sys.stderr.isatty():
-        return None
-
-    def show(rows: int, of: int) -> None:
-        end = "\r" if rows < of else "\r\x1b[K"
-        typer.echo(f"\r{100 * rows // of:3} % of {of} rows{end}", err=True, nl=False)
-
-    return show
-
-
 _HEAD = ("run", "procedure", "status", "bench", "seed", "device", "points", "results", "verdict")
 _CSV = (
     *("run", "procedure", "status", "damage", "bench", "seed", "points", "started_utc"),
@@ -300,55 +306,21 @@ _SHOWN_RESULTS = 2
 
 
 def _print_list(known: Sequence[RunSummary]) -> None:
-    rows = [list(map(str, _cells(each))) for each in known]  # a table escapes what would write on the terminal itself
+    rows = []  # a table escapes what would write on the terminal itself
+    for run in known:
+        dut = (run.dut or "-") + " (amended)" * ("dut" in run.amended)
+        results = [f"{name} {found.words()}" for name, found in run.results.items()][:_SHOWN_RESULTS]
+        cells = (run.run, run.procedure, _status(run.status, run.damage), run.bench, run.seed, dut, run.points)
+        rows.append([*map(str, cells), "; ".join(results) or "-", (run.verdict or "-").upper()])
     table = table_text(Table([Column(name) for name in _HEAD], rows))
     # Whether lines fit where they are printed; into a pipe or a file any do
     if not sys.stdout.isatty() or max(map(len, table.splitlines())) <= get_terminal_size().columns:
         print_verdicts(table)
         return
-    for run, *others in rows:
-        lines = [f"  {name}: {printable(each)}" for name, each in zip(_HEAD[1:], others, strict=True)]
-        print_verdicts("\n".join([printable(run), *lines]))
-
-
-def _cells(run: RunSummary) -> tuple[object, ...]:
-    dut = (run.dut or "-") + " (amended)" * ("dut" in run.amended)
-    results = [f"{name} {found.words()}" for name, found in run.results.items()][:_SHOWN_RESULTS]
-    return (
-        *(run.run, run.procedure, _status(run.status, run.damage), run.bench, run.seed, dut, run.points),
-        *("; ".join(results) or "-", (run.verdict or "-").upper()),
-    )
+    for name, *others in rows:
+        lines = [f"  {head}: {printable(each)}" for head, each in zip(_HEAD[1:], others, strict=True)]
+        print_verdicts("\n".join([printable(name), *lines]))
 
 
 def _status(status: str, damage: str | None) -> str:
     return status if damage is None else f"{status}: {damage}"
-
-
-def _metadata_lines(run: Run) -> Iterator[str]:
-    """Yield in lines the metadata of the record."""
-    metadata = run.metadata
-    conditions = ((metadata.ambient_temperature_c, "degC"), (metadata.humidity_percent, "% relative humidity"))
-    words = [
-        *([f"device {metadata.dut}"] if metadata.dut else []),
-        *([f"operator {metadata.operator}"] if metadata.operator else []),
-        *(f"{value:g} {unit}" for value, unit in conditions if value is not None),
-        *(f"{key}={value}" for key, value in metadata.tags.items()),
-    ]
-    if words:
-        yield ", ".join(words)
-    if metadata.note:
-        yield f"note: {metadata.note}"
-    for each in overdue_words(run.equipment):
-        yield f"overdue: {each}"
-    for amendment in run.amendments:
-        yield amendment.words()
-
-
-def _made_with(record: JournalRecord, run: Run) -> Iterator[str]:
-    """Yield in lines the programs and the instruments, with their versions, that made the record."""
-    versions = record.header.get("versions")
-    if isinstance(versions, dict):
-        yield f"made with {', '.join(f'{name} {version}' for name, version in versions.items())}"
-    firmware = [f"{each.model} {each.identity.firmware}" for each in run.equipment if each.identity is not None]
-    if firmware:
-        yield f"firmware: {', '.join(firmware)}"

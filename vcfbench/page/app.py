@@ -1,14 +1,12 @@
 """The page as an ASGI application: runs and devices to look at, and a run to stop, pause and let go on."""
 
-from __future__ import annotations
-
 import asyncio
 import hmac
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 from urllib.parse import urlsplit
 
 import msgspec
@@ -17,9 +15,11 @@ from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.reported import full_report, title_of
@@ -32,11 +32,6 @@ from vcfbench.page.view import BrowserPosition, View
 from vcfbench.records.journal import being_written
 from vcfbench.reports.html_page import page_of
 from vcfbench.safety.control import RunControl
-
-if TYPE_CHECKING:
-    from starlette.requests import Request
-    from starlette.types import ASGIApp, Message, Receive, Scope, Send
-
 
 LIVE: Final = "live"  # The name of the run of this process
 

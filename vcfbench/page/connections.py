@@ -1,7 +1,5 @@
 """Connections to the page, few and short: the run that serves it needs file descriptors for its instruments."""
 
-from __future__ import annotations
-
 import asyncio
 from typing import Any, Final
 

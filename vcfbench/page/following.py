@@ -1,7 +1,5 @@
 """Followers that fill a view: from the events of a run in this process, or from a growing journal of another's."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A report as plain values for a page, which draws it with its own means: no HTML is made of a record's words."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from vcfbench.archive.run import Run

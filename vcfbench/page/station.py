@@ -1,7 +1,5 @@
 """The records and devices of a station, as its page lists them."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -9,7 +7,7 @@ from typing import Any, Final
 
 from vcfbench.archive.summary import summary_of
 from vcfbench.errors import BenchError
-from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, Entry, StaticNoise
+from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, Entry, SelfCalibration, StaticNoise
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import being_written, read_header
 
@@ -29,10 +27,17 @@ class StationDirectories:
         names = self._names()
         found = (self._row(RunDirectory(self._runs / name)) for name in names[:_MOST_RUNS])
         rows = [row for row in found if row is not None]
+        devices, store = [], DeviceStore(self._devices)
+        with suppress(BenchError):
+            for serial in store.serials():
+                with suppress(BenchError):
+                    known = store.device(serial)
+                    failed = None if known.failed_since is None else known.failed_since.name
+                    devices.append({"serial": serial, "entries": len(known.entries), "failed_since": failed})
         return {
             "runs": sorted(rows, key=lambda row: str(row.get("began_utc") or row["run"]), reverse=True),
             "older": max(0, len(names) - _MOST_RUNS),
-            "devices": self._device_rows(),
+            "devices": devices,
         }
 
     def directory(self, name: str) -> RunDirectory | None:
@@ -66,18 +71,6 @@ class StationDirectories:
                 self._known[directory.run] = known
         return known[1]
 
-    def _device_rows(self) -> list[dict[str, Any]]:
-        rows = []
-        store = DeviceStore(self._devices)
-        with suppress(BenchError):
-            for serial in store.serials():
-                with suppress(BenchError):
-                    known = store.device(serial)
-                    since = known.failed_since
-                    failed = None if since is None else since.name
-                    rows.append({"serial": serial, "entries": len(known.entries), "failed_since": failed})
-        return rows
-
 
 def _row_of(directory: RunDirectory) -> dict[str, Any]:
     """Return the row of a run in the list; of one that goes on no more than its beginning is read."""
@@ -109,16 +102,15 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
 def _entry(entry: Entry) -> dict[str, Any]:
     """Return the row of an entry in the history of a device."""
     record, verdict = entry.record, None
-    if isinstance(record, Certificate):
-        kind, done, result = "certificate", record.issued, f"K_Vc {record.k_vc.coefficients[1]:.6g} (deg/s)/V"
-    elif isinstance(record, StaticNoise):
-        found = record.bias_instability_deg_h
-        kind, done, result = "static-noise", record.done, f"B {found.value:.3g} deg/h, u {found.u:.2g}"
-    elif isinstance(record, Characterisation):
-        kind, done, result = "characterisation", record.done, f"by {record.procedure}"
-    else:
-        kind, done, factor = "self-calibration", record.done, record.scale_factor_v_per_deg_s
-        drift = "" if record.drift_ppm is None else f", drift {record.drift_ppm.value:+.0f} ppm"
-        verdict, result = record.verdict, f"{1e3 * factor.value:.5f} mV/(deg/s), u {1e3 * factor.u:.2g}{drift}"
-    finished, run = done.isoformat(), record.conditions.run
-    return {"entry": entry.name, "kind": kind, "finished": finished, "run": run, "result": result, "verdict": verdict}
+    match record:
+        case Certificate():
+            result = f"K_Vc {record.k_vc.coefficients[1]:.6g} (deg/s)/V"
+        case StaticNoise(bias_instability_deg_h=found):
+            result = f"B {found.value:.3g} deg/h, u {found.u:.2g}"
+        case Characterisation():
+            result = f"by {record.procedure}"
+        case SelfCalibration(scale_factor_v_per_deg_s=factor):
+            drift = "" if record.drift_ppm is None else f", drift {record.drift_ppm.value:+.0f} ppm"
+            verdict, result = record.verdict, f"{1e3 * factor.value:.5f} mV/(deg/s), u {1e3 * factor.u:.2g}{drift}"
+    row = {"entry": entry.name, "kind": record.__struct_config__.tag, "finished": entry.done.isoformat()}
+    return {**row, "run": record.conditions.run, "result": result, "verdict": verdict}

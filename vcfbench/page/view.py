@@ -1,7 +1,5 @@
 """View of one run: filled in by a follower, read by the page, each in a thread of its own."""
 
-from __future__ import annotations
-
 from array import array
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -54,8 +52,8 @@ class View:
     began_s: float | None = None
     control: str = ""
     end: Mapping[str, Any] | None = None
-    _reading_t_s: array[float] = field(default_factory=lambda: array("d"))
-    _reading_v: array[float] = field(default_factory=lambda: array("d"))
+    _reading_t_s: "array[float]" = field(default_factory=lambda: array("d"))
+    _reading_v: "array[float]" = field(default_factory=lambda: array("d"))
 
     def begin(self, number: int, t_s: float, step: Step | Recorded) -> None:
         """Take in that a step begins."""

@@ -3,8 +3,6 @@
 Only what a person says of a run can be amended; what was measured, set or answered stays as it is.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence

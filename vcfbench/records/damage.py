@@ -5,8 +5,6 @@ that of its readings. What they do not find, the sum over all lines in the last 
 has none.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain

@@ -4,15 +4,12 @@ A directory a device (``devices/G-0042``), a JSON file an entry (``0001.json``),
 which they were made. An entry appears whole or not at all, and no entry replaces another.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re
 import secrets
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import datetime
 from itertools import chain
 from pathlib import Path
@@ -268,9 +265,13 @@ class Entry(Struct, frozen=True):
         """Its name, by which other entries refer to it: ``0001``."""
         return self.path.stem
 
+    @property
+    def done(self) -> datetime:
+        """Time of the measurement."""
+        return self.record.issued if isinstance(self.record, Certificate) else self.record.done
 
-@dataclass(frozen=True, slots=True)
-class Device:
+
+class Device(Struct, frozen=True):
     """Calibration history of one gyroscope: its entries, oldest first."""
 
     serial: str

@@ -1,7 +1,5 @@
 """Directories of records: one a run, named by its start, procedure and six random hexadecimal digits."""
 
-from __future__ import annotations
-
 import os
 import secrets
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Exports of a journal: CSV files for other programs, and the result as one JSON object."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress

@@ -11,8 +11,6 @@ docs/records.md.
 A reader ignores keys and types of lines that it does not know, so that a later version can add some.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence

@@ -3,8 +3,6 @@
 None of it reaches a result; the serial number of the device alone may also choose what a procedure knows of it.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import re

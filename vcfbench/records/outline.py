@@ -5,8 +5,6 @@ before there were seals, is left to :func:`~vcfbench.records.journal.read_journa
 over readings are not done again here: that a point is not the mean of its readings is found by who reads the record.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Results as plain values ready for JSON, and plain values read back that nobody can change."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass

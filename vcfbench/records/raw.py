@@ -3,8 +3,6 @@
 ``raw.jsonl`` beside the runs, one line a command, on the disk before the command is sent.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,11 +1,9 @@
 """Parts of a record."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import Final
+from typing import Final, Self
 
 from msgspec import Struct
 from msgspec.structs import asdict, replace
@@ -66,7 +64,7 @@ class Point(Struct, frozen=True):
     moved_v: float = 0.0
     moved_u_v: float = 0.0
 
-    def referred(self) -> Point:
+    def referred(self) -> Self:
         """Return the point as it would be, had the output not moved in pauses; `moved_u_v` stays."""
         return replace(self, output_v=self.output_v - self.moved_v, moved_v=0.0) if self.moved_v else self
 
@@ -79,7 +77,7 @@ class Point(Struct, frozen=True):
         return point
 
     @classmethod
-    def from_json(cls, values: Mapping[str, float]) -> Point:
+    def from_json(cls, values: Mapping[str, float]) -> Self:
         """Return the point that :meth:`as_json` wrote; KeyError, TypeError or ValueError if it did not."""
         names = POINT_COLUMNS + (V_VC_COLUMNS if "v_vc_measured_v" in values else ())
         names += PAUSE_COLUMNS if "moved_u_v" in values else ()

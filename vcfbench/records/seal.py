@@ -5,8 +5,6 @@ the whole. What a copy makes of line ends changes nothing: they count as LF. Who
 all seals anew: what shows that is a signature (`vcfbench.records.signing`).
 """
 
-from __future__ import annotations
-
 from hashlib import sha256
 
 _BEFORE = b',"seal":"'

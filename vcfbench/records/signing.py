@@ -4,8 +4,6 @@ A seal vouches for all lines before it, so one signature vouches for the record 
 `cryptography` (extra ``sign``), imported where a key is named.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

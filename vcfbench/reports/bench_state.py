@@ -1,8 +1,6 @@
 """The state of the bench, as the steps of a run tell it: table, rails, V_Vc."""
 
-from __future__ import annotations
-
-from typing import Any
+from typing import Any, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -43,7 +41,7 @@ class BenchState(Struct, frozen=True):
     v_vc: str | None = None
     generator: bool | None = None
 
-    def after(self, step: object, result: object) -> BenchState:
+    def after(self, step: object, result: object) -> Self:
         """Return the state when `step` is done, with `result`; steps that are not known change nothing."""
         read: dict[str, Any] = {}
         match result:
@@ -56,7 +54,7 @@ class BenchState(Struct, frozen=True):
                 read |= {"rails": result.rails} if result.rails else {}
         return replace(self, **_set_by(step, result), **read)
 
-    def begun(self, step: object) -> BenchState:
+    def begun(self, step: object) -> Self:
         """Return the state when `step` begins: a table that is told a rate is on its way."""
         return replace(self, demand_deg_s=step.rate_deg_s, table_deg_s=None) if isinstance(step, SetRate) else self
 

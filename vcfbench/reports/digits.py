@@ -1,7 +1,5 @@
 """Digits of a value and its uncertainty in print (GUM 7.2.6): two of u, the value to the same place."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

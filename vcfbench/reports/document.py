@@ -4,8 +4,6 @@ Nothing here draws or prints. A table keeps its numbers beside how many digits t
 the labels of its axes; what cannot be shown (ragged rows, unequal series) is refused when the part is made.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeAlias
@@ -16,7 +14,7 @@ from msgspec.structs import force_setattr
 from vcfbench.errors import ConfigError
 from vcfbench.records.plain import plain
 
-Value: TypeAlias = "float | str | None"  # Cell of a table: a number, a text, or None where there is nothing
+Value: TypeAlias = float | str | None  # Cell of a table: a number, a text, or None where there is nothing
 
 DEEPEST_HEADING = 6
 

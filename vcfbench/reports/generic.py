@@ -1,7 +1,5 @@
 """Report of a procedure that has none of its own: its points, and its results by their names."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

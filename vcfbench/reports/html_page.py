@@ -1,7 +1,5 @@
 """A report as HTML: a piece for notebooks, or one page that needs nothing beside itself, the source of the PDF."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from html import escape

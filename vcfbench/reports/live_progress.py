@@ -1,7 +1,5 @@
 """Progress of a run on a terminal, drawn in place: the table of its points, the step, and the time left."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from datetime import timedelta
 from typing import Any, Self, TextIO
@@ -126,7 +124,7 @@ class LiveProgress(NoProgress):
             self._live.refresh()
 
 
-def _live(console: Console, outlet: Outlet, block: _Block) -> Any:
+def _live(console: Console, outlet: Outlet, block: "_Block") -> Any:
     """Return a display that draws `block` below all that is printed, as long as the terminal takes it."""
 
     class PatientLive(Live):
@@ -196,8 +194,7 @@ class _Block:
                 lines[-1] += f"   {part}"
             else:
                 lines.append(part)
-        rows = lines
-        texts = [Text(line, no_wrap=True, overflow="ellipsis", style="dim") for line in rows]
+        texts = [Text(line, no_wrap=True, overflow="ellipsis", style="dim") for line in lines]
         doing = Text(self._doing, no_wrap=True, overflow="ellipsis")
         return Group(doing, *texts, self._times(width))
 

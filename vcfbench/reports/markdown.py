@@ -1,7 +1,5 @@
 """A report as Markdown, as GitHub and most others read it; its figures are files beside it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from itertools import count

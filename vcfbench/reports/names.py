@@ -1,7 +1,5 @@
 """Names of results and settings in words, with the unit in which people read them; programs keep their own names."""
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 

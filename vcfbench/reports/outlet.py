@@ -1,7 +1,5 @@
 """A stream that cannot hold up its writer."""
 
-from __future__ import annotations
-
 import os
 from contextlib import suppress
 from queue import SimpleQueue

@@ -3,8 +3,6 @@
 The same figure gives the same bytes: no dates, no names of versions, and nothing of what a user set for Matplotlib.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from importlib import import_module

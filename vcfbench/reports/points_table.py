@@ -1,14 +1,12 @@
 """The table of points that grows while they are measured: as many columns as there is room for."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 from msgspec import Struct
 
-from vcfbench.analysis.regression import LineFit
+from vcfbench.analysis.regression import LineFit, line_so_far
 from vcfbench.records.schema import Point
 from vcfbench.steps import Window
 
@@ -32,8 +30,6 @@ class PointsSoFar:
 
     def line(self, step: int) -> LineFit | None:
         """Return the line through the points of `step`; None while they have fewer than three rates."""
-        from vcfbench.analysis.regression import line_so_far  # noqa: PLC0415  # numpy comes with it
-
         points = self._of_step.get(step, [])
         return line_so_far([each.rate_deg_s for each in points], [each.output_v for each in points])
 

@@ -1,7 +1,5 @@
 """Progress of a run: measured points, the step, and the time left."""
 
-from __future__ import annotations
-
 from typing import Self, TextIO
 
 from vcfbench.reports.outlet import Outlet

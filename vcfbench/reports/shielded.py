@@ -1,7 +1,5 @@
 """A display that can harm nobody, and one that shows nothing."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager

@@ -1,7 +1,5 @@
 """A report as plain text, for terminals and files; figures are left out."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from textwrap import wrap

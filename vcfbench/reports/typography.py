@@ -4,8 +4,6 @@ Reports are written in plain characters, as terminals and files of numbers have 
 is made for reading asks here, so that a name looks the same in HTML, PDF, Markdown and certificates.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from typing import Final

@@ -1,7 +1,5 @@
 """Batch of gyroscopes: devices one after another, with the same runs for each."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any

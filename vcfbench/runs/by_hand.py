@@ -5,8 +5,6 @@ comes as a run would get it. What follows the name of a role goes to that instru
 commands are recorded, anything.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

@@ -10,7 +10,7 @@ from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from msgspec import Struct, field, to_builtins
 
@@ -33,11 +33,13 @@ from vcfbench.records.signing import SigningKey, named_key
 from vcfbench.reports.document import plain_report
 from vcfbench.reports.shielded import Shielded
 from vcfbench.runs.needs import roles_of, with_ambient
+from vcfbench.runs.notified import notify, outcome_of
 from vcfbench.runs.request import Prepared, Preparing, Request, blamed_on
 from vcfbench.safety.control import RunControl
 from vcfbench.safety.roles import needed_roles
 from vcfbench.safety.signals import StopSignals
 from vcfbench.safety.trust import Trust, require_library
+from vcfbench.safety.watchdog import Watchdog
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.equipment import equipment_on, overdue_words
 from vcfbench.steps.executor import Event, Execution, Executor, Observer, Paused, StepStarted
@@ -45,10 +47,6 @@ from vcfbench.steps.measured import Measured
 from vcfbench.steps.operator import simulated_operator
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Operator, nobody
 from vcfbench.version import installed_versions
-
-if TYPE_CHECKING:
-    from vcfbench.runs.pausing import Pausing
-    from vcfbench.safety.watchdog import Watchdog
 
 _OVERTIME_S: Final = 60.0  # By how much a step may take longer than twice its estimate, wall time
 _PREPARING: Final = Lock()
@@ -287,8 +285,6 @@ class _UnderWay(Struct):
         request, description = self.prepared.request, getattr(self.prepared, "description", None)
         if description is None or description.notify is None or (request.runs is None and self.error is None):
             return
-        from vcfbench.runs.notified import notify, outcome_of  # noqa: PLC0415  # few stations have one
-
         with suppress(Exception):
             if (failure := notify(description.notify, outcome_of(self.as_run()))) is not None:
                 request.warn(f"nobody was notified: {failure}")
@@ -321,7 +317,11 @@ class _UnderWay(Struct):
         if watchdog is not None and prepared.directory is not None:
             watchdog.keep_in(prepared.directory.journal)
             watchers = [*watchers, _WatchedSteps(watchdog)]
-        pausing = self._pausing(request.control, bench)
+        pausing = None
+        if request.control is not None:
+            from vcfbench.runs.pausing import Pausing  # noqa: PLC0415  # few runs are controlled
+
+            pausing = Pausing.of(request.control, bench, prepared)
         executor = Executor(bench, journal, watchers, operator, began_s, undivided=signals.undivided, pausing=pausing)
         try:
             with blamed_on(prepared.procedure):
@@ -330,13 +330,6 @@ class _UnderWay(Struct):
             self.execution = executor.so_far()
         if execution.error is not None:
             self.take_error(execution.error)
-
-    def _pausing(self, control: RunControl | None, bench: Bench) -> Pausing | None:
-        if control is None:
-            return None
-        from vcfbench.runs.pausing import Pausing  # noqa: PLC0415  # few runs are controlled
-
-        return Pausing.of(control, bench, self.prepared)
 
     def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0, done_s: float = 0.0) -> Journal:
         prepared, description = self.prepared, self.prepared.description

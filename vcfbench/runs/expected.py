@@ -5,32 +5,27 @@ would put into the journal goes through the results of the procedure, as what a 
 budget stands here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from random import Random
 from statistics import fmean
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from msgspec import Struct, field, structs, to_builtins
+from numpy.typing import NDArray
 
 from vcfbench.archive.quantities import named_values
 from vcfbench.errors import BenchError
 from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.schema import Point
 from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import ConfigureMeter, ModulatedRecord, Window
 from vcfbench.steps.measured import Foreseen
 from vcfbench.steps.step import Reading, Step
 from vcfbench.steps.tally import Tally
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from vcfbench.procedures.procedure import AnyProcedure
-    from vcfbench.station.settings import ProcedureSettings
 
 PAPER_WALK_DEG_SQRT_H: Final = 0.21  # Angle random walk of the paper's gyroscope: assumed where the noise is not told
 _PAPER_BIAS_V: Final = -0.042

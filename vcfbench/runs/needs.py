@@ -1,7 +1,5 @@
 """Match of a bench with the needs of a run: roles, capabilities, the thermometer of the room."""
 
-from __future__ import annotations
-
 from msgspec.structs import replace
 
 from vcfbench.bench.bench import Bench

@@ -1,6 +1,6 @@
 """Pauses of a run on an open bench: the wish for one, its length, and the time meanwhile."""
 
-from __future__ import annotations
+from typing import Self
 
 from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import checked_pace
@@ -22,7 +22,7 @@ class Pausing(AroundPause, frozen=True, kw_only=True):
     pace: float
 
     @classmethod
-    def of(cls, control: RunControl, bench: Bench, prepared: Prepared) -> Pausing:
+    def of(cls, control: RunControl, bench: Bench, prepared: Prepared) -> Self:
         """Return it for a run that was `prepared`, on the open `bench`."""
         pace = checked_pace(prepared.description, prepared.request.speed) or 0.0
         drifts = bool(prepared.procedure.in_one_piece)

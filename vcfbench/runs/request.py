@@ -108,7 +108,12 @@ class Prepared:
         require_ambient(metadata, description)
         with blamed_on(chosen):
             source = shown(request.bench) if isinstance(request.bench, str | Path) else None
-            settings = settings_of(chosen, description, self._layer(), source)
+            layer, dut = request.settings, metadata.dut
+            of_device = {} if dut is None else chosen.settings.keys_of_device(dut)
+            if of_device:  # the device's history counts for this procedure
+                given, naming = ({}, dotted) if layer is None else (layer.values, layer.naming)
+                layer = Layer(merged(of_device, given), naming)
+            settings = settings_of(chosen, description, layer, source)
         if None not in (metadata.dut, settings.named_device) and metadata.dut != settings.named_device:
             raise ConfigError(
                 f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"
@@ -116,14 +121,6 @@ class Prepared:
         operator = metadata.operator or description.laboratory.operator
         self.metadata = replace(metadata, dut=metadata.dut or settings.named_device, operator=operator)
         self.description, self.settings = with_settings(description, settings), settings
-
-    def _layer(self) -> Layer | None:
-        """Return the requested settings, with the device for a procedure that uses the device's history."""
-        asked, dut = self.request.settings, self.request.metadata.dut
-        of_device = {} if dut is None else self.procedure.settings.keys_of_device(dut)
-        if not of_device or asked is None:
-            return Layer(of_device, dotted) if of_device else asked
-        return Layer(merged(of_device, asked.values), asked.naming)
 
     def _seed(self) -> int | None:
         """Return the seed that the run will have, as far as it is known before the bench is opened."""

@@ -1,7 +1,5 @@
 """Runs that were broken off and are taken up again: the same procedure and settings, the same bench, a record anew."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from functools import partial
@@ -104,7 +102,7 @@ def resume(
         return conduct(request, signals, partial(Resumed, broken))
 
 
-def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> BrokenOff:
+def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> "BrokenOff":
     """Return the run that is meant, as :func:`resume` takes it; ConfigError: there is none, or it cannot be resumed."""
     path = run if isinstance(run, str | Path) else run.directory
     if path is None:

@@ -1,8 +1,7 @@
 """A run in a thread of its own: begun, controlled from any other, and waited for."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -21,14 +20,23 @@ from vcfbench.steps.step import Operator
 class StartedRun(RunControl):
     """A run that goes on in a thread: stopped, paused and waited for from any other.
 
-    The program does not end before the run: a bench is not left by its own program.
+    The program does not end before the run: a bench is not left by its own program. `conduct` does the run, with this
+    as its `control`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, conduct: Callable[..., Run]) -> None:
         super().__init__()
         self._run: Run | None = None
         self._error: BaseException | None = None
-        self._thread: Thread | None = None
+
+        def work() -> None:
+            try:
+                self._run = conduct(control=self)
+            except BaseException as error:  # noqa: BLE001  # raised for whoever waits
+                self._error = error
+
+        self._thread = Thread(target=work, name="vcfbench run")
+        self._thread.start()
 
     def result(self, timeout_s: float | None = None) -> Run:
         """Wait for the end of the run, at most `timeout_s` (wall time, None: as long as it takes), and return it.
@@ -37,7 +45,6 @@ class StartedRun(RunControl):
             TimeoutError: it goes on.
             BenchError: it did not come to its end, as of :func:`vcfbench.run`.
         """
-        assert self._thread is not None  # noqa: S101  # start has begun it
         self._thread.join(timeout_s)
         if self._thread.is_alive():
             raise TimeoutError(f"the run goes on: it is {self.state}")
@@ -45,16 +52,6 @@ class StartedRun(RunControl):
             raise self._error
         assert self._run is not None  # noqa: S101  # else there is an error
         return self._run
-
-    def _begin(self, *request: Any, **more: Any) -> None:
-        def work() -> None:
-            try:
-                self._run = run(*request, **more, control=self)
-            except BaseException as error:  # noqa: BLE001  # raised for whoever waits
-                self._error = error
-
-        self._thread = Thread(target=work, name="vcfbench run")
-        self._thread.start()
 
 
 def start(
@@ -75,17 +72,5 @@ def start(
     Errors are raised by :meth:`StartedRun.result`. Observers and operator are called in the run's thread.
     Signals are the program's: whoever wants Ctrl-C to stop the run calls `stop`.
     """
-    started = StartedRun()
-    started._begin(  # noqa: SLF001  # nobody else begins one
-        procedure,
-        bench,
-        seed=seed,
-        settings=settings,
-        observers=observers,
-        runs=runs,
-        speed=speed,
-        operator=operator,
-        metadata=metadata,
-        trust=trust,
-    )
-    return started
+    conduct = partial(run, procedure, bench, seed=seed, settings=settings, observers=observers, runs=runs, speed=speed)
+    return StartedRun(partial(conduct, operator=operator, metadata=metadata, trust=trust))

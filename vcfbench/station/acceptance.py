@@ -84,7 +84,13 @@ def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) ->
     """
     if not limits:
         return None
-    values = dict(_values(results))
+    values: dict[str, float | None]
+    if isinstance(results, HasAcceptanceValues):
+        values = dict(results.acceptance_values())
+    else:
+        flat = plain(results)
+        named = flat.items() if isinstance(flat, dict) else ()
+        values = {name: value for name, value in named if value is None or isinstance(value, int | float)}
     if any(point.n > 1 for point in points):
         values["reading_noise_v"] = pooled_std_v(points)
     guards = results.acceptance_u95() if isinstance(results, HasAcceptanceU95) else {}
@@ -97,11 +103,3 @@ def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) ->
         for limit in limits
     )
     return Acceptance(verdicts) if any(verdict.measured for verdict in verdicts) else None
-
-
-def _values(results: object) -> Mapping[str, float | None]:
-    if isinstance(results, HasAcceptanceValues):
-        return results.acceptance_values()
-    flat = plain(results)
-    named = flat.items() if isinstance(flat, dict) else ()
-    return {name: value for name, value in named if value is None or isinstance(value, int | float)}

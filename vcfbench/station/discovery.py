@@ -8,9 +8,11 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import copy_context
-from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, TypeVar
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers.rate_table.acl import take_counted
@@ -34,8 +36,7 @@ _QUESTIONS = (b"*IDN?\n", b"/get deviceid\n", b"VE?\r")
 """Instruments and ACL tables, Zaber, Newport: each only reads, and whom it is not meant for refuses it."""
 
 
-@dataclass(frozen=True, slots=True)
-class DiscoveredInstrument:
+class DiscoveredInstrument(Struct, frozen=True):
     """A resource and the instrument that answers there.
 
     `answer` are its words, `model` the model or dialect that a bench file can name (None: not recognised), `problem`
@@ -56,8 +57,7 @@ class DiscoveredInstrument:
         return number if number not in {"", "0"} else None
 
 
-@dataclass(frozen=True, slots=True)
-class SerialPort:
+class SerialPort(Struct, frozen=True):
     """A serial port of this computer; `found` is the instrument that answers, None when it was not asked."""
 
     port: str
@@ -65,8 +65,7 @@ class SerialPort:
     found: DiscoveredInstrument | None
 
 
-@dataclass(frozen=True, slots=True)
-class Discovery:
+class Discovery(Struct, frozen=True):
     """Everything that was found, and the resources that were asked for by name."""
 
     library: str

@@ -12,27 +12,26 @@ def equipment_on(
     day: date, description: BenchDescription, roles: Collection[str], identities: Mapping[str, Identity]
 ) -> tuple[Equipment, ...]:
     """Return the instruments in `roles` of the bench, with their identities where they were asked."""
-    return tuple(_equipment(day, description, role, identities.get(role)) for role in roles)
-
-
-def _equipment(day: date, description: BenchDescription, role: str, identity: Identity | None) -> Equipment:
-    part = getattr(description, role)
-    due = part.calibration_due
-    # The serial number that was answered, else the bench file's; an instrument that has none answers 0
-    stated = getattr(part, "serial_number", None)
-    answered = "" if identity is None else identity.serial
-    return Equipment(
-        role=role,
-        model=part.dialect if role == "rate_table" else part.model,
-        resource=part.resource,
-        identity=identity,
-        serial_number=next((each for each in (answered, stated) if each not in (None, "", "0")), None),
-        inventory_number=part.inventory_number,
-        calibrated=part.calibrated,
-        calibration_due=due,
-        certificate=part.certificate,
-        overdue=due is not None and day > due,
-    )
+    found = []
+    for role in roles:
+        part, identity = getattr(description, role), identities.get(role)
+        due = part.calibration_due
+        # The serial number that was answered, else the bench file's; an instrument that has none answers 0
+        numbers = ("" if identity is None else identity.serial, getattr(part, "serial_number", None))
+        instrument = Equipment(
+            role=role,
+            model=part.dialect if role == "rate_table" else part.model,
+            resource=part.resource,
+            identity=identity,
+            serial_number=next((each for each in numbers if each not in (None, "", "0")), None),
+            inventory_number=part.inventory_number,
+            calibrated=part.calibrated,
+            calibration_due=due,
+            certificate=part.certificate,
+            overdue=due is not None and day > due,
+        )
+        found.append(instrument)
+    return tuple(found)
 
 
 def overdue_words(equipment: Collection[Equipment]) -> Iterator[str]:

@@ -5,11 +5,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import msgspec
+from msgspec.structs import replace
 
 from vcfbench.drivers.rate_table.dialect import AxisSettings
+from vcfbench.drivers.rate_table.dialects import spoken
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
+from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.strict import converted, refusal, words
 
@@ -37,7 +39,7 @@ def read_bench(path: Path | str | None = None, *checks: Check) -> BenchDescripti
         return _embedded(str(path))
     source, folder = shown(path), Path(path).parent
     values = parse_toml(read_text(path, "a bench file"), source)
-    description = _beside(checked_bench(values, source, folder=folder), Path(path))
+    description = _beside(checked_bench(values, source, folder=folder), folder)
     for check in checks:
         check(description, source)
     return description
@@ -48,36 +50,17 @@ def described(bench: BenchDescription | Path | str | None, *checks: Check) -> Be
     return bench if isinstance(bench, BenchDescription) else read_bench(bench, *checks)
 
 
-def _beside(description: BenchDescription, path: Path) -> BenchDescription:
-    """Return the bench with the files that it names found from where its bench file is; a table's profile is read."""
-    description = _notifying(description, path.parent)
-    description = _signing(description, path.parent)
-    table = description.rate_table
-    if table is None or not table.dialect.endswith(".toml"):
-        return description
-    found = msgspec.structs.replace(table, dialect=str(path.parent / table.dialect))
-    from vcfbench.drivers.rate_table.dialects import spoken  # noqa: PLC0415
-
-    spoken(found.dialect, AxisSettings(found.axis))
-    return msgspec.structs.replace(description, rate_table=found)
-
-
-def _notifying(description: BenchDescription, folder: Path) -> BenchDescription:
-    """Return the bench with the program of ``[notify]`` found from where its file is, if it is named by a path."""
-    notice = description.notify
-    if notice is None or len(Path(notice.command[0]).parts) == 1:
-        return description
-    command = (str((folder / notice.command[0]).absolute()), *notice.command[1:])
-    return msgspec.structs.replace(description, notify=msgspec.structs.replace(notice, command=command))
-
-
-def _signing(description: BenchDescription, folder: Path) -> BenchDescription:
-    """Return the bench with the key of its laboratory found from where its file is."""
-    laboratory = description.laboratory
-    if laboratory.signing_key is None:
-        return description
-    found = msgspec.structs.replace(laboratory, signing_key=str((folder / laboratory.signing_key).absolute()))
-    return msgspec.structs.replace(description, laboratory=found)
+def _beside(description: BenchDescription, folder: Path) -> BenchDescription:
+    """Return the bench with the files that it names found from `folder`, where its file is; a profile is read."""
+    notice, laboratory, table = description.notify, description.laboratory, description.rate_table
+    if notice is not None and len(Path(notice.command[0]).parts) > 1:  # a program named by a path
+        notice = replace(notice, command=(str((folder / notice.command[0]).absolute()), *notice.command[1:]))
+    if laboratory.signing_key is not None:
+        laboratory = replace(laboratory, signing_key=str((folder / laboratory.signing_key).absolute()))
+    if table is not None and table.dialect.endswith(".toml"):
+        table = replace(table, dialect=str(folder / table.dialect))
+        spoken(table.dialect, AxisSettings(table.axis))
+    return replace(description, notify=notice, laboratory=laboratory, rate_table=table)
 
 
 def parse_bench(text: str, source: str, *checks: Check) -> BenchDescription:
@@ -92,25 +75,18 @@ def checked_bench(
 
     Certificates that it names are found from `folder`, None: from where the program runs.
     """
-    from vcfbench.station.consistency import invalid_values  # noqa: PLC0415  # embedded benches are consistent
-
-    description = _certified(_from(values, source), source, folder or Path())
-    for invalid_value in invalid_values(description):
-        raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
-    for check in checks:
-        check(description, source)
-    return description
-
-
-def _certified(description: BenchDescription, source: str, folder: Path) -> BenchDescription:
-    """Return the bench with the values of its meters' certificates, in place of the files that they are in."""
+    description = _from(values, source)
     for role in ("multimeter", "v_vc_meter"):
         part = getattr(description, role)
         if part is not None and part.calibration_dcc is not None:
             from vcfbench.station.meter_dcc import with_certificate  # noqa: PLC0415  # few benches have one
 
-            part = with_certificate(part, role, source, folder)
-            description = msgspec.structs.replace(description, **{role: part})
+            part = with_certificate(part, role, source, folder or Path())
+            description = replace(description, **{role: part})
+    for invalid_value in invalid_values(description):
+        raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
+    for check in checks:
+        check(description, source)
     return description
 
 

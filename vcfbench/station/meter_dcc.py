@@ -217,9 +217,12 @@ def _columns(table: _Table) -> dict[str, _Column]:
 
 def _points_of(table: _Table) -> Iterator[CalibrationPoint]:
     columns = _columns(table)
-    ranges = columns.get("range") or _range_around(table)
+    ranges = columns.get("range")
     if ranges is None:
-        raise _NotUnderstoodError(f"{table.name}: no range (a quantity basic_measurementRange, or one named Range)")
+        around = next((each for each in reversed(table.around) if _role(each) == "range"), None)
+        if around is None:
+            raise _NotUnderstoodError(f"{table.name}: no range (a quantity basic_measurementRange, or one named Range)")
+        ranges = _column(table, around)
     count = max(len(each.values) for each in columns.values())
     levels, corrections, stated = _levels_and_corrections(table, columns, count)
     if not stated.expanded:
@@ -268,11 +271,6 @@ def _levels_and_corrections(
     return levels, added, stated
 
 
-def _range_around(table: _Table) -> _Column | None:
-    found = next((each for each in reversed(table.around) if _role(each) == "range"), None)
-    return None if found is None else _column(table, found)
-
-
 def _each(table: _Table, values: Sequence[float], count: int) -> Sequence[float]:
     """Return so many values: one stands for all."""
     if len(values) == 1:
@@ -300,9 +298,10 @@ def _column(table: _Table, quantity: ET.Element) -> _Column:
     here = f"{table.name}, {name}"
     found = next(filter(_in_volts, _numbers(quantity)), None)
     if found is None:
-        units = ", ".join(filter(None, map(_unit, _numbers(quantity))))
-        raise _NotUnderstoodError(f"{here}: expected a number or a list of them in \\volt, came {units or 'none'}")
-    scales = [_a_volt(unit) for unit in _unit(found).split()]
+        said = ", ".join(filter(None, map(_unit, _numbers(quantity))))
+        raise _NotUnderstoodError(f"{here}: expected a number or a list of them in \\volt, came {said or 'none'}")
+    units = map(_VOLT.fullmatch, _unit(found).split())
+    scales = [_IN_A_VOLT[(unit and unit["prefix"]) or ""] for unit in units]
     values = _floats(here, _text(found.find("si:value", _NAMES)) or _text(found.find("si:valueXMLList", _NAMES)))
     if len(set(scales)) != 1:
         raise _NotUnderstoodError(f"{here}: expected one unit, came {_unit(found)}")
@@ -354,12 +353,6 @@ def _in_volts(numbers: ET.Element) -> bool:
 
 def _unit(numbers: ET.Element) -> str:
     return _text(numbers.find("si:unit", _NAMES)) or _text(numbers.find("si:unitXMLList", _NAMES))
-
-
-def _a_volt(unit: str) -> float:
-    """Return how many of a unit are a volt."""
-    found = _VOLT.fullmatch(unit)
-    return _IN_A_VOLT[(found and found["prefix"]) or ""]
 
 
 def _text(element: ET.Element | None) -> str:

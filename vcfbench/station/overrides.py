@@ -47,7 +47,8 @@ def invalid_overrides(base: Any, changes: Mapping[str, Any], path: str) -> Itera
     for name, value in changes.items():
         here = f"{path}.{name}"
         if name not in known:
-            yield InvalidValue(here, _suggestion(name, list(known)), value)
+            close = difflib.get_close_matches(name, known, n=1)
+            yield InvalidValue(here, f"a known name ({close[0]!r}?)" if close else f"one of {', '.join(known)}", value)
         elif (below := field_names(known[name])) is None:
             yield from _invalid_values(base, name, value, here)
         elif isinstance(value, dict):
@@ -60,20 +61,11 @@ def _invalid_values(base: Any, name: str, value: object, path: str) -> Iterator[
     try:
         overridden(base, {name: value})
     except (msgspec.ValidationError, ValueError) as error:
-        yield InvalidValue(path, _expected(str(error)), value)
+        words = str(error).partition(" - at `")[0].replace("`", "")  # msgspec's: they become the bench file's
+        missing = words.partition("missing required field ")[2]
+        kind = words.partition("Expected ")[2].partition(", got")[0]
+        expected = f"every entry to have {missing}" if missing else _KINDS.get(kind, kind or words)
+        yield InvalidValue(path, expected, value)
         return
     if type(value) in (int, float) and not (value == 0 or _LEAST <= abs(value) <= _MOST):  # type: ignore[arg-type]
         yield InvalidValue(path, f"0, or a number from {_LEAST:g} to {_MOST:g} either sign", value)
-
-
-def _expected(message: str) -> str:
-    """Turn msgspec's words into the bench file's."""
-    words = message.partition(" - at `")[0].replace("`", "")
-    missing = words.partition("missing required field ")[2]
-    kind = words.partition("Expected ")[2].partition(", got")[0]
-    return f"every entry to have {missing}" if missing else _KINDS.get(kind, kind or words)
-
-
-def _suggestion(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1)
-    return f"a known name ({close[0]!r}?)" if close else f"one of {', '.join(known)}"

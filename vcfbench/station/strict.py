@@ -64,7 +64,8 @@ def words(value: object) -> str:
 
 def _explain(message: str, raw: Mapping[str, Any], kind: Any, naming: Naming) -> ConfigError:
     where = _AT.search(message)
-    keys = _keys(where["path"]) if where else ()
+    steps = _STEP.finditer(where["path"] if where else "")
+    keys: Keys = tuple(step["key"] or int(step["index"]) for step in steps if step["index"] != "...")
     what = message[: where.start()] if where else message
     if unknown := _UNKNOWN.search(what):
         node = _type_at(kind, keys)
@@ -81,29 +82,22 @@ def _explain(message: str, raw: Mapping[str, Any], kind: Any, naming: Naming) ->
     return refusal(naming(keys), expectation(_type_at(kind, keys)), words(raw))
 
 
-def _keys(path: str) -> Keys:
-    steps = (match["key"] or int(match["index"]) for match in _STEP.finditer(path) if match["index"] != "...")
-    return tuple(steps)
-
-
 # --- the expected type, in words ---
 
 
 def _type_at(kind: Any, keys: Keys) -> inspect.Type:
     node: inspect.Type = inspect.type_info(kind)
     for key in keys:
-        node = _step_into(_bare(node), key)
+        match _bare(node):
+            case inspect.StructType(fields=fields):
+                node = next(field.type for field in fields if field.encode_name == key)
+            case inspect.TupleType(item_types=types) if isinstance(key, int):
+                node = types[key]
+            case inspect.VarTupleType(item_type=item):
+                node = item
+            case _:
+                node = inspect.AnyType()
     return _bare(node)
-
-
-def _step_into(node: inspect.Type, key: str | int) -> inspect.Type:
-    if isinstance(node, inspect.StructType):
-        return next(field.type for field in node.fields if field.encode_name == key)
-    if isinstance(node, inspect.TupleType) and isinstance(key, int):
-        return node.item_types[key]
-    if isinstance(node, inspect.VarTupleType):
-        return node.item_type
-    return inspect.AnyType()
 
 
 def _bare(node: inspect.Type) -> inspect.Type:

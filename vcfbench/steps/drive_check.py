@@ -32,9 +32,11 @@ def check_drive(settings: ProcedureSettings) -> Routine[DriveReading]:
     drive = settings.drive
     channels = settings.station.channel_of("drive"), settings.station.channel_of("carrier")
     ready = answer((yield ConfigureScope(one_two_five(2.0 / sum(drive.frequency_hz)), channels[0])), ScopeReady)
+    expected = (_middle(drive.frequency_hz), _middle(drive.amplitude_v), _middle(drive.phase_deg))
     found = yield from _find_drive(drive, channels)
     while True:
-        reading = yield from _measure_drive(drive, channels, found)
+        scales_v = (max(found.drive_v, drive.amplitude_v[0]), max(found.carrier_v, drive.amplitude_v[0]))
+        reading = answer((yield MeasureDrive(*channels, *scales_v, expected)), DriveReading)
         complaint = reading.trouble or _complaint(reading, drive, found.drive_v)
         if not complaint:
             return reading
@@ -54,13 +56,6 @@ def check_drive(settings: ProcedureSettings) -> Routine[DriveReading]:
 def _find_drive(drive: DriveWindow, channels: tuple[int, int]) -> Routine[DriveAmplitudes]:
     step = FindDrive(*channels, drive.amplitude_v[1], _middle(drive.amplitude_v))
     return answer((yield step), DriveAmplitudes)
-
-
-def _measure_drive(drive: DriveWindow, channels: tuple[int, int], found: DriveAmplitudes) -> Routine[DriveReading]:
-    least_v = drive.amplitude_v[0]
-    expected = (_middle(drive.frequency_hz), _middle(drive.amplitude_v), _middle(drive.phase_deg))
-    scales_v = (max(found.drive_v, least_v), max(found.carrier_v, least_v))
-    return answer((yield MeasureDrive(*channels, *scales_v, expected)), DriveReading)
 
 
 def _complaint(reading: DriveReading, drive: DriveWindow, previous_v: float) -> str:

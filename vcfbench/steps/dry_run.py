@@ -49,21 +49,16 @@ def dry_run(plan: Plan, gyro: LinearGyro, limits: LimitChecks) -> list[PlannedSt
     Raises:
         LimitError: a step would leave a limit; it names step, limit and the time in the plan.
     """
+    steps = []
     with closing(walk(plan, gyro)) as planned:
-        return [_checked(each, limits) for each in planned]
-
-
-def _checked(planned: PlannedStep, limits: LimitChecks) -> PlannedStep:
-    try:
-        planned.step.within(limits)
-    except LimitError as error:
-        error.step = f"{planned.number} ({planned.step.describe()}, {_clock_time(planned.t_s)} into the plan)"
-        error.hint = "nothing was opened; change the procedure, or the limits if the bench can bear it"
-        raise
-    return planned
-
-
-def _clock_time(t_s: float) -> str:
-    minutes, seconds = divmod(round(t_s), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{seconds:02}"
+        for each in planned:
+            try:
+                each.step.within(limits)
+            except LimitError as error:
+                minutes, seconds = divmod(round(each.t_s), 60)
+                at = f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
+                error.step = f"{each.number} ({each.step.describe()}, {at} into the plan)"
+                error.hint = "nothing was opened; change the procedure, or the limits if the bench can bear it"
+                raise
+            steps.append(each)
+    return steps

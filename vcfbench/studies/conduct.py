@@ -1,12 +1,10 @@
 """Conducts a study: checks all of it, does the runs that are missing, keeps each, and sums up."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct, structs
 
@@ -23,8 +21,7 @@ from vcfbench.studies.table import require_writable
 from vcfbench.studies.vary import Drawn
 from vcfbench.studies.workers import LOST, here, in_processes, on_cluster, processors
 
-if TYPE_CHECKING:
-    Rows = Mapping[tuple[int, int], RunRow]
+Rows = Mapping[tuple[int, int], RunRow]
 
 _BATCH = 64
 _BATCH_S = 1.0

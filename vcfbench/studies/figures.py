@@ -1,7 +1,5 @@
 """The pictures of a study: every headline over each varied path, all runs and their mean with its spread."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping, Sequence
 from itertools import pairwise

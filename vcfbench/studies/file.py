@@ -1,12 +1,10 @@
 """Study files: read and checked wholly before anything runs."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import msgspec
 from msgspec import Meta, Struct, field, structs
@@ -83,7 +81,7 @@ class Study(Struct, frozen=True, kw_only=True):
         """Case and seed of every run, in order."""
         return [(case.number, seed) for case in self.cases for seed in self.seeds]
 
-    def of(self, case: int) -> Study:
+    def of(self, case: int) -> Self:
         """Return the study with one of its cases, which is all that a run of it needs."""
         return structs.replace(self, cases=(self.cases[case],))
 
@@ -218,7 +216,14 @@ def _study(said: _File, source: str, folder: Path) -> Study:
     changed = merged(table, said.change)
     paths = varied(said.vary, source)
     axes = [each for each in paths if isinstance(each, Listed)]
-    _require_few(said, count(axes, said.combine), source)
+    number, runs = count(axes, said.combine), count(axes, said.combine) * said.seeds.count
+    came = f"{number} cases of {said.seeds.count} seeds, {runs} runs"
+    if number > _MOST_CASES:  # before any is made
+        raise refusal(f"{source}: vary", f"at most {_MOST_CASES} cases", came)
+    if runs > said.most_runs:
+        error = refusal(f"{source}: vary and seeds", f"at most {said.most_runs} runs", came)
+        error.hint = f"most_runs of the study file says how many are meant, at most {_MOST_RUNS}"
+        raise error
     cases = tuple(Case(number, values) for number, values in enumerate(combined(axes, said.combine, source)))
     study = Study(
         source=source,
@@ -234,25 +239,13 @@ def _study(said: _File, source: str, folder: Path) -> Study:
         seeds=range(said.seeds.first, said.seeds.first + said.seeds.count),
         metrics=said.metrics,
     )
-    simulated = isinstance(study.bench_table.get("simulation"), dict) and "served" not in study.bench_table
-    if not simulated:
+    if not isinstance(changed.get("simulation"), dict) or "served" in changed:
         raise ConfigError(
-            f"{study.source}: bench: expected a bench that is simulated here, {study.bench} is not",
+            f"{source}: bench: expected a bench that is simulated here, {bench} is not",
             hint="its bench file has no table [simulation], or a table [served]",
         )
     _loaded(study.procedure)
     return study
-
-
-def _require_few(said: _File, cases: int, source: str) -> None:
-    """See that the study has no more cases and runs than are meant, before any is made."""
-    came = f"{cases} cases of {said.seeds.count} seeds, {cases * said.seeds.count} runs"
-    if cases > _MOST_CASES:
-        raise refusal(f"{source}: vary", f"at most {_MOST_CASES} cases", came)
-    if cases * said.seeds.count > said.most_runs:
-        error = refusal(f"{source}: vary and seeds", f"at most {said.most_runs} runs", came)
-        error.hint = f"most_runs of the study file says how many are meant, at most {_MOST_RUNS}"
-        raise error
 
 
 def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:

@@ -4,8 +4,6 @@ Its first line tells which study it is of. A line that was cut off, as that of a
 run is done again.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Metrics of a run that a study keeps: one flat row of numbers by name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any

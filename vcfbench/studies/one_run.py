@@ -1,7 +1,5 @@
 """One run of a study, in whatever process it is done: from case and seed to a row of its table."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Progress of a study: a bar on a terminal, a line now and then elsewhere."""
 
-from __future__ import annotations
-
 from typing import Self
 
 from vcfbench.clock import WallClock

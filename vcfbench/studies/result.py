@@ -1,14 +1,12 @@
 """Result of a study: its rows, and their statistics."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from pathlib import Path as AnyPath
 from typing import Any
 
 import msgspec
+from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
@@ -22,8 +20,7 @@ from vcfbench.studies.summary import CaseSummary, headlines, summaries, summary_
 from vcfbench.studies.table import ColumnOf, columns_of, write_table, written
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class StudyResult:
+class StudyResult(Struct, frozen=True):
     """Result of a study.
 
     `title`, `procedure` and `bench` are those of the study. `rows` are those of the table, sorted by case and seed:

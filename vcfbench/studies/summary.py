@@ -1,7 +1,5 @@
 """Statistics of the runs of a study, case by case: mean, spread, coverage, pass rate."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

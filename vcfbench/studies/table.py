@@ -1,7 +1,5 @@
 """The table of a study: a row a run, sorted by case and seed, as CSV or Parquet; the same runs give the same bytes."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

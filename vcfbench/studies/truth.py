@@ -6,10 +6,7 @@ does not load the gyroscope, rails as the run set them. So they hold for runs th
 about.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -19,8 +16,7 @@ from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResu
 from vcfbench.sim.simulation import true_output
 from vcfbench.station.description import BenchDescription
 
-if TYPE_CHECKING:
-    Output = Callable[[float, float | None], float]
+Output = Callable[[float, float | None], float]
 
 
 class Rates(Struct, frozen=True):

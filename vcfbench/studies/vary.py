@@ -7,8 +7,6 @@
     "simulation.override.table.rate_error" = { uniform = [-1e-5, 1e-5] }
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product

@@ -4,8 +4,6 @@ A process that dies takes its pool with it. What it may have been doing is then 
 process of its own making, so that a run that kills its process is found, and no other run is lost by it.
 """
 
-from __future__ import annotations
-
 import gc
 import logging
 import multiprocessing

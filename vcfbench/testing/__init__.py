@@ -3,16 +3,12 @@
 Names are loaded when they are first asked for: pytest imports this package in every project where it is installed.
 """
 
-from __future__ import annotations
-
 
 def __getattr__(name: str) -> object:
     """Load a public name, which the stub beside this file lists."""
     from importlib import import_module  # noqa: PLC0415  # as little as possible in every project's tests
 
-    from vcfbench.faces import homes  # noqa: PLC0415
-
-    known = homes(__file__)
+    known = import_module("vcfbench.faces").homes(__file__)
     if name == "__all__":
         return sorted(known)
     if name not in known:

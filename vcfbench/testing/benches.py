@@ -8,21 +8,21 @@
         assert lab.world.value_v("rail_positive") > 9.9
 """
 
-from __future__ import annotations
-
 import threading
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
-from msgspec import structs
+from msgspec import Struct, structs
 from msgspec.structs import replace
+from simrack.attendance import AttendedClock
 from simrack.faults import Fault, FaultScript
 from simrack.faulty_device import FaultInjector
-from simrack.serve import MAX_SPEED, BenchServer, Control, ServedClock, ServerSettings
+from simrack.serve import MAX_SPEED, BenchServer, Control, ServedClock, ServerSettings, Wires
 
-from vcfbench.bench.bench import open_bench
+from vcfbench.bench.bench import Bench, open_bench
+from vcfbench.clock import Clock
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml
 from vcfbench.procedures.bench_file import load_bench
@@ -31,18 +31,9 @@ from vcfbench.sim.consistency import check_simulation
 from vcfbench.sim.fault_scripts import parse_script, read_script
 from vcfbench.sim.served import build_served, on_wires
 from vcfbench.sim.simulation import chosen_seed
+from vcfbench.sim.world import World
 from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription, Simulation, SimulationErrors
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from simrack.attendance import AttendedClock
-    from simrack.serve import Wires
-
-    from vcfbench.bench.bench import Bench
-    from vcfbench.clock import Clock
-    from vcfbench.sim.world import World
 
 _GIVING_UP_S = 10.0
 
@@ -73,14 +64,9 @@ def simulated(
     if errors is not None:
         changes["errors"] = SimulationErrors(**dict.fromkeys(SimulationErrors.__struct_fields__, errors))  # type: ignore[arg-type]
     if overrides is not None:
-        changes["override"] = {**simulation.override, **_table(overrides)}
+        given = parse_toml(overrides, "overrides") if isinstance(overrides, str) else overrides
+        changes["override"] = {**simulation.override, **given}
     return _checked(structs.replace(description, simulation=structs.replace(simulation, **changes)))
-
-
-def _table(overrides: Mapping[str, Any] | str) -> Mapping[str, Any]:
-    if not isinstance(overrides, str):
-        return overrides
-    return parse_toml(overrides, "overrides")
 
 
 def _checked(description: BenchDescription) -> BenchDescription:
@@ -96,8 +82,7 @@ def _checked(description: BenchDescription) -> BenchDescription:
     return description
 
 
-@dataclass(frozen=True, slots=True)
-class SimulatedLab:
+class SimulatedLab(Struct, frozen=True):
     """An open simulated bench: the bench as procedures see it, the physics behind it, its faults."""
 
     bench: Bench
@@ -146,8 +131,7 @@ class _Behind:
         return replace(built, devices=self.faults.devices)
 
 
-@dataclass(frozen=True, slots=True)
-class ServedLab:
+class ServedLab(Struct, frozen=True):
     """A simulated bench on real wires: its description, ready resource strings, and its control port."""
 
     description: BenchDescription

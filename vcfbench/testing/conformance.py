@@ -141,16 +141,15 @@ class _AnsweringWire:
             raise LinkLost("the connection broke")
         self.sent += data
         message = data.decode("ascii").strip()
-        if "?" in message and self.state != "silent":
-            self._answers += self._answer(message).encode("ascii") + b"\n"
-
-    def _answer(self, question: str) -> str:
-        if question == self._case.error_question:
-            return self.queue.pop(0) if self.queue else self._case.settled
-        if question == ":Status:STB?":
-            return "128" if self.queue else "0"
-        matching = [known for known in self._case.answers if question.startswith(known)]
-        return self._case.answers[matching[0]] if matching else "1"
+        if "?" not in message or self.state == "silent":
+            return
+        if message == self._case.error_question:
+            answer = self.queue.pop(0) if self.queue else self._case.settled
+        elif message == ":Status:STB?":
+            answer = "128" if self.queue else "0"
+        else:
+            answer = next((said for known, said in self._case.answers.items() if message.startswith(known)), "1")
+        self._answers += answer.encode("ascii") + b"\n"
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
         if not self._answers:
@@ -188,14 +187,11 @@ def _contract_problems(case: ConformanceCase) -> Iterator[str]:
         expected, found = getattr(case.protocol, name), getattr(case.driver_class, name, None)
         if found is None:
             yield f"{name} is missing"
-        elif inspect.isfunction(expected) and not _takes_as_much(expected, found):
-            yield f"{name} is called differently from the protocol's"
-
-
-def _takes_as_much(expected: Any, found: Any) -> bool:
-    wanted, given = inspect.signature(expected).parameters, inspect.signature(found).parameters
-    extra = [p for n, p in given.items() if n not in wanted]
-    return list(given)[: len(wanted)] == list(wanted) and all(p.default is not p.empty for p in extra)
+        elif inspect.isfunction(expected):
+            wanted, given = inspect.signature(expected).parameters, inspect.signature(found).parameters
+            extra = [p for n, p in given.items() if n not in wanted]
+            if list(given)[: len(wanted)] != list(wanted) or any(p.default is p.empty for p in extra):
+                yield f"{name} is called differently from the protocol's"
 
 
 def _documentation_problems(case: ConformanceCase) -> Iterator[str]:

@@ -16,15 +16,15 @@ The mark `vcfbench` says which bench, for the test, class or module that carries
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
+from vcfbench import testing
 
+if TYPE_CHECKING:
     from vcfbench.bench.bench import Bench
     from vcfbench.sim.world import World
     from vcfbench.station.description import BenchDescription
@@ -77,12 +77,10 @@ class Faults:
 @pytest.fixture
 def _vcfbench_lab(request: pytest.FixtureRequest) -> Iterator[SimulatedLab]:
     """Open the bench that the mark and the ini options ask for; faults are ended before it is left."""
-    from vcfbench.testing.benches import open_simulated  # noqa: PLC0415  # heavy, and only now needed
-
     with ExitStack() as stack:
         with _mistakes_reported():
             asked = _asked(request)
-            opened = open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
+            opened = testing.open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
             lab = stack.enter_context(opened)
             if asked["faults"] is not None:
                 lab.play(_script(request, asked["faults"]))
@@ -117,12 +115,11 @@ def open_simulated_bench(request: pytest.FixtureRequest) -> Callable[..., Abstra
     ``with open_simulated_bench(seed=4) as lab:`` has `lab.bench`, `lab.world` and `lab.fault`. Faults go on while it is
     left, so that NotSafe can be expected.
     """
-    from vcfbench.testing.benches import open_simulated  # noqa: PLC0415  # heavy, and only now needed
 
     def open_one(**changes: Any) -> AbstractContextManager[SimulatedLab]:
         with _mistakes_reported():
             asked = {**_asked(request), **changes}
-            return open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
+            return testing.open_simulated(_described(request, asked), seed=asked["seed"], speed=asked["speed"])
 
     return open_one
 
@@ -130,14 +127,12 @@ def open_simulated_bench(request: pytest.FixtureRequest) -> Callable[..., Abstra
 @pytest.fixture
 def served_bench(request: pytest.FixtureRequest) -> Iterator[ServedLab]:
     """Serve the bench on sockets of this computer; it has ready resource strings for any program."""
-    from vcfbench.testing.benches import serve_simulated  # noqa: PLC0415  # heavy, and only now needed
-
     with ExitStack() as stack:
         with _mistakes_reported():
             asked = _asked(request)
             faults = None if asked["faults"] is None else _script(request, asked["faults"])
             described = _described(request, asked)
-            served = serve_simulated(described, seed=asked["seed"], speed=asked["speed"], faults=faults)
+            served = testing.serve_simulated(described, seed=asked["seed"], speed=asked["speed"], faults=faults)
             lab = stack.enter_context(served)
         yield lab
 
@@ -145,9 +140,7 @@ def served_bench(request: pytest.FixtureRequest) -> Iterator[ServedLab]:
 @pytest.fixture
 def expected_exchange() -> Callable[..., AbstractContextManager[Any]]:
     """Return :func:`vcfbench.testing.expected_exchange`, for protocol tests of drivers."""
-    from vcfbench.testing.exchange import expected_exchange as exchange  # noqa: PLC0415  # heavy, and only now needed
-
-    return exchange
+    return testing.expected_exchange
 
 
 @contextmanager
@@ -179,12 +172,12 @@ def _asked(request: pytest.FixtureRequest) -> dict[str, Any]:
 
 
 def _described(request: pytest.FixtureRequest, asked: dict[str, Any]) -> BenchDescription:
-    from vcfbench.testing.benches import simulated  # noqa: PLC0415  # heavy, and only now needed
-
     bench = asked["bench"]
     if isinstance(bench, str) and (found := request.config.rootpath / bench).is_file():
         bench = found
-    return simulated(bench, parameters=asked["parameters"], errors=asked["errors"], overrides=asked["overrides"])
+    return testing.simulated(
+        bench, parameters=asked["parameters"], errors=asked["errors"], overrides=asked["overrides"]
+    )
 
 
 def _script(request: pytest.FixtureRequest, faults: Any) -> Any:

@@ -31,15 +31,16 @@ def read_trace(path: Path | str) -> list[TraceLine]:
     first, *rest = Path(path).read_text(encoding="ascii").split("\n")
     if first != HEADER:
         raise ConfigError(f"{path}: expected a trace, which begins with {HEADER!r}")
-    return [_line(text, f"{path}:{number}") for number, text in enumerate(rest, start=2) if text]
-
-
-def _line(text: str, where: str) -> TraceLine:
-    try:
-        seconds, role, resource, mark, data = text.split("\t")
-        return TraceLine(float(seconds), role, resource, mark, unescaped(data))
-    except (ValueError, KeyError):
-        raise ConfigError(f"{where}: expected seconds, role, resource, mark and text with tabs between them") from None
+    lines = []
+    for number, text in enumerate(rest, start=2):
+        try:
+            if text:
+                seconds, role, resource, mark, data = text.split("\t")
+                lines.append(TraceLine(float(seconds), role, resource, mark, unescaped(data)))
+        except (ValueError, KeyError):
+            expected = "seconds, role, resource, mark and text with tabs between them"
+            raise ConfigError(f"{path}:{number}: expected {expected}") from None
+    return lines
 
 
 class ReplayWire:

@@ -10,12 +10,10 @@ A seed draws a bench, a procedure, and up to five faults, kills, signals, clocks
 fault once more. What must be true after each is in `judge`.
 """
 
-from __future__ import annotations
-
 import tempfile
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -26,9 +24,6 @@ from vcfbench.records.schema import Status
 from vcfbench.testing.soaking.draw import Draw, drawn
 from vcfbench.testing.soaking.judge import VALUE_FAULTS, values_of, wrong_of, wrong_record, wrong_values
 from vcfbench.testing.soaking.trial import Clean, Ended, start
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
 
 _MEMORY = Path("/dev/shm")  # noqa: S108  # Linux has it, and directories in it are made by tempfile
 _IN_ONE_PIECE, _SAME_END = "cannot be resumed: a warm-up", "it would end again as it did"

@@ -1,20 +1,15 @@
 """Draws of a seed: a bench, a procedure with short settings, and happenings to the run."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from random import Random
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 from msgspec import Struct
 from msgspec.structs import replace
 from simrack.faults import Fault, Kind
 
 from vcfbench.procedures.bench_file import load_bench
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from vcfbench.station.description import BenchDescription
+from vcfbench.station.description import BenchDescription
 
 What = Literal["fault", "kill", "power cut", "signal", "starter", "clock", "disk full", "sync fails"]
 _ENDS = frozenset({"kill", "power cut"})

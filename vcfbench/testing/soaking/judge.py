@@ -1,20 +1,15 @@
 """Rules that must hold for a start, and for all starts of a seed: each yields its violations."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.procedures.shared.measurand import Measurand
+from vcfbench.records.journal import JournalRecord
 from vcfbench.records.schema import Status
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from vcfbench.records.journal import JournalRecord
-    from vcfbench.testing.soaking.draw import Draw
-    from vcfbench.testing.soaking.trial import Clean, Ended
+from vcfbench.testing.soaking.draw import Draw
+from vcfbench.testing.soaking.trial import Clean, Ended
 
 _RATE_DEG_S, _V_VC_V, _RAIL_V = 0.05, 0.01, 0.5
 """Beyond these something turns or is on."""
@@ -118,16 +113,13 @@ def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]], *, take
     # of a line that is straight there is a bound alone
     if missing := {name for name in clean.keys() - stated.keys() if not name.endswith("nonlinearity")}:
         yield f"complete without {', '.join(sorted(missing))}"
-    shifted = not taken_over and _shifted_throughout(ended)
+    begun_s, over_s = ended.measured_s or (0.0, 0.0)
+    offsets = [each.fault for each in ended.faults if each.fault is not None and each.fault.kind == "offset"]
+    throughout = (each.at_s <= begun_s and each.at_s + (each.duration_s or math.inf) >= over_s for each in offsets)
+    shifted = not taken_over and any(throughout)
     for name in clean.keys() & stated.keys():
         value, u95 = stated[name]
         if shifted and name.rpartition(".")[2] in _SHIFTED:
             continue
         if abs(value - clean[name][0]) > _APART * (u95 + clean[name][1]):
             yield f"{name} is {value:.9g}, without a fault {clean[name][0]:.9g}, U95 {u95:.2g}"
-
-
-def _shifted_throughout(ended: Ended) -> bool:
-    begun_s, over_s = ended.measured_s or (0.0, 0.0)
-    offsets = [each.fault for each in ended.faults if each.fault is not None and each.fault.kind == "offset"]
-    return any(each.at_s <= begun_s and each.at_s + (each.duration_s or math.inf) >= over_s for each in offsets)

@@ -1,17 +1,17 @@
 """One start of a program under the drawn happenings, from the first operation to the last, with its observations."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil
 import signal
 import threading
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime, timedelta
 from functools import partial
+from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct, field
 from msgspec.structs import replace
@@ -19,6 +19,8 @@ from simrack.faulty_device import FaultInjector
 
 import vcfbench.clock
 import vcfbench.records.journal
+from vcfbench.archive.run import Run
+from vcfbench.clock import Clock
 from vcfbench.errors import Aborted, BenchError, ConfigError
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.runs.conduct import conduct
@@ -26,18 +28,10 @@ from vcfbench.runs.request import Request
 from vcfbench.runs.resumed import Resumed, broken_off
 from vcfbench.safety.signals import StopSignals
 from vcfbench.sim.builder import SimulatedBench
-from vcfbench.steps.executor import StepFinished, StepStarted
+from vcfbench.station.description import BenchDescription
+from vcfbench.steps.executor import Event, StepFinished, StepStarted
 from vcfbench.testing.disk import Disk, DiskState
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from vcfbench.archive.run import Run
-    from vcfbench.clock import Clock
-    from vcfbench.station.description import BenchDescription
-    from vcfbench.steps.executor import Event
-    from vcfbench.testing.soaking.draw import Draw, Happening
+from vcfbench.testing.soaking.draw import Draw, Happening
 
 _STILL = 100_000
 """Waits without a moment passing after which time stands still."""
@@ -93,7 +87,7 @@ class Ended(Struct):
 class _Clock:
     """Simulated time at whose instants something happens."""
 
-    def __init__(self, clock: Clock, acts: list[tuple[float, Happening]], stage: _Stage) -> None:
+    def __init__(self, clock: Clock, acts: list[tuple[float, Happening]], stage: "_Stage") -> None:
         self._clock = clock
         self._acts = acts
         self._stage = stage
