@@ -97,39 +97,6 @@ class VoltmeterSpecification(Struct, frozen=True):
         return part * range_v + volts
 
 
-def accuracy_at(
-    sheet: VoltmeterSpecification, range_v: float, age_days: float, outside_k: float = 0.0
-) -> tuple[Accuracy, float | None]:
-    """Return the largest error on a range so long after a calibration, and how many sigmas it is, whatever is known.
-
-    Beyond the ages of the data sheet its last limits are taken to grow on with time. On a range that it has nothing of,
-    they are those of a 34401A, the worst of these meters, and any error within is as likely. `outside_k` is how far
-    the room may be outside of 18 to 28 degC.
-    """
-    of = sheet if range_v in sheet.accuracy else HP_34401A
-    promised, oldest = of.known_accuracy(range_v, age_days), max(of.accuracy[range_v])
-    if promised is None:
-        last, grown = of.accuracy[range_v][oldest], age_days / oldest
-        promised = Accuracy(last.reading * grown, last.range * grown)
-    by = TEMPERATURE_COEFFICIENTS.get(range_v, _USUAL_COEFFICIENT)
-    warmer = Accuracy(promised.reading + outside_k * by.reading, promised.range + outside_k * by.range)
-    return warmer, of.limit_sigmas if of is sheet else None
-
-
-_USUAL_COEFFICIENT: Final = Accuracy(5e-6, 1e-6)
-TEMPERATURE_COEFFICIENTS: Final = MappingProxyType({0.1: Accuracy(5e-6, 5e-6)})
-"""Temperature coefficient for each kelvin outside of 18 to 28 degC, by range: 34401A, p. 216; assumed of the others."""
-ROOM_C: Final = (18.0, 28.0)
-"""Temperatures at which data sheets of voltmeters hold, degC."""
-
-
-AC_VOLTS_U: Final = MappingProxyType({"34401A": Accuracy(6e-4 / 4.0, 3e-4 / 4.0)})
-"""Standard uncertainties of alternating voltage, 10 Hz to 20 kHz, a year, 1 V range and above, by model.
-
-34401A: limits of the User's Guide p. 218, which are four standard deviations (p. 227).
-"""
-
-
 class LevelSpecification(Struct, frozen=True):
     """Limits of a generator's direct voltage into an open circuit: a part of the setting, and volts.
 
@@ -152,19 +119,6 @@ class LevelSpecification(Struct, frozen=True):
     def range_of(self, level_v: float) -> float:
         """Return the range that a level is made on, by its largest level, V."""
         return min((each for each in self.ranges_v if each >= abs(level_v)), default=self.ranges_v[-1])
-
-
-class SupplySpecification(Struct, frozen=True):
-    """Limits of a supply's read-backs, by output: a part of the reading, and volts or amperes beside it.
-
-    `limit_sigmas` is how many standard deviations of its specimens a limit is; None: any error within is as likely.
-    """
-
-    model: str
-    voltage: Mapping[str, tuple[float, float]]
-    current: Mapping[str, tuple[float, float]]
-    source: str
-    limit_sigmas: float | None = None
 
 
 def _listed(values: Mapping[float, object]) -> str:
@@ -290,46 +244,3 @@ KEYSIGHT_33500B: Final = LevelSpecification(
     bits=16,
     ranges_source="16 bits by the data sheet; ranges 10 dB apart, each with its own errors: unverified",
 )
-
-KEYSIGHT_E3631A: Final = SupplySpecification(
-    model="E3631A",
-    voltage=MappingProxyType({"P6V": (1e-3, 5e-3), "P25V": (5e-4, 10e-3), "N25V": (5e-4, 10e-3)}),
-    current=MappingProxyType({"P6V": (2e-3, 10e-3), "P25V": (1.5e-3, 4e-3), "N25V": (1.5e-3, 4e-3)}),
-    source="User's Guide E3631-90002 p. 186, 12 months at 25 +- 5 degC",
-)
-
-KEYSIGHT_E36312A: Final = SupplySpecification(
-    model="E36312A",
-    voltage=MappingProxyType({"P6V": (3e-4, 3e-3), "P25V": (3e-4, 5e-3), "N25V": (3e-4, 5e-3)}),
-    current=MappingProxyType({"P6V": (1e-3, 5e-3), "P25V": (1e-3, 2e-3), "N25V": (1e-3, 2e-3)}),
-    source="from memory of the data sheet 5992-2124EN and rounded up, unverified",
-)
-
-
-class Assumed(Struct, frozen=True):
-    """Assumed value where nobody states a better one: the worst of a class, and the name of that class."""
-
-    value: float
-    unit: str
-    source: str
-
-
-WORST_OF_CLASS: Final = MappingProxyType(
-    {
-        "table_rate_error": Assumed(1e-3, "", "a stepping stage, or a direct drive over 1 degree"),
-        "bias_instability_deg_h": Assumed(
-            100.0, "deg/h", "rate-grade MEMS, whose bias wanders by 10 to 1000 deg/h; unverified"
-        ),
-        "scale_factor_ppm_k": Assumed(
-            500.0, "ppm/K", "370 without compensation (Cao 2019, PMC6523767), 320 of consumer parts, rounded up"
-        ),
-        "bias_deg_h_k": Assumed(600.0, "deg/h/K", "consumer parts: 20 deg/s from -40 to 85 degC (MPU-6050)"),
-        "warm_up_k": Assumed(5.0, "K", "a board of a watt in still air; unverified"),
-        "warm_up_time_s": Assumed(900.0, "s", "a board in a closed housing; unverified"),
-        "k_vc_drift_ppm_per_year": Assumed(
-            500.0, "ppm a year", "what a tactical MEMS gyroscope keeps of its whole scale factor, STIM210; none of K_Vc"
-        ),
-        "misalignment_deg": Assumed(1.0, "deg", "package on board and board on table; unverified"),
-    }
-)
-"""Values that a bench file need not state, by their key of ``[uncertainty]``."""
