@@ -26,4 +26,3 @@ class Adjustable(Protocol):
 
     def adjustments(self) -> Iterable[Adjustment]:
         """Return the adjustments."""
-        ...

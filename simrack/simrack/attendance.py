@@ -25,7 +25,6 @@ class Attended(Protocol):
 
     def wake_at(self) -> float | None:
         """Do everything due and return when something next happens by itself."""
-        ...
 
 
 class AttendedClock:

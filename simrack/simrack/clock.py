@@ -23,11 +23,9 @@ class Clock(Protocol):
 
     def now(self) -> float:
         """Return the bench time, s."""
-        ...
 
     def sleep_until(self, instant_s: float) -> None:
         """Wait until bench time `instant_s`; return at once if it has passed."""
-        ...
 
 
 def sleep(clock: Clock, seconds: float) -> None:

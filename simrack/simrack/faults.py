@@ -206,35 +206,20 @@ class Ongoing(Struct, eq=False):
 # --- answers
 
 
-def _lose(_noise: random.Random, _data: bytes, _end: bool) -> tuple[bytes, bool]:  # noqa: FBT001  # as an answer is
-    return b"", False
-
-
-def _leave(_noise: random.Random, data: bytes, end: bool) -> tuple[bytes, bool]:  # noqa: FBT001
-    return data, end
-
-
-def _garble(noise: random.Random, data: bytes, end: bool) -> tuple[bytes, bool]:  # noqa: FBT001
+def _garble(noise: random.Random, data: bytes) -> bytes:
     """Spoil one byte, not the terminator if there is another; the byte in its place is never text."""
     place = noise.randrange(max(1, len(data) - 2))
-    return data[:place] + bytes([noise.randrange(0x80, 0x100)]) + data[place + 1 :], end
+    return data[:place] + bytes([noise.randrange(0x80, 0x100)]) + data[place + 1 :]
 
 
-def _add_garbage(noise: random.Random, data: bytes, end: bool) -> tuple[bytes, bool]:  # noqa: FBT001
-    return bytes(noise.randrange(0x80, 0x100) for _ in range(noise.randrange(1, 20))) + data, end
-
-
-def _cut_short(_noise: random.Random, data: bytes, _end: bool) -> tuple[bytes, bool]:  # noqa: FBT001
-    return data[: len(data) // 2], False
-
-
-_SPOILERS: dict[str, Callable[[random.Random, bytes, bool], tuple[bytes, bool]]] = {
-    "silent": _lose,
-    "late": _leave,
+_SPOILERS: dict[str, Callable[[random.Random, bytes], bytes]] = {
+    "silent": lambda _noise, _data: b"",
+    "late": lambda _, data: data,
     "garbled": _garble,
-    "garbage": _add_garbage,
-    "truncated": _cut_short,
+    "garbage": lambda noise, data: bytes(noise.randrange(0x80, 0x100) for _ in range(noise.randrange(1, 20))) + data,
+    "truncated": lambda _, data: data[: len(data) // 2],
 }
+_UNENDED = frozenset({"silent", "truncated"})
 
 
 def spoils(fault: Fault) -> bool:
@@ -248,7 +233,7 @@ def spoiled(faults: Iterable[Ongoing], noise: random.Random, data: bytes, *, end
     for each in faults:
         if each.fault.kind == "late":
             late_s += each.fault.delay_s
-        data, end = _SPOILERS[each.fault.kind](noise, data, end)
+        data, end = _SPOILERS[each.fault.kind](noise, data), end and each.fault.kind not in _UNENDED
         if whole and each.left is not None:
             each.left -= 1
     return data, end, late_s

@@ -102,23 +102,18 @@ class Played(Protocol):
     @property
     def source_ohm(self) -> float:
         """Series resistance, ohm."""
-        ...
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the open-circuit volts at bench times; the same instant gives the same volts, whoever asks."""
-        ...
 
     def piece(self, start_s: float, bend: Bend) -> Piece:
         """Return the signal after the input's non-linearity, from `start_s`, up to `HIGHEST_HZ`."""
-        ...
 
     def divided(self, share: float) -> Played:
         """Return the source behind a resistance that leaves `share` of its open voltage (Thevenin)."""
-        ...
 
     def components(self) -> tuple[Component, ...]:
         """Return its components, open circuit, for looks through a path of limited bandwidth."""
-        ...
 
 
 class Ripple(Struct, frozen=True):

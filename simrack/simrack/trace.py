@@ -157,11 +157,9 @@ class History(Protocol):
 
     def pieces(self, node: str) -> list[Piece]:
         """Return the pieces known of a node up to now, oldest first."""
-        ...
 
     def end(self) -> None:
         """Forget it and keep nothing more."""
-        ...
 
 
 class Trace:

@@ -178,7 +178,7 @@ def test_a_serial_line_is_dropped_and_comes_back_at_the_same_path() -> None:
 
 def test_mistakes_are_refused() -> None:
     with pytest.raises(ValueError, match=", ".join(WIRE_FAULTS)):
-        WireFault("no such thing")  # type: ignore[arg-type]
+        WireFault("no such thing")
     with pytest.raises(ValueError, match="expected a socket or a serial line"), faulty_wire("GPIB0::1::INSTR"):
         pass
 

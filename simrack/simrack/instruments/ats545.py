@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from simrack.world import World
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 _FASTEST_K_S = 18.0
 """-55 to 125 degC in about 10 s, as the maker says of an unloaded nozzle."""

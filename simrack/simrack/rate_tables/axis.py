@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from simrack.clock import Clock
-    from simrack.motion import RateRipple
+    from simrack.motion import TableMotion
 
 INTERLOCKS = ("interlock", "door", "emergency_stop", "drive_fault")
 """What can break the current that must flow for a drive to be on: master interlock, door switch, emergency stop, and
@@ -39,94 +39,16 @@ _SETTLE_S = 0.15
 """Pause at the end of a ramp for the rate loop, before the position is looked at again."""
 
 
-class TrueMotion(Protocol):
-    """True motion of the table, as the World offers it."""
-
-    @property
-    def commands(self) -> int:
-        """Number of commands so far: conclusions from its profile hold until there is another."""
-        ...
-
-    @property
-    def servo_closed(self) -> bool:
-        """Tell whether the servo holds the table."""
-        ...
-
-    def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float, jerk_deg_s3: float = ...) -> None:
-        """Ramp to a rate from now on, within an acceleration and, where one is given, a jerk."""
-        ...
-
-    def close_servo(self) -> None:
-        """Close the servo."""
-        ...
-
-    def open_servo(self) -> None:
-        """Open the servo; the table coasts."""
-        ...
-
-    def rate_deg_s(self) -> float:
-        """Return the true rate now."""
-        ...
-
-    def angle_deg(self) -> float:
-        """Return the true accumulated angle now."""
-        ...
-
-    def past_angle_deg(self, ago_s: float) -> float:
-        """Return the true accumulated angle a while ago."""
-        ...
-
-    def profile_rate_deg_s(self) -> float:
-        """Return the profiled rate now."""
-        ...
-
-    def profile_acceleration_deg_s2(self) -> float:
-        """Return by how much the profiled rate changes now."""
-        ...
-
-    def goal_deg_s(self) -> float:
-        """Return the rate at which the profile ends."""
-        ...
-
-    def profile_complete(self) -> bool:
-        """Tell whether the profile has reached the demand."""
-        ...
-
-    @property
-    def complete_s(self) -> float:
-        """Bench time at which the profile reaches the demand."""
-        ...
-
-    def beyond_s(self, rate_deg_s: float) -> float:
-        """Return the bench time from when on the profile is above `rate_deg_s`, either way round; inf for never."""
-        ...
-
-    @property
-    def oscillating(self) -> bool:
-        """Tell whether the profile is an oscillation."""
-        ...
-
-    def add_ripple(self, *ripples: RateRipple) -> None:
-        """Let the table have more ripple from the next command on."""
-        ...
-
-    def oscillate(self, swing: Swing) -> None:
-        """Oscillate from now on about where the table stands."""
-        ...
-
-
 class TableWorld(Protocol):
     """The part of the World that a simulated table needs."""
 
     @property
     def clock(self) -> Clock:
         """Bench time."""
-        ...
 
     @property
-    def table(self) -> TrueMotion:
+    def table(self) -> TableMotion:
         """The table's true motion."""
-        ...
 
 
 class TableErrors(Struct, frozen=True):

@@ -55,6 +55,9 @@ class Interlocked:
 def interlock_adjustments(table: Any, broken: Any, jammed: Any, latched: Any) -> list[Adjustment]:
     """Return the adjustments of a table; the last three are callables that say how it is."""
 
+    def broken_by(cause: str) -> bool:
+        return cause in broken()
+
     def throw(cause: str, value: Any) -> None:
         table.set_interlock(cause, faulty=_truth(value))
 
@@ -63,7 +66,7 @@ def interlock_adjustments(table: Any, broken: Any, jammed: Any, latched: Any) ->
             f"interlock.{cause}",
             "",
             f"true while the interlock {cause!r} is broken",
-            partial(_is_in, cause, broken),
+            partial(broken_by, cause),
             partial(throw, cause),
         )
         for cause in INTERLOCKS
@@ -73,10 +76,6 @@ def interlock_adjustments(table: Any, broken: Any, jammed: Any, latched: Any) ->
     )
     found.append(Adjustment("shut_down_by", "", "what has shut the axis down by itself", lambda: list(latched())))
     return found
-
-
-def _is_in(cause: str, broken: Any) -> bool:
-    return cause in broken()
 
 
 def _truth(value: Any) -> bool:

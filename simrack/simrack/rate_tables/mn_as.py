@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, ClassVar
 
+from simrack.handlers import Handlers
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import LineDevice, SerialTiming
@@ -23,6 +24,7 @@ __all__ = ["MnAsTable", "TableErrors", "character_sum"]
 
 _TIMING = SerialTiming(baud=115200.0, processing_s=0.005)
 _MESSAGE = re.compile(r"\$(MN([A-Z]{3})((?:,[^,*]*)*))\*([0-9A-Fa-f]{2})")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 _MOVING, _IN_PLACE = "1D", "00"
 _POSITION_MODE, _RATE_MODE = 0, 1
 
@@ -40,6 +42,7 @@ class MnAsTable(Interlocked, LineDevice):
     """The table: local control, servo off after switching on."""
 
     errors_class: ClassVar = TableErrors
+    _VERBS = Handlers()
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1) -> None:
         super().__init__(world, _TIMING, terminators=b"\r\n", longest=160)
@@ -51,17 +54,8 @@ class MnAsTable(Interlocked, LineDevice):
         self._rate_deg_s = 0.0
         self._verbs: dict[str, Callable[[list[float]], None]] = {
             "CHK": lambda _: None,
-            "REM": lambda _: self._set_remote(here=True),
-            "LOC": lambda _: self._set_remote(here=False),
-            "ENB": lambda _: self._enable(),
             "DIS": lambda _: self._axis.disable(),
-            "HMZ": lambda _: self._home(),
-            "MOD": self._select,
-            "POS": self._load_position,
-            "VEL": self._load_rate,
-            "ACC": self._load_acceleration,
-            "RUN": lambda _: self._run(),
-            "STP": lambda _: self._stop(),
+            **self._VERBS.bound(self),
         }
 
     def _advance(self) -> None:
@@ -84,9 +78,9 @@ class MnAsTable(Interlocked, LineDevice):
 
     def _do(self, verb: str, arguments: list[str]) -> str:
         action = self._verbs.get(verb)
-        if action is None:
+        if action is None or not all(map(_NUMBER.fullmatch, arguments)):
             raise _Refused
-        action([_number(text) for text in arguments])
+        action([float(text) for text in arguments])
         return f"AS{verb},OK"
 
     def _status(self) -> str:
@@ -96,31 +90,40 @@ class MnAsTable(Interlocked, LineDevice):
         axes[self._slot] = here
         return f"ASSTS,{','.join(axes)},OK"
 
-    def _set_remote(self, *, here: bool) -> None:
-        self._remote = here
+    @_VERBS.of("REM")
+    def _take_over(self, _: list[float]) -> None:
+        self._remote = True
 
-    def _enable(self) -> None:
-        if not self._remote:
-            raise _Refused
-        if not self._axis.enable():
+    @_VERBS.of("LOC")
+    def _give_back(self, _: list[float]) -> None:
+        self._remote = False
+
+    @_VERBS.of("ENB")
+    def _enable(self, _: list[float]) -> None:
+        if not self._remote or not self._axis.enable():
             raise _Refused
 
-    def _home(self) -> None:
+    @_VERBS.of("HMZ")
+    def _home(self, _: list[float]) -> None:
         self._require_servo()
         self._axis.go_to(0.0, 20.0)
 
+    @_VERBS.of("MOD")
     def _select(self, arguments: list[float]) -> None:
         mode = self._own(arguments)
         if self._axis.moving() or mode not in {_POSITION_MODE, _RATE_MODE, 2}:
             raise _Refused
         self._mode = int(mode)
 
+    @_VERBS.of("POS")
     def _load_position(self, arguments: list[float]) -> None:
         self._position_deg = self._own(arguments)
 
+    @_VERBS.of("VEL")
     def _load_rate(self, arguments: list[float]) -> None:
         self._rate_deg_s = self._own(arguments)
 
+    @_VERBS.of("ACC")
     def _load_acceleration(self, arguments: list[float]) -> None:
         acceleration_deg_s2 = self._own(arguments)
         if acceleration_deg_s2 <= 0.0:
@@ -132,23 +135,19 @@ class MnAsTable(Interlocked, LineDevice):
             raise _Refused
         return arguments[self._slot]
 
-    def _run(self) -> None:
+    @_VERBS.of("RUN")
+    def _run(self, _: list[float]) -> None:
         self._require_servo()
         if self._mode == _RATE_MODE:
             self._axis.run(self._rate_deg_s)
         elif self._mode == _POSITION_MODE and self._rate_deg_s:
             self._axis.go_to(self._position_deg, abs(self._rate_deg_s))
 
-    def _stop(self) -> None:
+    @_VERBS.of("STP")
+    def _stop(self, _: list[float]) -> None:
         if self._axis.enabled:
             self._axis.run(0.0)
 
     def _require_servo(self) -> None:
         if not self._remote or not self._axis.enabled:
             raise _Refused
-
-
-def _number(text: str) -> float:
-    if re.fullmatch(r"[+-]?(\d+\.?\d*|\.\d+)", text) is None:
-        raise _Refused
-    return float(text)

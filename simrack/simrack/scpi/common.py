@@ -6,6 +6,8 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from simrack.scpi.attributes import attribute
+from simrack.scpi.dialect import RS232
+from simrack.scpi.errors import ScpiError
 from simrack.scpi.formats import boolean
 from simrack.scpi.parameters import Integer, Limits
 from simrack.scpi.table import Command
@@ -24,19 +26,6 @@ _FLAG = Integer(limits=Limits(-32767, 32767), named=False)
 """Parameter of *PSC: a number, not ON or OFF; anything but 0 is on (IEEE 488.2, 10.25)."""
 
 
-def _completed(model: ScpiModel) -> Any:
-    return model.engine.when_operations_end(lambda: "1")
-
-
-def _wait(model: ScpiModel) -> Any:
-    return model.engine.when_operations_end(lambda: None)
-
-
-def _stb(model: ScpiModel) -> str:
-    engine = model.engine
-    return engine.dialect.integer(engine.status.master(engine.status_now()))
-
-
 def _reset(model: ScpiModel) -> None:
     model.engine.remembered.clear()
     model.reset()
@@ -53,15 +42,39 @@ COMMON_COMMANDS = (
     attribute("*ESE", _MASK_8, "engine.status.ese", _INTEGER, query_parameters=()),
     Command("*ESR", query=lambda model: model.engine.dialect.integer(model.engine.status.read_esr())),
     Command("*IDN", query=lambda model: model.identity(), indefinite=True),
-    Command("*OPC", do=lambda model: model.engine.announce_completion(), query=_completed),
+    Command(
+        "*OPC",
+        do=lambda model: model.engine.announce_completion(),
+        query=lambda model: model.engine.when_operations_end(lambda: "1"),
+    ),
     attribute("*PSC", _FLAG, "engine.clears_masks_at_power_on", boolean, convert=bool, query_parameters=()),
     Command("*RST", do=_reset),
     attribute("*SRE", _MASK_8, "engine.status.sre", _INTEGER, convert=lambda mask: mask & ~64, query_parameters=()),
-    Command("*STB", query=_stb),
-    Command("*WAI", do=_wait),
+    Command(
+        "*STB",
+        query=lambda model: model.engine.dialect.integer(model.engine.status.master(model.engine.status_now())),
+    ),
+    Command("*WAI", do=lambda model: model.engine.when_operations_end(lambda: None)),
     Command("SYSTem:ERRor", query=next_error),
 )
 """Mandatory common commands and the error queue. *TRG, *TST?, *SAV and *RCL stand in the models' own tables."""
+
+
+def _switched_over(*, local: bool) -> Callable[[Any], None]:
+    def switch(model: Any) -> None:
+        if model.engine.interface is not RS232:
+            raise ScpiError(514)
+        model.local = local
+
+    return switch
+
+
+SERIAL_COMMANDS = (
+    Command("SYSTem:LOCal", do=_switched_over(local=True)),
+    Command("SYSTem:REMote", do=_switched_over(local=False)),
+    Command("SYSTem:RWLock", do=_switched_over(local=False)),
+)
+"""The way into remote, and back, of what was built before IEEE 488.2 knew RS-232: its bus has lines for them."""
 
 
 def event(pattern: str, register: Callable[[Any], Register]) -> Command:

@@ -36,27 +36,21 @@ class ScpiModel(Protocol):
 
     def identity(self) -> str:
         """Return the answer to *IDN?."""
-        ...
 
     def reset(self) -> None:
         """Take the *RST state."""
-        ...
 
     def service(self) -> None:
         """Bring everything that happens by itself (ramps, triggered sequences) up to `clock.now()`; called first."""
-        ...
 
     def next_event_s(self) -> float | None:
         """Return when :meth:`service` next has something to do, None for never."""
-        ...
 
     def abort(self) -> None:
         """Device clear: end the running measurement; settings stay."""
-        ...
 
     def operations_end_s(self) -> float:
         """Return when pending operations end, for *OPC, *OPC? and *WAI: -inf when none is, inf when nobody knows."""
-        ...
 
 
 class ScpiEngine:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from simrack.adjustment import Adjustable, Adjustment
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from simrack.device import Device
     from simrack.world import LeadsOfRole, World
@@ -65,29 +65,19 @@ def _warmth(world: World) -> Iterator[Adjustment]:
 def _leads(world: World) -> Iterator[Adjustment]:
     for role, leads in world.leads.items():
         for name in leads.inputs:
-            yield _end(leads, role, name)
-            yield _way_round(leads, role, name)
+            yield from _lead(leads, role, name)
 
 
-def _end(leads: LeadsOfRole, role: str, name: str) -> Adjustment:
-    def connect(node: Any) -> None:
-        leads.connect(name, node)
+def _lead(leads: LeadsOfRole, role: str, name: str) -> Iterator[Adjustment]:
+    def turn(value: Any) -> None:
+        if not isinstance(value, bool):
+            raise ValueError(f"expected true or false, not {value!r}")  # noqa: TRY004  (what came over the wire)
+        leads.turn(name, reversed_=value)
 
     meaning = "node that the lead goes to; null when it hangs free"
-    return Adjustment(f"{role}.{name}.node", "", meaning, lambda: leads.lead(name).node, connect)
-
-
-def _way_round(leads: LeadsOfRole, role: str, name: str) -> Adjustment:
-    def turn(value: Any) -> None:
-        leads.turn(name, reversed_=_truth(value))
-
-    return Adjustment(f"{role}.{name}.reversed", "", "leads swapped", lambda: leads.lead(name).reversed, turn)
-
-
-def _truth(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(f"expected true or false, not {value!r}")  # noqa: TRY004  (what came over the wire)
-    return value
+    connect = partial(leads.connect, name)
+    yield Adjustment(f"{role}.{name}.node", "", meaning, lambda: leads.lead(name).node, connect)
+    yield Adjustment(f"{role}.{name}.reversed", "", "leads swapped", lambda: leads.lead(name).reversed, turn)
 
 
 def _number(value: Any) -> float:
@@ -99,18 +89,15 @@ def _number(value: Any) -> float:
 
 
 def _loads(world: World) -> Iterator[Adjustment]:
+    def read(rail: str) -> float | None:
+        return ohms if math.isfinite(ohms := world.load_ohm(rail)) else None
+
+    def write(rail: str, ohms: Any) -> None:
+        world.set_load(rail, math.inf if ohms is None else _number(ohms))
+
     for rail in world.rails:
-        read = partial(_finite, partial(world.load_ohm, rail))
-        write = partial(_load, world, rail)
-        yield Adjustment(f"rail.{rail}.load_ohm", "ohm", "load beside the PCB; null is none", read, write)
-
-
-def _finite(read: Callable[[], float]) -> float | None:
-    return value if math.isfinite(value := read()) else None
-
-
-def _load(world: World, rail: str, ohms: Any) -> None:
-    world.set_load(rail, math.inf if ohms is None else _number(ohms))
+        meaning = "load beside the PCB; null is none"
+        yield Adjustment(f"rail.{rail}.load_ohm", "ohm", meaning, partial(read, rail), partial(write, rail))
 
 
 def _nodes(world: World) -> Iterator[Adjustment]:
@@ -128,15 +115,12 @@ def _drive(world: World, node: str, volts: Any) -> None:
 
 
 def _rails(world: World) -> Iterator[Adjustment]:
+    def write(rail: str, volts: Any) -> None:
+        """Put a voltage on the pin instead of the supply, until that changes its own."""
+        world.set_rail(rail, _number(volts))
+
     for rail in world.rails:
         read = partial(world.glance_current_a, rail)
         yield Adjustment(f"rail.{rail}.current_a", "A", "current that the PCB draws from the rail", read)
-        write = partial(_set_rail, world, rail)
-        yield Adjustment(
-            f"rail.{rail}.voltage_v", "V", "voltage at the pin", partial(world.glance_v, f"rail_{rail}"), write
-        )
-
-
-def _set_rail(world: World, rail: str, volts: Any) -> None:
-    """Put a voltage on the pin instead of the supply, until that changes its own."""
-    world.set_rail(rail, _number(volts))
+        read = partial(world.glance_v, f"rail_{rail}")
+        yield Adjustment(f"rail.{rail}.voltage_v", "V", "voltage at the pin", read, partial(write, rail))

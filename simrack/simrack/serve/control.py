@@ -38,7 +38,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING, Any, Protocol
 
-from simrack.faults import Fault, fault_from
+from simrack.faults import fault_from
 from simrack.handlers import Handlers
 from simrack.serve.clock import MAX_SPEED
 from simrack.serve.peer import is_welcome
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from simrack.serve.instrument import Client, ServedInstrument
     from simrack.serve.loop import Loop, Timer
     from simrack.serve.passage import AttendedPassage
+    from simrack.serve.served_faults import ServedFaults
 
 _LONGEST_REQUEST = 1 << 16
 _MOST_REQUESTS = 1 << 16
@@ -84,45 +85,31 @@ class Controlled(Protocol):
     """A served bench as the control port sees it."""
 
     instruments: dict[str, ServedInstrument]
+    faults: ServedFaults
     loop: Loop
     clock: ServedClock
     passage: AttendedPassage
 
     def status(self) -> dict[str, Any]:
         """Return bench time, its speed, and the connections of each instrument."""
-        ...
 
     def listed(self, match: str = ...) -> list[dict[str, Any]]:
         """Return the adjustments whose name contains `match`."""
-        ...
 
     def get(self, name: str) -> Any:
         """Return the value of a quantity."""
-        ...
 
     def set(self, name: str, value: Any) -> Any:
         """Change a quantity; return its value."""
-        ...
-
-    def add_fault(self, fault: Fault) -> None:
-        """Let something go wrong."""
-        ...
-
-    def end_faults(self, role: str | None = ...) -> None:
-        """End faults."""
-        ...
 
     def reset(self, seed: int | None = ...) -> None:
         """Put the bench back to its first state."""
-        ...
 
     def begin_anew(self) -> None:
         """Put the bench back to its beginning if nobody has been there."""
-        ...
 
     def stop(self) -> None:
         """End the server."""
-        ...
 
 
 class ControlServer:
@@ -336,12 +323,12 @@ class _Control(Connection):
     def _fault(self, instrument: str, kind: Any, **when: Any) -> float:
         self._server.clock.start()
         now = self._server.clock.now()
-        self._server.add_fault(fault_from({"instrument": instrument, "kind": kind, "at_s": now, **when}))
+        self._server.faults.add(fault_from({"instrument": instrument, "kind": kind, "at_s": now, **when}))
         return now
 
     @_COMMANDS.of("clear_faults")
     def _clear_faults(self, instrument: str | None = None) -> float:
-        self._server.end_faults(instrument)
+        self._server.faults.end(instrument)
         return self._server.clock.now()
 
     @_COMMANDS.of("reset")

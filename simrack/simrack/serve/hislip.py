@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import struct
 from itertools import count
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from simrack.handlers import Handlers
 from simrack.serve.embodied import HISLIP
 from simrack.serve.instrument import Client, ServedInstrument
 from simrack.serve.wire import Connection, Listener
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     import socket
     from collections.abc import Callable, Iterator, Mapping
 
-    from simrack.serve.loop import Loop, Timer
+    from simrack.serve.loop import Loop
 
 _HEADER = struct.Struct("!2sBBIQ")
 _PROLOGUE = b"HS"
@@ -127,6 +128,8 @@ class _Channel(Connection):
 class _Session(Client):
     """A session: answers are pushed on the synchronous channel."""
 
+    _ASYNC = Handlers()
+
     def __init__(self, server: HislipServer, instrument: ServedInstrument, channel: _Channel, number: int) -> None:
         super().__init__(instrument, HISLIP)
         self.number = number
@@ -139,7 +142,7 @@ class _Session(Client):
         self._unread = False
         self._ids = count(_FIRST_ID, 2)
         self._shared_key: str | None = None
-        self._lock_timer: Timer | None = None
+        self._actions: dict[int, Callable[[_Channel, _Message], None]] = self._ASYNC.bound(self)
 
     @property
     def blocked(self) -> bool:
@@ -249,10 +252,8 @@ class _Session(Client):
 
     # --- asynchronous channel -----------------------------------------------------------------------------
 
-    _ASYNC: ClassVar[dict[int, Callable[[_Session, _Channel, _Message], None]]]
-
     def _on_async(self, message: _Message) -> None:
-        action = self._ASYNC.get(message.kind)
+        action = self._actions.get(message.kind)
         if not self._sync.blocked and not self._sync.held:
             self._sync.receive()  # what was sent there before comes before
         if self._async is None or self.closed or message.kind in (_FATAL_ERROR, _ERROR):
@@ -260,25 +261,29 @@ class _Session(Client):
         if action is None:
             self._async.post(_ERROR, _UNKNOWN_TYPE, 0, b"unrecognized message type")
         else:
-            action(self, self._async, message)
+            action(self._async, message)
 
+    @_ASYNC.of(_MAX_SIZE)
     def _limit(self, channel: _Channel, message: _Message) -> None:
         if len(message.payload) == 8:
             (size,) = struct.unpack("!Q", message.payload)
             self._max_payload = max(_SMALLEST_PAYLOAD, min(size - _HEADER.size, _LARGEST_PAYLOAD))
         channel.post(_MAX_SIZE_RESPONSE, 0, 0, struct.pack("!Q", _MAX_PAYLOAD + _HEADER.size))
 
+    @_ASYNC.of(_STATUS_QUERY)
     def _status(self, channel: _Channel, message: _Message) -> None:
         if message.control & 1:
             self._unread = False
         byte = self.instrument.status_byte()
         channel.post(_STATUS_RESPONSE, byte | 16 if self._unread else byte)
 
+    @_ASYNC.of(_ASYNC_CLEAR)
     def _clear(self, channel: _Channel, _message: _Message) -> None:
         self._clearing = True
         self.instrument.clear(self)
         channel.post(_ASYNC_CLEAR_ACKNOWLEDGE, 0)
 
+    @_ASYNC.of(_REMOTE_LOCAL)
     def _remote_local(self, channel: _Channel, _message: _Message) -> None:
         """Accept: the simulated front panels have no keys to lock."""
         channel.post(_REMOTE_LOCAL_RESPONSE)
@@ -291,6 +296,7 @@ class _Session(Client):
 
     # --- locks --------------------------------------------------------------------------------------------
 
+    @_ASYNC.of(_ASYNC_LOCK)
     def _lock(self, channel: _Channel, message: _Message) -> None:
         if message.control & 1 == 0:
             channel.post(_ASYNC_LOCK_RESPONSE, self._release_lock())
@@ -352,20 +358,11 @@ class _Session(Client):
         self._server.share(self.instrument, self, key)
         return True
 
+    @_ASYNC.of(_LOCK_INFO)
     def _lock_info(self, channel: _Channel, _message: _Message) -> None:
         exclusive = self.instrument.lock is not None
         holders = len(self._server.sharers(self.instrument)) + exclusive
         channel.post(_LOCK_INFO_RESPONSE, int(exclusive), holders)
-
-
-_Session._ASYNC = {  # noqa: SLF001  (its own table, which names its methods)
-    _ASYNC_LOCK: _Session._lock,  # noqa: SLF001
-    _REMOTE_LOCAL: _Session._remote_local,  # noqa: SLF001
-    _MAX_SIZE: _Session._limit,  # noqa: SLF001
-    _ASYNC_CLEAR: _Session._clear,  # noqa: SLF001
-    _STATUS_QUERY: _Session._status,  # noqa: SLF001
-    _LOCK_INFO: _Session._lock_info,  # noqa: SLF001
-}
 
 
 class HislipServer:

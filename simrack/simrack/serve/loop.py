@@ -96,15 +96,12 @@ class Passage(Protocol):
 
     def tick(self) -> None:
         """Bring bench time up to date."""
-        ...
 
     def wait_s(self) -> float:
         """Return the wall seconds until bench time wants a turn; may let time jump, and then returns 0."""
-        ...
 
     def idle(self) -> None:
         """Called when nobody has said anything for as long as that."""
-        ...
 
 
 class Loop:

@@ -72,18 +72,11 @@ class ByteStream(Client):
         if self.closed:
             return
         self.said += len(data)
-        sent = 0
-        if not self._outbox.size:
-            try:
-                sent = self._send(data)
-            except BlockingIOError:
-                pass
-            except OSError:
-                self.close()
-                return
-        if sent < len(data):
-            self._outbox.add(memoryview(data)[sent:])
-            self._watch()
+        try:
+            if self._outbox.post(data, self._send):
+                self._watch()
+        except OSError:
+            self.close()
 
     def on_ready(self, mask: int) -> None:
         """Receive, send the rest, or notice that the other side has gone."""

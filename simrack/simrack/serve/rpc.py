@@ -7,7 +7,7 @@ import struct
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from simrack.serve.wire import Connection
+from simrack.serve.wire import Bound, Connection, family_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -126,25 +126,14 @@ def dispatch(programs: Programs, call: Call) -> tuple[bytes | None, int]:
         return b"", _GARBAGE
 
 
-class RpcDatagrams:
+class RpcDatagrams(Bound):
     """A socket on which calls and replies are datagrams (UDP); every procedure answers at once."""
 
     def __init__(self, loop: Loop, address: tuple[str, int], programs: Programs) -> None:
-        self._loop = loop
+        bound = socket.socket(family_of(address), socket.SOCK_DGRAM)
+        bound.bind(address)
+        super().__init__(loop, bound)
         self._programs = programs
-        self._socket = socket.socket(socket.AF_INET6 if ":" in address[0] else socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(address)
-        self._socket.settimeout(0.0)
-        loop.watch(self._socket.fileno(), self._ready)
-
-    def close(self) -> None:
-        """Stop listening."""
-        if self._socket.fileno() >= 0:
-            self._loop.unwatch(self._socket.fileno())
-            self._socket.close()
-
-    def dropped(self) -> None:
-        """Go on: one call that goes wrong is not the end of the others."""
 
     def _ready(self, _mask: int) -> None:
         with suppress(BlockingIOError, ConnectionError, BadArguments):

@@ -156,22 +156,14 @@ class Vxi11Server:
         self.links: dict[int, _Link] = {}
         self.numbers = count(1)
         self._connections: set[_Core] = set()
-        self._listener = Listener(loop, address, self._accept)
-        self.port = self._listener.port
-
-    @property
-    def listener(self) -> Listener:
-        """The listening socket."""
-        return self._listener
+        self.listener = Listener(loop, address, lambda connection: self._connections.add(_Core(self, connection)))
+        self.port = self.listener.port
 
     def close(self) -> None:
         """Stop listening and end the connections."""
-        self._listener.close()
+        self.listener.close()
         for connection in tuple(self._connections):
             connection.close()
-
-    def _accept(self, connection: socket.socket) -> None:
-        self._connections.add(_Core(self, connection))
 
     def forget(self, connection: _Core) -> None:
         """Do without a connection that has ended."""

@@ -22,18 +22,19 @@ _BREATH_S = 0.1
 """Wall time until the next try when the system has no more descriptors."""
 
 
-class Listener:
-    """A listening socket; `accept` is called with every connection."""
+def family_of(address: tuple[str, int]) -> socket.AddressFamily:
+    """Return the family of an address."""
+    return socket.AF_INET6 if ":" in address[0] else socket.AF_INET
 
-    def __init__(self, loop: Loop, address: tuple[str, int], accept: Callable[[socket.socket], object]) -> None:
+
+class Bound:
+    """A bound socket to which anybody may come."""
+
+    def __init__(self, loop: Loop, bound: socket.socket) -> None:
         self._loop = loop
-        self._accept = accept
-        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
-        self._socket = socket.create_server(address, family=family, backlog=1024)
-        self._socket.settimeout(0.0)
-        self.port = int(self._socket.getsockname()[1])
-        self.refusing = False
-        loop.watch(self._socket.fileno(), self._ready)
+        self._socket = bound
+        bound.settimeout(0.0)
+        loop.watch(bound.fileno(), self._ready)
 
     def close(self) -> None:
         """Stop listening."""
@@ -42,7 +43,20 @@ class Listener:
             self._socket.close()
 
     def dropped(self) -> None:
-        """Go on: one connection that goes wrong is not the end of the others."""
+        """Go on: one caller who goes wrong is not the end of the others."""
+
+    def _ready(self, mask: int) -> None:
+        raise NotImplementedError
+
+
+class Listener(Bound):
+    """A listening socket; `accept` is called with every connection."""
+
+    def __init__(self, loop: Loop, address: tuple[str, int], accept: Callable[[socket.socket], object]) -> None:
+        super().__init__(loop, socket.create_server(address, family=family_of(address), backlog=1024))
+        self._accept = accept
+        self.port = int(self._socket.getsockname()[1])
+        self.refusing = False
 
     def _ready(self, _mask: int) -> None:
         while True:
@@ -87,6 +101,21 @@ class Outbox:
         """Keep `data`."""
         self._parts.append(memoryview(data))
         self.size += len(data)
+
+    def post(self, data: bytes, send: Callable[[bytes], int]) -> bool:
+        """Send `data` after what waits, at once as far as `send` takes it; tell whether from now on something waits.
+
+        Raises OSError when the other side has gone.
+        """
+        waited, sent = self.size > 0, 0
+        if not waited:
+            try:  # noqa: SIM105  (of every answer)
+                sent = send(data)
+            except BlockingIOError:
+                pass
+        if sent < len(data):
+            self.add(memoryview(data)[sent:])
+        return not waited and self.size > 0
 
     def flush(self, send: Callable[[memoryview], int]) -> None:
         """Send as much as `send` takes; raises OSError when the other side has gone."""
@@ -175,19 +204,11 @@ class Connection:
         """Send `data`, now or as soon as the client takes it."""
         if self.closed:
             return
-        sent = 0
-        if not self._outbox.size:
-            try:
-                sent = self._socket.send(data)
-            except BlockingIOError:
-                pass
-            except OSError:
-                self.close()
-                return
-        if sent < len(data):
-            if not self._outbox.size:
+        try:
+            if self._outbox.post(data, self._socket.send):
                 self.loop.change(self._fd, WRITE)
-            self._outbox.add(memoryview(data)[sent:])
+        except OSError:
+            self.close()
 
     def send_parts(self, parts: Iterable[bytes | memoryview]) -> None:
         """Send `parts` one after the other without putting them together: waveforms are not copied."""
@@ -241,13 +262,10 @@ class DelayingWire(Protocol):
     @property
     def next_s(self) -> float:
         """When something arrives next, inf for never."""
-        ...
 
     @property
     def awaited(self) -> bool:
         """Whether anything is on its way that somebody may wait for, so that time may jump there."""
-        ...
 
     def go_on(self) -> None:
         """Let bytes arrive that are due by now."""
-        ...

@@ -26,15 +26,12 @@ class FarEnd(Protocol):
 
     def write(self, data: bytes, /) -> None:
         """Take bytes."""
-        ...
 
     def read(self, limit: int, /) -> tuple[bytes, bool]:
         """Return at most `limit` bytes that have come by now, and whether a message ends with them."""
-        ...
 
     def wake_at(self) -> float | None:
         """Return when something happens next by itself, None for never."""
-        ...
 
 
 class Port(Protocol):
@@ -43,24 +40,19 @@ class Port(Protocol):
     @property
     def device(self) -> FarEnd:
         """The other end."""
-        ...
 
     @property
     def clock(self) -> Clock:
         """The clock that reading waits on."""
-        ...
 
     def connect(self) -> Port:
         """Return the port once it is open; OSError if it cannot be."""
-        ...
 
     def disconnect(self) -> None:
         """Give the connection back."""
-        ...
 
     def wait(self, deadline_s: float | None) -> bool:
         """Let time pass until there may be more to read; False once the deadline has passed."""
-        ...
 
 
 @runtime_checkable

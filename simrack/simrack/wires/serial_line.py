@@ -181,23 +181,18 @@ class FarInstrument(Protocol):
     @property
     def engine(self) -> _Engine:
         """Its message exchange."""
-        ...
 
     def write(self, data: bytes) -> None:
         """Take a message, or a part of one."""
-        ...
 
     def read(self, limit: int) -> tuple[bytes, bool]:
         """Return an answer that is ready."""
-        ...
 
     def wake_at(self) -> float | None:
         """Return when something happens by itself."""
-        ...
 
     def clear(self) -> None:
         """Device clear."""
-        ...
 
 
 class FarTable(Protocol):
@@ -205,19 +200,15 @@ class FarTable(Protocol):
 
     def write(self, data: bytes) -> None:
         """Take bytes that have arrived."""
-        ...
 
     def read(self, limit: int) -> tuple[bytes, bool]:
         """Return an answer that is ready."""
-        ...
 
     def wake_at(self) -> float | None:
         """Return when something happens by itself."""
-        ...
 
     def clear(self) -> None:
         """Drop input and output."""
-        ...
 
 
 class LineEnd:

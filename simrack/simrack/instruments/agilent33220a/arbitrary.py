@@ -31,13 +31,9 @@ def _sinc(place: float) -> float:
     return math.sin(argument) / argument if argument else 1.0
 
 
-def _beat(place: float, centre: float, width: float, height: float) -> float:
-    return height * math.exp(-(((place - centre) / width) ** 2))
-
-
 def _cardiac(place: float) -> float:
     beats = ((0.2, 0.025, 0.12), (0.32, 0.008, -0.15), (0.35, 0.01, 1.0), (0.38, 0.008, -0.25), (0.6, 0.05, 0.25))
-    return sum(_beat(place, *each) for each in beats)
+    return sum(height * math.exp(-(((place - centre) / width) ** 2)) for centre, width, height in beats)
 
 
 BUILT_IN: dict[str, Callable[[float], float]] = {

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 ROWS = Rows()
-"""Rows that stand on their handlers."""
 
 
 class _DacPoints(Parameter, frozen=True, kw_only=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from operator import methodcaller
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from simrack import scpi
 from simrack.scpi.lexer import Token, TokenKind
@@ -72,6 +72,27 @@ def angle(pattern: str, path: str, low_deg: float, high_deg: float) -> scpi.Comm
 
     return scpi.Command(
         pattern, (scpi.Number(limits=_angle_limits(high_deg, low_deg)),), do=write, query=read, reply=nr3
+    )
+
+
+def part_of_period(
+    pattern: str, name: str, limits_s: Callable[[Any, Any], tuple[float, float]], words: str = ""
+) -> scpi.Command:
+    """Declare a time of the settings that is said in percent of the period; `limits_s` ask settings and kind."""
+
+    def limits(model: _Model) -> scpi.Limits:
+        return scpi.Limits(*(100.0 * each * model.state.frequency_hz for each in limits_s(model.state, model.kind)))
+
+    def write(model: _Model, percent: float) -> None:
+        setattr(model.state, name, percent / 100.0 / model.state.frequency_hz)
+        model.settle()
+
+    return scpi.Command(
+        pattern,
+        (scpi.Number(unit="PCT", limits=limits, name=words),),
+        do=write,
+        query=lambda model: 100.0 * getattr(model.state, name) * model.state.frequency_hz,
+        reply=nr3,
     )
 
 

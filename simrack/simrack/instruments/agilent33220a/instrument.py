@@ -39,11 +39,9 @@ class GeneratorWorld(Protocol):
     @property
     def clock(self) -> Clock:
         """Bench time."""
-        ...
 
     def drive(self, node: str, source: Drive | Played | None) -> None:
         """Connect the source to an input, or None."""
-        ...
 
 
 class SimulatedAgilent33220A(scpi.ScpiTwin):

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 ROWS = Rows()
-"""Rows that stand on their handlers."""
 
 
 def _amplitude_limits(model: _Model) -> Limits:

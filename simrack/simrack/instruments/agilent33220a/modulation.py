@@ -108,12 +108,18 @@ class Player:
             return None
         size = abs(peak_v) if depth is None else abs(peak_v) / 2.0
         turn = math.remainder(math.tau * phase.cycles, math.tau) + (0.0 if peak_v >= 0.0 else math.pi)
-        sidebands = self._sidebands(size * depth / 2.0, phase.hz, turn) if depth else ()
+        sidebands: tuple[Sine, ...] = ()
+        if depth:
+            apart_hz, quarter, size_v = (
+                self._exact_hz(self._settings.am.frequency_hz),
+                math.pi / 2.0,
+                size * depth / 2.0,
+            )
+            sidebands = (
+                Sine(size_v, phase.hz - apart_hz, turn + quarter),
+                Sine(size_v, phase.hz + apart_hz, turn - quarter),
+            )
         return Drive(direct_v, size, phase.hz, turn, SOURCE_OHM, sidebands)
-
-    def _sidebands(self, size_v: float, hz: float, turn: float) -> tuple[Sine, Sine]:
-        apart_hz, quarter = self._exact_hz(self._settings.am.frequency_hz), math.pi / 2.0
-        return Sine(size_v, hz - apart_hz, turn + quarter), Sine(size_v, hz + apart_hz, turn - quarter)
 
     def _playing(self, direct_v: float, peak_v: float, phase: Phase) -> Played:
         from simrack.instruments.agilent33220a.playing import Playing  # noqa: PLC0415

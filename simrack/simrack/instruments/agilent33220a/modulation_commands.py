@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from simrack.instruments.agilent33220a.declarations import (
     FIRST_HZ,
     angle,
     frequency_limits,
     mode_switch,
     nr3,
+    part_of_period,
     setting,
 )
 from simrack.instruments.agilent33220a.rules import fm_limit_hz, widest_swing_s
-from simrack.scpi import Choice, Command, Limits, Number
-
-if TYPE_CHECKING:
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
-
-
-def _duty_swing_limits(model: _Model) -> Limits:
-    return Limits(0.0, 100.0 * widest_swing_s(model.state, model.kind) * model.state.frequency_hz)
-
-
-def _set_duty_swing(model: _Model, percent: float) -> None:
-    model.state.pwm_deviation_s = percent / 100.0 / model.state.frequency_hz
-    model.settle()
-
+from simrack.scpi import Choice, Limits, Number
 
 _SOURCES = Choice(("INTernal", "EXTernal"))
 _SHAPE_WORDS = Choice(("SINusoid", "SQUare", "RAMP", "NRAMp", "TRIangle", "NOISe", "USER"))
@@ -59,12 +45,8 @@ COMMANDS = (
         "state.pwm_deviation_s",
         nr3,
     ),
-    Command(
-        "[SOURce:]PWM:DEViation:DCYCle",
-        (Number(unit="PCT", limits=_duty_swing_limits),),
-        do=_set_duty_swing,
-        query=lambda model: 100.0 * model.state.pwm_deviation_s * model.state.frequency_hz,
-        reply=nr3,
+    part_of_period(
+        "[SOURce:]PWM:DEViation:DCYCle", "pwm_deviation_s", lambda state, kind: (0.0, widest_swing_s(state, kind))
     ),
     setting(
         "[SOURce:]FSKey:FREQuency",

@@ -51,7 +51,21 @@ class Rhythm(Struct, frozen=True):
         return turned(self.waveform, self.hz * times_s) / self.hz
 
 
-class Steady(Struct, frozen=True):
+class _Going(Struct, frozen=True):
+    """Common base: a phase that changes all the time and breaks nowhere."""
+
+    def breaks(self, start_s: float, stop_s: float) -> Values:
+        """Return the times between two at which it changes at once."""
+        del start_s, stop_s
+        return np.empty(0)
+
+    def run(self, time_s: float) -> SteadyRun | None:
+        """Return the stretch of constant frequency that goes on or begins at a time."""
+        del time_s
+        return None
+
+
+class Steady(_Going, frozen=True):
     """One frequency."""
 
     hz: float
@@ -75,17 +89,12 @@ class Steady(Struct, frozen=True):
         """Return the phase."""
         return self.hz * times_s + self.cycles
 
-    def breaks(self, start_s: float, stop_s: float) -> Values:
-        """There are none."""
-        del start_s, stop_s
-        return np.empty(0)
-
     def run(self, time_s: float) -> SteadyRun:
         """Return the one run that it is."""
         return SteadyRun(self.hz, self.hz * time_s + self.cycles, math.inf)
 
 
-class Deviated(Struct, frozen=True):
+class Deviated(_Going, frozen=True):
     """Frequency modulation: hz + deviation_hz times the rhythm."""
 
     hz: float
@@ -116,17 +125,8 @@ class Deviated(Struct, frozen=True):
         """Return the phase."""
         return self.hz * times_s + self.cycles + self.deviation_hz * self.rhythm.integral_s(times_s)
 
-    def breaks(self, start_s: float, stop_s: float) -> Values:
-        """There are none."""
-        del start_s, stop_s
-        return np.empty(0)
 
-    def run(self, time_s: float) -> None:
-        """The frequency always changes."""
-        del time_s
-
-
-class Shifted(Struct, frozen=True):
+class Shifted(_Going, frozen=True):
     """Phase modulation: deviation_cycles times the rhythm added."""
 
     hz: float
@@ -168,33 +168,34 @@ class Shifted(Struct, frozen=True):
         """Return where a square shifts the phase at once, every half period."""
         return _multiples(0.5 / self.rhythm.hz, start_s, stop_s)
 
-    def run(self, time_s: float) -> None:
-        """The frequency always changes."""
-        del time_s
+
+class _Between(_Going, frozen=True):
+    """Common base of those that move between two frequencies."""
+
+    @property
+    def range_hz(self) -> tuple[float, float]:
+        """Return between which frequencies it moves, its first two fields."""
+        first_hz, second_hz = (getattr(self, name) for name in self.__struct_fields__[:2])
+        return min(first_hz, second_hz), max(first_hz, second_hz)
+
+    @property
+    def slowest_hz(self) -> float:
+        """The lower of both."""
+        return self.range_hz[0]
+
+    @property
+    def highest_hz(self) -> float:
+        """The higher of both."""
+        return self.range_hz[1]
 
 
-class Keyed(Struct, frozen=True):
+class Keyed(_Between, frozen=True):
     """Frequency shift keying: hz for the first half of each period of the rate, hop_hz for the second."""
 
     hz: float
     hop_hz: float
     rate_hz: float
     cycles: float = 0.0
-
-    @property
-    def slowest_hz(self) -> float:
-        """The lower of both."""
-        return min(self.hz, self.hop_hz)
-
-    @property
-    def highest_hz(self) -> float:
-        """The higher of both."""
-        return max(self.hz, self.hop_hz)
-
-    @property
-    def range_hz(self) -> tuple[float, float] | None:
-        """Return between which frequencies it moves."""
-        return self.slowest_hz, self.highest_hz
 
     def hz_at(self, times_s: Values) -> Values:
         """Return the frequency."""
@@ -219,7 +220,7 @@ class Keyed(Struct, frozen=True):
         return SteadyRun(self.hop_hz if halves % 2 else self.hz, cycles, (halves + 1) / (2 * self.rate_hz))
 
 
-class Swept(Struct, frozen=True):
+class Swept(_Between, frozen=True):
     """Sweeps from start_hz to stop_hz in `lasts_s`, one after the other, or one at `from_s` with start_hz around it."""
 
     start_hz: float
@@ -229,21 +230,6 @@ class Swept(Struct, frozen=True):
     from_s: float
     again: bool
     cycles: float = 0.0
-
-    @property
-    def slowest_hz(self) -> float:
-        """The lower of both."""
-        return min(self.start_hz, self.stop_hz)
-
-    @property
-    def highest_hz(self) -> float:
-        """The higher of both."""
-        return max(self.start_hz, self.stop_hz)
-
-    @property
-    def range_hz(self) -> tuple[float, float] | None:
-        """Return between which frequencies it moves."""
-        return self.slowest_hz, self.highest_hz
 
     def hz_at(self, times_s: Values) -> Values:
         """Return the frequency."""

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simrack.instruments.agilent33220a.declarations import SWITCH_S, NameParameter, names_reply
 from simrack.instruments.agilent33220a.learning import learnt
 from simrack.scpi import Boolean, Command, Integer, Limits, ScpiError, attribute, boolean, quoted, signed_integer
-
-if TYPE_CHECKING:
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
-
-
-def _name_state(model: _Model, place: int, name: str | None) -> None:
-    model.state_names[place] = name or f"STATE_{place}"
 
 
 class _Place(Integer, frozen=True, kw_only=True):
@@ -36,7 +29,7 @@ COMMANDS = (
     Command(
         "MEMory:STATe:NAME",
         (_STATES, NameParameter(required=False)),
-        do=_name_state,
+        do=lambda model, place, name: model.state_names.update({place: name or f"STATE_{place}"}),
         query=lambda model, place: model.state_names[place],
         query_parameters=(_STATES,),
         reply=quoted,

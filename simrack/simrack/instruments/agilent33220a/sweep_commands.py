@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 def _sweep(pattern: str, read: Callable[[float, float], float], write: Callable[..., tuple[float, float]]) -> Command:
     """Declare one of STARt, STOP, CENTer, SPAN, which share two numbers."""
 
+    def limits(model: _Model) -> Limits:
+        high = model.kind.frequency_hz[model.state.function][1]
+        return Limits(-high, high)
+
     def do(model: _Model, value: float) -> None:
         low, high = FIRST_HZ, model.kind.frequency_hz[model.state.function][1]
         wanted = write(model.state.start_hz, model.state.stop_hz, value)
@@ -24,16 +28,11 @@ def _sweep(pattern: str, read: Callable[[float, float], float], write: Callable[
 
     return Command(
         pattern,
-        (Number(unit="HZ", limits=_sweep_limits),),
+        (Number(unit="HZ", limits=limits),),
         do=do,
         query=lambda model: read(model.state.start_hz, model.state.stop_hz),
         reply=nr3,
     )
-
-
-def _sweep_limits(model: _Model) -> Limits:
-    high = model.kind.frequency_hz[model.state.function][1]
-    return Limits(-high, high)
 
 
 COMMANDS = (

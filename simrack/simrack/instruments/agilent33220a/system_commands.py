@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 _SECURED = "Calibration error; calibration memory is secured"
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 
 @ROWS.do("STATus:PRESet")

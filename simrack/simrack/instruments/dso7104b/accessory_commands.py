@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 _CALIBRATED = {"DATE": (1, 1, 2026), "TIME": (12, 0, 0)}
 """When the user calibration was last done: day, month, year; hours, minutes, seconds."""

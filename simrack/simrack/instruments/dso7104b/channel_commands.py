@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from simrack.scpi.lexer import Token
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 
 class _Label(scpi.Text, frozen=True):

@@ -26,11 +26,9 @@ class Condition(Protocol):
 
     def begin(self, highs: Mapping[int, bool], now_s: float) -> None:
         """Start with the states of the comparators, remembering nothing."""
-        ...
 
     def feed(self, change: Change, exactly: Callable[[Change], float]) -> float | None:
         """Take the next change; return when it triggers, None if it does not. `exactly` gives a change's instant."""
-        ...
 
 
 class NeverMet:

@@ -30,19 +30,15 @@ class ChannelCapture(Protocol):
 
     def samples(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the node's volts at absolute times."""
-        ...
 
     def finest_s(self, node: str) -> float:
         """Return a time in which the node's voltage bends so little that a cubic tells it; 0 where that is unknown."""
-        ...
 
     def whole(self, start_s: float, stop_s: float) -> bool:
         """Tell whether nothing happened between two times that could make a node jump."""
-        ...
 
     def pieces(self, node: str) -> list[Piece]:
         """Return the pieces known of a node up to now, oldest first."""
-        ...
 
 
 class ChannelRecording(ChannelCapture, Protocol):
@@ -50,11 +46,9 @@ class ChannelRecording(ChannelCapture, Protocol):
 
     def forget(self, before_s: float) -> None:
         """Drop everything that was over before a time."""
-        ...
 
     def close(self) -> None:
         """Keep the pieces so far and take nothing more."""
-        ...
 
 
 class ScopeWorld(Protocol):
@@ -63,23 +57,18 @@ class ScopeWorld(Protocol):
     @property
     def clock(self) -> Clock:
         """Bench time."""
-        ...
 
     def capture(self, start_s: float, stop_s: float) -> ChannelCapture:
         """Register a stretch of time."""
-        ...
 
     def record(self) -> ChannelRecording:
         """Keep all that happens from now on."""
-        ...
 
     def trace(self, span_s: float) -> History:
         """Keep the last `span_s` from now on."""
-        ...
 
     def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
         """Hang a resistance on a node; inf takes it off."""
-        ...
 
 
 class Screen(Struct, frozen=True):

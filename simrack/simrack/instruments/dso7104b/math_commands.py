@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = Rows()
-"""Rows that stand on their handlers."""
 
 
 def _shown_band(model: SimulatedDso7104B) -> tuple[float, float]:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = Rows()
-"""Rows that stand on their handlers."""
 
 _RANGE = Number(unit="S", limits=Limits(5e-9, 500.0))
 _SCALE = Number(unit="S", limits=Limits(500e-12, 50.0))

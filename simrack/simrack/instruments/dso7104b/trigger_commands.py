@@ -8,26 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from simrack import scpi
 from simrack.instruments.dso7104b.declarations import CHANNEL, clipped
-from simrack.scpi import (
-    Boolean,
-    Choice,
-    Command,
-    Integer,
-    Limits,
-    Number,
-    Rows,
-    attribute,
-    boolean,
-    comma_list,
-    signed_integer,
-)
 
 if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
-ROWS = Rows()
-"""Rows that stand on their handlers."""
+ROWS = scpi.Rows()
 
 _EXTERNAL_REACH_V = 8.0
 
@@ -40,19 +27,19 @@ def _reach(model: SimulatedDso7104B, source: str) -> tuple[float, float]:
     return centre - reach, centre + reach
 
 
-def _level(pattern: str, mode: str) -> Command:
+def _level(pattern: str, mode: str) -> scpi.Command:
     """Declare the level of a mode's source, or of the one that is named."""
 
     def write(model: SimulatedDso7104B, volts: float, source: str | None) -> None:
         named = source or getattr(model.state, mode).source
         model.state.levels_v[named] = clipped(model, volts, *_reach(model, named))
 
-    return Command(
+    return scpi.Command(
         pattern,
-        (Number(unit="V"), Choice(("CHANnel<1-4>", "EXTernal"), required=False)),
+        (scpi.Number(unit="V"), scpi.Choice(("CHANnel<1-4>", "EXTernal"), required=False)),
         do=write,
         query=lambda model, source: model.nr3(model.state.levels_v[source or getattr(model.state, mode).source]),
-        query_parameters=(Choice(("CHANnel<1-4>", "EXTernal"), required=False),),
+        query_parameters=(scpi.Choice(("CHANnel<1-4>", "EXTernal"), required=False),),
     )
 
 
@@ -68,8 +55,8 @@ def _set_pulse_range(model: SimulatedDso7104B, one: float, other: float) -> None
     model.state.pulse.range_s = (upper, clipped(model, min(one, other), 10e-9, 9.99))
 
 
-_SOURCE = Choice(("CHANnel<1-4>", "EXTernal", "LINE"))
-_PULSE_TIME = Number(unit="S", limits=Limits(2e-9, 10.0))
+_SOURCE = scpi.Choice(("CHANnel<1-4>", "EXTernal", "LINE"))
+_PULSE_TIME = scpi.Number(unit="S", limits=scpi.Limits(2e-9, 10.0))
 
 
 @ROWS.query("TRIGger")
@@ -77,8 +64,8 @@ def _learned(model: SimulatedDso7104B) -> str:
     """Return the settings common to all modes, and the edge (siblings' guides; of other modes nothing is known)."""
     state = model.state
     general = (
-        f":TRIG:MODE {state.trigger.mode};SWE {state.trigger.sweep};NREJ {boolean(state.trigger.reject_noise)};"
-        f"HFR {boolean(state.trigger.reject_hf)};HOLD {state.trigger.holdoff_s * 1e9:+.13f}E-09"
+        f":TRIG:MODE {state.trigger.mode};SWE {state.trigger.sweep};NREJ {scpi.boolean(state.trigger.reject_noise)};"
+        f"HFR {scpi.boolean(state.trigger.reject_hf)};HOLD {state.trigger.holdoff_s * 1e9:+.13f}E-09"
     )
     if state.trigger.mode != "EDGE":
         return general
@@ -89,7 +76,7 @@ def _learned(model: SimulatedDso7104B) -> str:
     )
 
 
-@ROWS.do("TRIGger[:EDGE]:REJect", (Choice(("OFF", "LF", "HF")),), query=_reject)
+@ROWS.do("TRIGger[:EDGE]:REJect", (scpi.Choice(("OFF", "LF", "HF")),), query=_reject)
 def _set_reject(model: SimulatedDso7104B, word: str) -> None:
     """Turn one filter on and the other off; LF is the coupling of that name."""
     model.state.trigger.reject_hf = word == "HF"
@@ -101,36 +88,46 @@ def _set_reject(model: SimulatedDso7104B, word: str) -> None:
 
 TRIGGER_COMMANDS = (
     *ROWS,
-    attribute("TRIGger:MODE", Choice(("EDGE", "GLITch", "TV")), "state.trigger.mode"),
-    attribute("TRIGger:SWEep", Choice(("AUTO", "NORMal")), "state.trigger.sweep"),
-    attribute("TRIGger[:EDGE]:SOURce", _SOURCE, "state.trigger.source"),
+    scpi.attribute("TRIGger:MODE", scpi.Choice(("EDGE", "GLITch", "TV")), "state.trigger.mode"),
+    scpi.attribute("TRIGger:SWEep", scpi.Choice(("AUTO", "NORMal")), "state.trigger.sweep"),
+    scpi.attribute("TRIGger[:EDGE]:SOURce", _SOURCE, "state.trigger.source"),
     _level("TRIGger[:EDGE]:LEVel", "trigger"),
-    attribute("TRIGger[:EDGE]:SLOPe", Choice(("POSitive", "NEGative", "EITHer", "ALTernate")), "state.trigger.slope"),
-    attribute("TRIGger[:EDGE]:COUPling", Choice(("AC", "DC", "LFReject")), "state.trigger.coupling"),
-    attribute("TRIGger:HFReject", Boolean(), "state.trigger.reject_hf", boolean),
-    attribute("TRIGger:NREJect", Boolean(), "state.trigger.reject_noise", boolean),
-    attribute("TRIGger:HOLDoff", Number(unit="S", limits=Limits(60e-9, 10.0)), "state.trigger.holdoff_s", "nr3"),
-    Command("TRIGger:FORCe", do=lambda model: model.force(), urgent=True),
-    attribute("TRIGger:GLITch:SOURce", _SOURCE, "state.pulse.source"),
-    _level("TRIGger:GLITch:LEVel", "pulse"),
-    attribute("TRIGger:GLITch:QUALifier", Choice(("GREaterthan", "LESSthan", "RANGe")), "state.pulse.qualifier"),
-    attribute("TRIGger:GLITch:POLarity", Choice(("POSitive", "NEGative")), "state.pulse.polarity"),
-    attribute("TRIGger:GLITch:LESSthan", _PULSE_TIME, "state.pulse.less_s", "nr3"),
-    attribute("TRIGger:GLITch:GREaterthan", _PULSE_TIME, "state.pulse.greater_s", "nr3"),
-    Command(
-        "TRIGger:GLITch:RANGe",
-        (Number(unit="S", limits=Limits(10e-9, 10.0)),) * 2,
-        do=_set_pulse_range,
-        query=lambda model: comma_list(model.nr3)(model.state.pulse.range_s),
+    scpi.attribute(
+        "TRIGger[:EDGE]:SLOPe", scpi.Choice(("POSitive", "NEGative", "EITHer", "ALTernate")), "state.trigger.slope"
     ),
-    attribute("TRIGger:TV:SOURce", CHANNEL, "state.television.source"),
-    attribute(
+    scpi.attribute("TRIGger[:EDGE]:COUPling", scpi.Choice(("AC", "DC", "LFReject")), "state.trigger.coupling"),
+    scpi.attribute("TRIGger:HFReject", scpi.Boolean(), "state.trigger.reject_hf", scpi.boolean),
+    scpi.attribute("TRIGger:NREJect", scpi.Boolean(), "state.trigger.reject_noise", scpi.boolean),
+    scpi.attribute(
+        "TRIGger:HOLDoff", scpi.Number(unit="S", limits=scpi.Limits(60e-9, 10.0)), "state.trigger.holdoff_s", "nr3"
+    ),
+    scpi.Command("TRIGger:FORCe", do=lambda model: model.force(), urgent=True),
+    scpi.attribute("TRIGger:GLITch:SOURce", _SOURCE, "state.pulse.source"),
+    _level("TRIGger:GLITch:LEVel", "pulse"),
+    scpi.attribute(
+        "TRIGger:GLITch:QUALifier", scpi.Choice(("GREaterthan", "LESSthan", "RANGe")), "state.pulse.qualifier"
+    ),
+    scpi.attribute("TRIGger:GLITch:POLarity", scpi.Choice(("POSitive", "NEGative")), "state.pulse.polarity"),
+    scpi.attribute("TRIGger:GLITch:LESSthan", _PULSE_TIME, "state.pulse.less_s", "nr3"),
+    scpi.attribute("TRIGger:GLITch:GREaterthan", _PULSE_TIME, "state.pulse.greater_s", "nr3"),
+    scpi.Command(
+        "TRIGger:GLITch:RANGe",
+        (scpi.Number(unit="S", limits=scpi.Limits(10e-9, 10.0)),) * 2,
+        do=_set_pulse_range,
+        query=lambda model: scpi.comma_list(model.nr3)(model.state.pulse.range_s),
+    ),
+    scpi.attribute("TRIGger:TV:SOURce", CHANNEL, "state.television.source"),
+    scpi.attribute(
         "TRIGger:TV:MODE",
-        Choice(("FIEld<1-2>", "AFIelds", "ALINes", "LINE", "VERTical", "LFIeld<1-2>", "LALTernate", "LVERtical")),
+        scpi.Choice(("FIEld<1-2>", "AFIelds", "ALINes", "LINE", "VERTical", "LFIeld<1-2>", "LALTernate", "LVERtical")),
         "state.television.mode",
     ),
-    attribute("TRIGger:TV:STANdard", Choice(("GENeric", "NTSC", "PALM", "PAL", "SECam")), "state.television.standard"),
-    attribute("TRIGger:TV:POLarity", Choice(("POSitive", "NEGative")), "state.television.polarity"),
-    attribute("TRIGger:TV:LINE", Integer(limits=Limits(1, 1125)), "state.television.line", signed_integer),
+    scpi.attribute(
+        "TRIGger:TV:STANdard", scpi.Choice(("GENeric", "NTSC", "PALM", "PAL", "SECam")), "state.television.standard"
+    ),
+    scpi.attribute("TRIGger:TV:POLarity", scpi.Choice(("POSitive", "NEGative")), "state.television.polarity"),
+    scpi.attribute(
+        "TRIGger:TV:LINE", scpi.Integer(limits=scpi.Limits(1, 1125)), "state.television.line", scpi.signed_integer
+    ),
 )
 """What is said to :TRIGger."""

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = Rows()
-"""Rows that stand on their handlers."""
 
 _LEVELS = {"BYTE": 256, "WORD": 65536, "ASC": 65536}
 _HOLE = 0.0

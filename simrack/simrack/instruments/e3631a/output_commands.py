@@ -10,29 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
+from simrack import scpi
 from simrack.instruments.e3631a.kinds import KINDS
 from simrack.instruments.e3631a.system_commands import remote, remote_only
-from simrack.scpi import (
-    Boolean,
-    Choice,
-    Command,
-    Integer,
-    Limits,
-    Number,
-    Rows,
-    ScpiError,
-    attribute,
-    bare_integer,
-    boolean,
-    quoted,
-    real,
-)
 
 if TYPE_CHECKING:
     from simrack.instruments.e3631a.instrument import SimulatedE3631A
 
-ROWS = Rows()
-"""Rows that stand on their handlers."""
+ROWS = scpi.Rows()
 
 _PROGRAMMING_S = 0.05
 """From a programming command to the change at the output: the guide gives it as less than this (p. 187)."""
@@ -82,17 +67,17 @@ def _select_number(supply: SimulatedE3631A, number: int) -> None:
 @remote_only
 def _couple(supply: SimulatedE3631A, *names: str) -> None:
     if ("ALL" in names or "NONE" in names) and len(names) > 1:
-        raise ScpiError(-108)
+        raise scpi.ScpiError(-108)
     wanted = tuple(kind.name for kind in KINDS if kind.name in names or "ALL" in names)
     if supply.tracking and {"P25V", "N25V"} <= set(wanted):
-        raise ScpiError(800)
+        raise scpi.ScpiError(800)
     supply.coupled = wanted
 
 
 @remote_only
 def _track(supply: SimulatedE3631A, state: object) -> None:
     if state and {"P25V", "N25V"} <= set(supply.coupled):
-        raise ScpiError(801)
+        raise scpi.ScpiError(801)
     supply.tracking = bool(state)
     if state:
         supply.program("P25V", volts=supply.outputs["P25V"].volts)
@@ -102,7 +87,7 @@ def _track(supply: SimulatedE3631A, state: object) -> None:
 @remote_only
 def _initiate(supply: SimulatedE3631A) -> None:
     if supply.initiated or supply.transfer_at_s is not None:
-        raise ScpiError(-213)
+        raise scpi.ScpiError(-213)
     if supply.trigger_source == "IMM":
         supply.transfer()
     else:
@@ -111,30 +96,30 @@ def _initiate(supply: SimulatedE3631A) -> None:
 
 def _trigger(supply: SimulatedE3631A) -> None:
     if not supply.initiated:
-        raise ScpiError(-211)
+        raise scpi.ScpiError(-211)
     supply.initiated = False
     supply.transfer_at_s = supply.world.clock.now() + supply.trigger_delay_s
     supply.plan()
     supply.service()
 
 
-_NR3 = real(8)
-_OUTPUT = Choice(("P6V", "P25V", "N25V"))
-_OUTPUT_OR_SELECTED = (Choice(("P6V", "P25V", "N25V"), required=False),)
-_VOLTS = Number(unit="V", limits=lambda supply: _VOLT_LIMITS[supply.selected])
-_AMPS = Number(unit="A", limits=lambda supply: _AMP_LIMITS[supply.selected])
+_NR3 = scpi.real(8)
+_OUTPUT = scpi.Choice(("P6V", "P25V", "N25V"))
+_OUTPUT_OR_SELECTED = (scpi.Choice(("P6V", "P25V", "N25V"), required=False),)
+_VOLTS = scpi.Number(unit="V", limits=lambda supply: _VOLT_LIMITS[supply.selected])
+_AMPS = scpi.Number(unit="A", limits=lambda supply: _AMP_LIMITS[supply.selected])
 
 
 @ROWS.query(
     "APPLy",
     (
         _OUTPUT,
-        Number(unit="V", required=False, deferred=True),
-        Number(unit="A", required=False, deferred=True),
+        scpi.Number(unit="V", required=False, deferred=True),
+        scpi.Number(unit="A", required=False, deferred=True),
     ),
     do=_apply,
     query_parameters=_OUTPUT_OR_SELECTED,
-    reply=quoted,
+    reply=scpi.quoted,
     takes_s=_PROGRAMMING_S,
 )
 def _applied(supply: SimulatedE3631A, name: str | None) -> str:
@@ -156,27 +141,34 @@ def _measure_amps(supply: SimulatedE3631A, name: str | None) -> float:
 
 OUTPUT_COMMANDS = (
     *ROWS,
-    remote(attribute("INSTrument[:SELect]", _OUTPUT, "selected")),
-    attribute(
+    remote(scpi.attribute("INSTrument[:SELect]", _OUTPUT, "selected")),
+    scpi.attribute(
         "INSTrument:NSELect",
-        Integer(limits=Limits(1, 3), named=False),
+        scpi.Integer(limits=scpi.Limits(1, 3), named=False),
         "output.kind.number",
-        bare_integer,
+        scpi.bare_integer,
         do=_select_number,
         query_parameters=(),
     ),
-    Command(
+    scpi.Command(
         "INSTrument:COUPle[:TRIGger]",
-        (Choice(("ALL", "NONE", "P6V", "P25V", "N25V")),),
+        (scpi.Choice(("ALL", "NONE", "P6V", "P25V", "N25V")),),
         do=_couple,
         query=lambda supply: "ALL" if len(supply.coupled) == len(KINDS) else ",".join(supply.coupled) or "NONE",
         repeat=True,
     ),
     remote(
-        attribute("OUTPut[:STATe]", Boolean(), "output_on", boolean, then=methodcaller("drive"), takes_s=_PROGRAMMING_S)
+        scpi.attribute(
+            "OUTPut[:STATe]",
+            scpi.Boolean(),
+            "output_on",
+            scpi.boolean,
+            then=methodcaller("drive"),
+            takes_s=_PROGRAMMING_S,
+        )
     ),
-    attribute("OUTPut:TRACk[:STATe]", Boolean(), "tracking", boolean, do=_track, takes_s=_PROGRAMMING_S),
-    attribute(
+    scpi.attribute("OUTPut:TRACk[:STATe]", scpi.Boolean(), "tracking", scpi.boolean, do=_track, takes_s=_PROGRAMMING_S),
+    scpi.attribute(
         "[SOURce:]CURRent[:LEVel][:IMMediate][:AMPLitude]",
         _AMPS,
         "output.amps",
@@ -185,10 +177,10 @@ OUTPUT_COMMANDS = (
         takes_s=_PROGRAMMING_S,
     ),
     replace(
-        remote(attribute("[SOURce:]CURRent[:LEVel]:TRIGgered[:AMPLitude]", _AMPS, "output.triggered_amps", _NR3)),
+        remote(scpi.attribute("[SOURce:]CURRent[:LEVel]:TRIGgered[:AMPLitude]", _AMPS, "output.triggered_amps", _NR3)),
         query=_triggered_amps,
     ),
-    attribute(
+    scpi.attribute(
         "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]",
         _VOLTS,
         "output.volts",
@@ -197,16 +189,20 @@ OUTPUT_COMMANDS = (
         takes_s=_PROGRAMMING_S,
     ),
     replace(
-        remote(attribute("[SOURce:]VOLTage[:LEVel]:TRIGgered[:AMPLitude]", _VOLTS, "output.triggered_volts", _NR3)),
+        remote(
+            scpi.attribute("[SOURce:]VOLTage[:LEVel]:TRIGgered[:AMPLitude]", _VOLTS, "output.triggered_volts", _NR3)
+        ),
         query=_triggered_volts,
     ),
 )
 
 TRIGGER_COMMANDS = (
-    Command("INITiate[:IMMediate]", do=_initiate),
+    scpi.Command("INITiate[:IMMediate]", do=_initiate),
     remote(
-        attribute("TRIGger[:SEQuence]:DELay", Number(unit="S", limits=Limits(0.0, 3600.0)), "trigger_delay_s", _NR3)
+        scpi.attribute(
+            "TRIGger[:SEQuence]:DELay", scpi.Number(unit="S", limits=scpi.Limits(0.0, 3600.0)), "trigger_delay_s", _NR3
+        )
     ),
-    remote(attribute("TRIGger[:SEQuence]:SOURce", Choice(("BUS", "IMMediate")), "trigger_source")),
-    Command("*TRG", do=_trigger),
+    remote(scpi.attribute("TRIGger[:SEQuence]:SOURce", scpi.Choice(("BUS", "IMMediate")), "trigger_source")),
+    scpi.Command("*TRG", do=_trigger),
 )

@@ -12,14 +12,12 @@ from msgspec.structs import replace
 
 from simrack import scpi
 from simrack.instruments.e3631a.kinds import KINDS
+from simrack.scpi.common import SERIAL_COMMANDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from simrack.instruments.e3631a.instrument import SimulatedE3631A
-
-ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 _SELF_TEST_S = 1.0
 """*TST?; unverified."""
@@ -45,54 +43,15 @@ def remote(command: scpi.Command) -> scpi.Command:
     return replace(command, do=remote_only(command.do))
 
 
-@ROWS.do("SYSTem:LOCal")
-def _go_local(supply: SimulatedE3631A) -> None:
-    _require_rs232(supply)
-    supply.local = True
-
-
-def _go_remote(supply: SimulatedE3631A) -> None:
-    _require_rs232(supply)
-    supply.local = False
-
-
-def _require_rs232(supply: SimulatedE3631A) -> None:
-    if supply.engine.interface is not scpi.RS232:
-        raise scpi.ScpiError(514)
-
-
-@remote_only
-def _save(supply: SimulatedE3631A, slot: int) -> None:
-    supply.save(slot)
-
-
-@remote_only
-def _recall(supply: SimulatedE3631A, slot: int) -> None:
-    supply.recall(slot)
-
-
-def _summary_condition(supply: SimulatedE3631A, number: int) -> int:
-    supply.observe()
-    return _summary(supply, number).condition
-
-
 def _summary(supply: SimulatedE3631A, number: int) -> scpi.Register:
-    return supply.outputs[KINDS[number - 1].name].register
-
-
-def _summary_event(supply: SimulatedE3631A, number: int) -> int:
+    """Return the register of an output, as it is now."""
     supply.observe()
-    return _summary(supply, number).read_event()
-
-
-def _set_summary_enable(supply: SimulatedE3631A, number: int, mask: int) -> None:
-    _summary(supply, number).enable = mask
+    return supply.outputs[KINDS[number - 1].name].register
 
 
 _SLOT = (scpi.Integer(limits=scpi.Limits(1, 3), named=False),)
 
 SYSTEM_COMMANDS = (
-    *ROWS,
     scpi.attribute("DISPlay[:WINDow][:STATe]", scpi.Boolean(), "display_on", scpi.boolean),
     scpi.attribute(
         "DISPlay[:WINDow]:TEXT[:DATA]", scpi.Text(), "display_text", scpi.quoted, convert=lambda text: text[:12]
@@ -101,11 +60,10 @@ SYSTEM_COMMANDS = (
     scpi.Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
     scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),  # SCPI's own optional node; not in the guide, unverified
     scpi.Command("SYSTem:VERSion", query=lambda _: "1995.0"),
-    scpi.Command("SYSTem:REMote", do=_go_remote),
-    scpi.Command("SYSTem:RWLock", do=_go_remote),
+    *SERIAL_COMMANDS,
     scpi.Command("*TST", query=lambda _: "0", query_takes_s=_SELF_TEST_S),
-    scpi.Command("*SAV", _SLOT, do=_save),
-    scpi.Command("*RCL", _SLOT, do=_recall, takes_s=_RECALL_S),
+    remote(scpi.Command("*SAV", _SLOT, do=lambda supply, slot: supply.save(slot))),
+    remote(scpi.Command("*RCL", _SLOT, do=lambda supply, slot: supply.recall(slot), takes_s=_RECALL_S)),
 )
 
 STATUS_COMMANDS = (
@@ -113,14 +71,20 @@ STATUS_COMMANDS = (
     scpi.enable("STATus:QUEStionable:ENABle", "questionable"),
     scpi.event("STATus:QUEStionable:INSTrument[:EVENt]", lambda supply: supply.instrument_summary),
     scpi.enable("STATus:QUEStionable:INSTrument:ENABle", "instrument_summary"),
-    scpi.Command("STATus:QUEStionable:INSTrument:ISUMmary<1-3>[:EVENt]", query=_summary_event, reply=scpi.bare_integer),
     scpi.Command(
-        "STATus:QUEStionable:INSTrument:ISUMmary<1-3>:CONDition", query=_summary_condition, reply=scpi.bare_integer
+        "STATus:QUEStionable:INSTrument:ISUMmary<1-3>[:EVENt]",
+        query=lambda supply, number: _summary(supply, number).read_event(),
+        reply=scpi.bare_integer,
+    ),
+    scpi.Command(
+        "STATus:QUEStionable:INSTrument:ISUMmary<1-3>:CONDition",
+        query=lambda supply, number: _summary(supply, number).condition,
+        reply=scpi.bare_integer,
     ),
     scpi.Command(
         "STATus:QUEStionable:INSTrument:ISUMmary<1-3>:ENABle",
         (scpi.MASK_16,),
-        do=_set_summary_enable,
+        do=lambda supply, number, mask: setattr(_summary(supply, number), "enable", mask),
         query=lambda supply, number: _summary(supply, number).enable,
         query_parameters=(),
         reply=scpi.bare_integer,

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
 ROWS = Rows()
-"""Rows that stand on their handlers."""
 
 _NR3 = real(8)
 _DBM_OHMS = (50, 75, 93, 110, 124, 125, 135, 150, 250, 300, 500, 600, 800, 900, 1000, 1200, 8000)

@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 _NR3 = scpi.real(8)
 

@@ -57,10 +57,11 @@ class SimulatedHp34401A(scpi.ScpiTwin):
         mains_hz: line frequency, which sets what a power line cycle is (sensed at power-on; 400 Hz counts as 50).
         source_ohm: resistance of the node, which the input resistance loads.
         sense: the node on its sense terminals, for ratios and four-wire resistance; None leaves them open.
-        interface: "gpib" or "rs232", one of which is selected on the front panel.
+        interface: "gpib" or "rs232", one of which is selected on the front panel; None is the usual one, the first.
         model: what it calls itself, where it stands for a meter that speaks the same words.
     """
 
+    own_name: ClassVar = "34401A"
     errors_class: ClassVar = MeterErrors
     interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"gpib": scpi.GPIB, "rs232": scpi.RS232})
     functions: ClassVar[Mapping[str, Function]] = BY_NAME
@@ -77,18 +78,18 @@ class SimulatedHp34401A(scpi.ScpiTwin):
         mains_hz: float = 50.0,
         source_ohm: float = 0.0,
         sense: str | None = None,
-        interface: str = "gpib",
+        interface: str | None = None,
         model: str | None = None,
     ) -> None:
-        self._model = model or "34401A"
+        self._model = model or self.own_name
         self.world = world
         self.clock = world.clock
-        line_hz = 50.0 if mains_hz > 360.0 else mains_hz
+        self.line_hz = 60 if mains_hz == 60.0 else 50
         self.inputs = Inputs(
             world,
             node,
             errors,
-            mains_hz=line_hz,
+            mains_hz=50.0 if mains_hz > 360.0 else mains_hz,
             source_ohm=source_ohm,
             sense=sense,
             fast_apertures_s=self.fast_apertures_s,
@@ -97,7 +98,12 @@ class SimulatedHp34401A(scpi.ScpiTwin):
         self.questionable = scpi.Register()
         status = scpi.Status({3: self.questionable})
         self.engine = scpi.ScpiEngine(
-            self, self.table, world.clock, dialect=self.dialect, interface=self.interfaces[interface], status=status
+            self,
+            self.table,
+            world.clock,
+            dialect=self.dialect,
+            interface=self.interfaces[interface or next(iter(self.interfaces))],
+            status=status,
         )
         self.math = Math()
         self.triggering = self.made_trigger_system()

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from simrack.instruments.hp34401a.trigger import TriggerSequence, TriggerSystem
 
 ROWS = Rows()
-"""Rows that stand on their handlers."""
 
 _FUNCTION_CHANGE_S = 1 / 26
 """Function changes a second over the bus (p. 217)."""

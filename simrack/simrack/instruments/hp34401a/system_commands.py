@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from simrack.scpi import RS232, Boolean, Command, Rows, ScpiError, Text, attribute, boolean, enable, event, quoted
+from simrack.scpi.common import SERIAL_COMMANDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -12,26 +13,9 @@ if TYPE_CHECKING:
     from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
 ROWS = Rows()
-"""Rows that stand on their handlers."""
 
 _SELF_TEST_S = 15.0
 """*TST? (p. 86: about 15 s)."""
-
-
-def _require_rs232(meter: SimulatedHp34401A) -> None:
-    if meter.engine.interface is not RS232:
-        raise ScpiError(514)
-
-
-@ROWS.do("SYSTem:LOCal")
-def _go_local(meter: SimulatedHp34401A) -> None:
-    _require_rs232(meter)
-    meter.local = True
-
-
-def _go_remote(meter: SimulatedHp34401A) -> None:
-    _require_rs232(meter)
-    meter.local = False
 
 
 @ROWS.query("*TST", query_takes_s=_SELF_TEST_S)
@@ -64,8 +48,7 @@ COMMANDS = (
     Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
     attribute("SYSTem:BEEPer:STATe", Boolean(), "beeper", boolean),
     Command("SYSTem:VERSion", query=lambda _: "1991.0"),
-    Command("SYSTem:REMote", do=_go_remote),
-    Command("SYSTem:RWLock", do=_go_remote),
+    *SERIAL_COMMANDS,
     Command("L1", do=_language(1)),
     Command("L2", do=_language(2)),
     Command("L3", do=_language(3)),

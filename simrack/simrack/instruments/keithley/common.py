@@ -18,15 +18,17 @@ from simrack.scpi import (
     Integer,
     Limits,
     Number,
-    Pending,
+    ScpiError,
+    Text,
     attribute,
     boolean,
+    quoted,
     real,
     signed_integer,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
 
     import numpy as np
 
@@ -60,6 +62,16 @@ _HEADERS = MappingProxyType(
         "FRES": "FRESistance",
     }
 )
+_SHORT = {
+    "VOLTAGE": "VOLT",
+    "CURRENT": "CURR",
+    "RESISTANCE": "RES",
+    "FRESISTANCE": "FRES",
+    "FREQUENCY": "FREQ",
+    "PERIOD": "PER",
+    "CONTINUITY": "CONT",
+    "DIODE": "DIOD",
+}
 ERROR_WORDS = {-222: "Parameter data out of range", -230: "Data corrupt or stale"}
 """Words that differ from SCPI's (manuals of both, as users quote them)."""
 UNITS = MappingProxyType(
@@ -102,18 +114,26 @@ def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
     del meter, values
 
 
-def once_idle(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
-    """Return the value of `outcome`, once the measurement is at its end."""
-    if meter.triggering.sequence is None:
-        return outcome()
-    return Pending(lambda: meter.clock.now() if meter.triggering.sequence is None else None, outcome)
+def function_command(pattern: str) -> Command:
+    """Declare the choice of a function by name: VOLT:DC, VOLTage, RESistance."""
+
+    def choose(meter: SimulatedTruevolt, name: str) -> None:
+        known = ":".join(_SHORT.get(word, word) for word in name.strip().upper().split(":")).removesuffix(":DC")
+        if known not in NAMES:
+            raise ScpiError(-224)
+        meter.choose(meter.functions[known])
+
+    return Command(pattern, (Text(),), do=choose, query=lambda meter: NAMES[meter.function.name], reply=quoted)
 
 
-def spelled(name: str) -> str:
-    """Return the 34401A's name of a function that Keithley spells VOLT:DC, VOLTage, RESistance."""
-    words = name.strip().upper().replace("FRESISTANCE", "FRES").replace("CONTINUITY", "CONT").replace("DIODE", "DIOD")
-    long = {"VOLTAGE": "VOLT", "CURRENT": "CURR", "RESISTANCE": "RES", "FREQUENCY": "FREQ", "PERIOD": "PER"}
-    return ":".join(long.get(word, word) for word in words.split(":")).removesuffix(":DC")
+def digits_commands(functions: Mapping[str, Function], root: str, limits: Limits) -> tuple[Command, ...]:
+    """Declare the digits of each function, which are only shown."""
+    return tuple(
+        attribute(
+            f"{root}{functions[name].header}:DIGits", Integer(limits=limits), f"kept[{name}].digits", signed_integer
+        )
+        for name in NAMES
+    )
 
 
 def with_sense(commands: Iterable[Command]) -> tuple[Command, ...]:

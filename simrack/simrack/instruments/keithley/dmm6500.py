@@ -18,6 +18,7 @@ from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
+from simrack.instruments.truevolt.measuring_commands import once_idle
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from simrack.scpi import Interface
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 _SHEET = specifications.KEITHLEY_DMM6500
 _BUFFER = 100_000
@@ -97,7 +97,7 @@ def _take(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
 @ROWS.query("READ", query_parameters=(*_NAMED, _ELEMENTS), repeat=True)
 def _read(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str) -> Any:
     _take(meter, buffer)
-    return common.once_idle(meter, lambda: _last(meter, elements))
+    return once_idle(meter, lambda: _last(meter, elements))
 
 
 def _measure(name: str) -> Any:
@@ -156,13 +156,6 @@ def _initiate(meter: KeithleyDMM6500Twin) -> None:
     meter.triggering.start(stored=True)
 
 
-def _choose(meter: KeithleyDMM6500Twin, name: str) -> None:
-    known = common.spelled(name)
-    if known not in common.NAMES:
-        raise scpi.ScpiError(-224)
-    meter.choose(meter.functions[known])
-
-
 def _zero(name: str) -> scpi.Command:
     return scpi.Command(
         f"[SENSe:]{_FUNCTIONS[name].header}:AZERo[:STATe]",
@@ -183,7 +176,7 @@ def _fetch(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str
 def _trace(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
     """TRACe:TRIGger: make readings; later commands wait for them."""
     _take(meter, buffer)
-    return common.once_idle(meter, lambda: None)
+    return once_idle(meter, lambda: None)
 
 
 @ROWS.do("TRACe:CLEar", _NAMED)
@@ -196,24 +189,10 @@ _COMMANDS = (
     *ROWS,
     *scpi.COMMON_COMMANDS,
     scpi.Command("*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set),
-    scpi.Command(
-        "[SENSe:]FUNCtion[:ON]",
-        (scpi.Text(),),
-        do=_choose,
-        query=lambda m: common.NAMES[m.function.name],
-        reply=scpi.quoted,
-    ),
+    common.function_command("[SENSe:]FUNCtion[:ON]"),
     *common.settings_of_functions(_FUNCTIONS, (0.0005, 12.0), "RELative"),
     *(_zero(name) for name in ("VOLT", "RES", "FRES")),
-    *(
-        scpi.attribute(
-            f"DISPlay:{_FUNCTIONS[name].header}:DIGits",
-            scpi.Integer(limits=scpi.Limits(3, 6)),
-            f"kept[{name}].digits",
-            scpi.signed_integer,
-        )
-        for name in common.NAMES
-    ),
+    *common.digits_commands(_FUNCTIONS, "DISPlay:", scpi.Limits(3, 6)),
     scpi.Command("[SENSe:]AZERo:ONCE", do=common.ignored),
     scpi.attribute("[SENSe:]COUNt", scpi.Integer(limits=scpi.Limits(1, 1_000_000)), "samples", scpi.signed_integer),
     *(
@@ -262,6 +241,7 @@ _TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 class KeithleyDMM6500Twin(SimulatedTruevolt):
     """The meter; arguments as of the 34401A."""
 
+    own_name: ClassVar = "DMM6500"
     errors_class: ClassVar = Errors6500
     kind: ClassVar[MeterKind] = MeterKind("DMM6500", "1.7.12b", _SHEET, memory=_BUFFER, most_readings=1_000_000)
     functions: ClassVar[Mapping[str, Function]] = _FUNCTIONS

@@ -19,6 +19,7 @@ from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
+from simrack.instruments.truevolt.measuring_commands import once_idle
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from simrack.scpi import Interface
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 _SHEET = specifications.KEITHLEY_2000
 _NR3 = scpi.real(8)
@@ -83,7 +83,7 @@ def _read(meter: Keithley2000Twin) -> Any:
         raise scpi.ScpiError(-213)
     meter.triggering.abort()
     meter.triggering.start(stored=True)
-    return common.once_idle(meter, lambda: _formatted(meter, meter.triggering.memory))
+    return once_idle(meter, lambda: _formatted(meter, meter.triggering.memory))
 
 
 @ROWS.do("INITiate[:IMMediate]")
@@ -97,24 +97,29 @@ def _fetch(meter: Keithley2000Twin) -> Any:
     """FETCh?: the latest reading; while it measures by itself the next one."""
     if meter.continuous and meter.triggering.sequence is None:
         meter.triggering.start(stored=True)
-        return common.once_idle(meter, lambda: _formatted(meter, [meter.ring.last]))
+        return once_idle(meter, lambda: _formatted(meter, [meter.ring.last]))
     if meter.ring.last is None:
         raise scpi.ScpiError(-230)
     return _formatted(meter, [meter.ring.last])
 
 
-def _choose(meter: Keithley2000Twin, name: str) -> None:
-    known = common.spelled(name)
-    if known not in common.NAMES:
-        raise scpi.ScpiError(-224)
-    meter.choose(meter.functions[known])
-
-
+@ROWS.do(
+    "SYSTem:AZERo[:STATe]",
+    (scpi.Boolean(),),
+    query=lambda meter: meter.autozeroes("VOLT"),
+    reply=scpi.boolean,
+)
 def _set_azero(meter: Keithley2000Twin, state: object) -> None:
     for name in common.NAMES:
         meter.set_autozero(name, on=bool(state))
 
 
+@ROWS.do(
+    "TRIGger[:SEQuence]:DELay",
+    (scpi.Number(unit="S", limits=scpi.Limits(0.0, 999_999.999, 0.0)),),
+    query=lambda meter: meter.delay_s(),
+    reply=_NR3,
+)
 def _set_delay(meter: Keithley2000Twin, seconds: float) -> None:
     meter.triggering.delay_s, meter.triggering.delay_auto = seconds, False
 
@@ -150,23 +155,9 @@ _COMMANDS = (
         for name in common.NAMES
     ),
     scpi.Command("CONFigure", query=lambda meter: common.NAMES[meter.function.name], reply=scpi.quoted),
-    scpi.Command(
-        "[SENSe:]FUNCtion",
-        (scpi.Text(),),
-        do=_choose,
-        query=lambda meter: common.NAMES[meter.function.name],
-        reply=scpi.quoted,
-    ),
+    common.function_command("[SENSe:]FUNCtion"),
     *common.settings_of_functions(_FUNCTIONS, (0.01, 10.0), "REFerence"),
-    *(
-        scpi.attribute(
-            f"[SENSe:]{_FUNCTIONS[name].header}:DIGits",
-            scpi.Integer(limits=scpi.Limits(4, 7)),
-            f"kept[{name}].digits",
-            scpi.signed_integer,
-        )
-        for name in common.NAMES
-    ),
+    *common.digits_commands(_FUNCTIONS, "[SENSe:]", scpi.Limits(4, 7)),
     scpi.Command("[SENSe:]DATA[:LATest]", query=_fetch),
     scpi.Command("[SENSe:]DATA:FRESh", query=_fetch),
     scpi.Command("READ", query=_read),
@@ -183,13 +174,6 @@ _COMMANDS = (
     scpi.attribute(
         "SAMPle:COUNt", scpi.Integer(limits=scpi.Limits(1, _BUFFER, 1)), "triggering.sample_count", scpi.signed_integer
     ),
-    scpi.Command(
-        "TRIGger[:SEQuence]:DELay",
-        (scpi.Number(unit="S", limits=scpi.Limits(0.0, 999_999.999, 0.0)),),
-        do=_set_delay,
-        query=lambda meter: meter.delay_s(),
-        reply=_NR3,
-    ),
     scpi.attribute("TRIGger[:SEQuence]:DELay:AUTO", scpi.Boolean(), "triggering.delay_auto", scpi.boolean),
     scpi.attribute("TRIGger[:SEQuence]:SOURce", scpi.Choice(("IMMediate", "BUS", "EXTernal")), "triggering.source"),
     scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
@@ -205,13 +189,6 @@ _COMMANDS = (
         do=lambda meter, *elements: setattr(meter, "elements", elements),
         query=lambda meter: ",".join(meter.elements),
         repeat=True,
-    ),
-    scpi.Command(
-        "SYSTem:AZERo[:STATe]",
-        (scpi.Boolean(),),
-        do=_set_azero,
-        query=lambda meter: meter.autozeroes("VOLT"),
-        reply=scpi.boolean,
     ),
     scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=common.ignored),
     scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
@@ -250,6 +227,7 @@ _TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 class Keithley2000Twin(SimulatedTruevolt):
     """The meter; arguments as of the 34401A."""
 
+    own_name: ClassVar = "2000"
     errors_class: ClassVar = Errors2000
     kind: ClassVar[MeterKind] = MeterKind("2000", "A20  /A02", _SHEET, memory=_BUFFER, most_readings=_BUFFER)
     functions: ClassVar[Mapping[str, Function]] = _FUNCTIONS

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from simrack.instruments.trueform.instrument import SimulatedTrueform as _Model
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 _FIFTEEN = scpi.real(15)
 _THIRTEEN = ("[SOURce:]VOLTage", "[SOURce:]VOLTage:OFFSet", "[SOURce:]PHASe[:ADJust]", "[SOURce:]BURSt:PHASe")

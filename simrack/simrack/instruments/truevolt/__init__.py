@@ -35,6 +35,7 @@ class TruevoltTwin(SimulatedTruevolt):
         fast = known.fast_apertures_s if fast_apertures_s is None else fast_apertures_s
         kind = replace(known, model=model, memory=memory, fast_apertures_s=fast)
         own = {
+            "own_name": model,
             "errors_class": errors_of(kind),
             "kind": kind,
             "functions": kind.functions(),

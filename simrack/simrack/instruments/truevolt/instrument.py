@@ -68,48 +68,12 @@ def errors_of(kind: MeterKind) -> type[MeterErrors]:
 
 
 class SimulatedTruevolt(SimulatedHp34401A):
-    """A meter of the series.
-
-    Args:
-        world: the World, or leads to it.
-        node: the node on its input terminals.
-        errors: imperfections of this specimen.
-        mains_hz: line frequency.
-        source_ohm: resistance of the node, which the input resistance loads.
-        sense: the node on its sense terminals; None leaves them open.
-        interface: "gpib", "usb" or "lan".
-        model: what it calls itself.
-    """
+    """A meter of the series; arguments as of the 34401A, `interface` is "usb", "gpib" or "lan"."""
 
     kind: ClassVar[MeterKind]
     dialect: ClassVar[Dialect] = _DIALECT
-    interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"gpib": GPIB, "usb": USB, "lan": LAN})
-
-    def __init__(
-        self,
-        world: Any,
-        *,
-        node: str = "output",
-        errors: MeterErrors,
-        mains_hz: float = 50.0,
-        source_ohm: float = 0.0,
-        sense: str | None = None,
-        interface: str = "usb",
-        model: str | None = None,
-    ) -> None:
-        self.identifies_as = "DEF"
-        self.line_hz = 60 if mains_hz == 60.0 else 50
-        self.operation = Register()
-        super().__init__(
-            world,
-            node=node,
-            errors=errors,
-            mains_hz=mains_hz,
-            source_ohm=source_ohm,
-            sense=sense,
-            interface=interface,
-            model=model or self.kind.model,
-        )
+    interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"usb": USB, "gpib": GPIB, "lan": LAN})
+    identifies_as = "DEF"
 
     def data_sheet(self) -> VoltmeterSpecification:
         """Return the data sheet of the model's direct voltages."""
@@ -117,6 +81,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
 
     def made_trigger_system(self) -> TriggerSystem:
         """Return the trigger system: a memory that forgets the oldest readings."""
+        self.operation = Register()
         self.ring = RingTriggerSystem(
             self.clock,
             self._begin_reading,

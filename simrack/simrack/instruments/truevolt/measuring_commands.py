@@ -44,7 +44,7 @@ def forgetting(command: scpi.Command) -> scpi.Command:
     return replace(command, do=change)
 
 
-def _finished(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
+def once_idle(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
     """Return the value of `outcome`, once the measurement is at its end."""
     if meter.triggering.sequence is None:
         return outcome()
@@ -56,7 +56,7 @@ def _read(meter: SimulatedTruevolt) -> Any:
     if meter.triggering.source == "BUS":
         raise scpi.ScpiError(-214)
     meter.triggering.start(stored=True)
-    return _finished(meter, lambda: list(meter.triggering.memory))
+    return once_idle(meter, lambda: list(meter.triggering.memory))
 
 
 def _fetch(meter: SimulatedTruevolt) -> Any:
@@ -65,12 +65,7 @@ def _fetch(meter: SimulatedTruevolt) -> Any:
             raise scpi.ScpiError(-230)
         return list(meter.triggering.memory)
 
-    return _finished(meter, stored)
-
-
-def _take_now(meter: SimulatedTruevolt, most: int | None) -> bytes:
-    taken = meter.ring.take(most or meter.kind.memory)
-    return scpi.block(_READINGS(taken).encode())
+    return once_idle(meter, stored)
 
 
 def _take_whole(meter: SimulatedTruevolt, count: int, wait: str | None) -> Any:
@@ -112,7 +107,10 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
         scpi.Command("FETCh", query=_fetch, reply=_READINGS),
         scpi.Command(
-            "R", query=_take_now, query_parameters=(scpi.Integer(limits=scpi.Limits(1, 2e6), required=False),)
+            "R",
+            query=lambda meter, most: _READINGS(meter.ring.take(most or meter.kind.memory)).encode(),
+            query_parameters=(scpi.Integer(limits=scpi.Limits(1, 2e6), required=False),),
+            reply=scpi.block,
         ),
         scpi.Command(
             "DATA:REMove",

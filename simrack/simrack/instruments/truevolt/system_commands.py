@@ -16,14 +16,8 @@ _TEXT_LIMIT = 40
 """Characters on the display (users' drivers)."""
 
 
-def _self_test(meter: SimulatedTruevolt) -> str:
-    meter.forget()
-    return "+0"
-
-
 def _preset_status(meter: SimulatedTruevolt) -> None:
-    meter.questionable.enable = 0
-    meter.operation.enable = 0
+    meter.questionable.enable = meter.operation.enable = 0
 
 
 def _identities(kind: MeterKind) -> tuple[str, ...]:
@@ -50,7 +44,7 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.Command("SYSTem:PRESet", do=lambda meter: meter.reset()),
         scpi.Command("SYSTem:VERSion", query=lambda _meter: "1994.0"),
         scpi.Command("*OPT", query=lambda _meter: "0,0,0"),
-        scpi.Command("*TST", query=_self_test, query_takes_s=_SELF_TEST_S),
+        scpi.Command("*TST", query=lambda meter: meter.forget() or "+0", query_takes_s=_SELF_TEST_S),
         *scpi.status_commands("OPERation", "operation"),
         *scpi.status_commands("QUEStionable", "questionable"),
         scpi.remembered("FORMat[:DATA]", scpi.Choice(("ASCii", "REAL")), "ASC"),

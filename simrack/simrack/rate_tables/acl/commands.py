@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
@@ -199,8 +200,8 @@ class LimitCommands:
         return {
             "Limit": self._set,
             **self._COMMANDS.bound(self),
-            **{path: self._setter(name) for path, name in _OF_A_MODE.items()},
-            **{path: self._overall_setter(name) for path, name in _OVERALL.items()},
+            **{path: partial(self._set_one, name) for path, name in _OF_A_MODE.items()},
+            **{path: partial(self._set_one_overall, name) for path, name in _OVERALL.items()},
         }
 
     def queries(self) -> dict[str, language.Query]:
@@ -209,21 +210,9 @@ class LimitCommands:
             "Limit": self._ask,
             "Limit:Absolute": lambda a: language.listed(a, *FACTORY.values(), *FACTORY_OVERALL.values()),
             "Limit:Global": lambda a: language.listed(a, *self._limits.overall.values()),
-            **{path: self._asker(name) for path, name in _OF_A_MODE.items()},
-            **{path: self._overall_asker(name) for path, name in _OVERALL.items()},
+            **{path: partial(self._ask_one, name) for path, name in _OF_A_MODE.items()},
+            **{path: partial(self._ask_one_overall, name) for path, name in _OVERALL.items()},
         }
-
-    def _setter(self, name: str) -> language.Action:
-        return lambda arguments: self._set_one(arguments, name)
-
-    def _asker(self, name: str) -> language.Query:
-        return lambda arguments: self._ask_one(arguments, name)
-
-    def _overall_setter(self, name: str) -> language.Action:
-        return lambda arguments: self._set_one_overall(arguments, name)
-
-    def _overall_asker(self, name: str) -> language.Query:
-        return lambda arguments: self._ask_one_overall(arguments, name)
 
     def _set(self, arguments: language.Arguments) -> None:
         axis, mode, *values = language.counted(arguments, 5)
@@ -231,7 +220,7 @@ class LimitCommands:
         wanted = AxisLimits(*(language.number(value) for value in values))
         self._change(language.word(mode, language.MODES), wanted)
 
-    def _set_one(self, arguments: language.Arguments, name: str) -> None:
+    def _set_one(self, name: str, arguments: language.Arguments) -> None:
         mode, axis, value = language.counted(arguments, 3)
         language.check_axis((axis,))
         mode = language.word(mode, language.MODES)
@@ -242,7 +231,7 @@ class LimitCommands:
         if mode == self._profiler.mode:
             self._profiler.follow()
 
-    def _set_one_overall(self, arguments: language.Arguments, name: str) -> None:
+    def _set_one_overall(self, name: str, arguments: language.Arguments) -> None:
         # the mode is there for Act2000's sake; the ACUTROL3000 has one value for all (TM-8004-C 4.6.4)
         mode, axis, value = language.counted(arguments, 3)
         language.word(mode, language.MODES)
@@ -259,12 +248,12 @@ class LimitCommands:
         axis, mode = language.counted(arguments, 2)
         return language.listed((axis,), *self._limits.of(language.word(mode, language.MODES)).values())
 
-    def _ask_one(self, arguments: language.Arguments, name: str) -> str:
+    def _ask_one(self, name: str, arguments: language.Arguments) -> str:
         mode, axis = language.counted(arguments, 2)
         language.check_axis((axis,), everything=False)
         return language.decimal(getattr(self._limits.of(language.word(mode, language.MODES)), name))
 
-    def _ask_one_overall(self, arguments: language.Arguments, name: str) -> str:
+    def _ask_one_overall(self, name: str, arguments: language.Arguments) -> str:
         # the manual's examples ask both "? P,3" and "? 2"
         language.check_axis(arguments[-1:], everything=False)
         return language.decimal(getattr(self._limits.overall, name))
@@ -280,15 +269,12 @@ class ModeCommands:
         """Return how a mode is selected."""
         return {
             "Mode": self._set,
-            **{f"Mode:{mode}": self._selector(mode) for mode in language.MODES if mode != "Abort"},
+            **{f"Mode:{mode}": partial(self._select, mode) for mode in language.MODES if mode != "Abort"},
         }
 
     def queries(self) -> dict[str, language.Query]:
         """Return how the mode is asked for."""
         return {"Mode": self._ask}
-
-    def _selector(self, mode: str) -> language.Action:
-        return lambda arguments: self._select(mode, arguments)
 
     def _select(self, mode: str, arguments: language.Arguments) -> None:
         language.check_axis(arguments, most=2 if mode == "Track" else 1)
