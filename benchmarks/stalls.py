@@ -1,18 +1,27 @@
-"""The longest computation in one piece that a client of a served desk can ask for, measurement by measurement.
+"""How long one client of a served desk can hold the others up, measurement by measurement.
 
 A server looks at its other clients between the calls of a device, and between the slices of what is worked out in
 slices. So every measurement of each meter and oscilloscope is asked, in this process, of every waveform of each
 generator, and the longest call or slice is noted, in processor time of its thread. The bar is 20 ms.
-`stalls.py WORD...` asks only cells whose names hold the words, and prints each.
+`stalls.py WORD...` asks only cells whose names hold the words, and prints each, and how many were not answered.
+`stalls.py --served` asks a served desk for the longest of them, and all the while the supply for its `*IDN?`, which it
+asks for first while nobody else does.
 """
 
 from __future__ import annotations
 
+import json
+import subprocess
 import sys
 import time
+from contextlib import ExitStack
+from importlib import import_module
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from measure import Figure, report
+from neighbours import asked, figures_of, waits
 from simrack.attendance import AttendedClock
 from simrack.clock import VirtualClock
 from simrack.instruments.agilent33220a import Agilent33220ATwin
@@ -22,7 +31,9 @@ from simrack.instruments.infiniivision import InfiniiVisionXTwin
 from simrack.instruments.keithley import Keithley2000Twin, KeithleyDMM6500Twin
 from simrack.instruments.trueform import TrueformTwin
 from simrack.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin
+from simrack.serve.server import NEEDED_LATER
 from simrack.wired import WiredWorld
+from tcp import connected, port_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -66,22 +77,27 @@ MODULATIONS = {
 FIXED = ("noise", "level")
 """What nothing modulates."""
 GENERATORS = {"33220A": Agilent33220ATwin, "33522B": TrueformTwin.of_model("33522B", 30e6)}
-_MEASURED = ("VOLT:DC", "VOLT:AC", "FREQ", "PER")
-_CONFIGURED = ("CONF:FREQ;:VOLT:RANG:AUTO ON;:FREQ:APER 1;:DET:BAND 3;:READ?", "CONF:VOLT:AC;:DET:BAND 3;:READ?")
+_MEASURED = tuple(f"MEAS:{each}?" for each in ("VOLT:DC", "VOLT:AC", "FREQ", "PER"))
+_SLOWLY = ("CONF:FREQ;:FREQ:VOLT:RANG:AUTO ON;:FREQ:APER 1;:{};:READ?", "CONF:VOLT:AC;:{};:READ?")
 _SCOPE = (
     *(":MEAS:FREQ? CHAN1", ":MEAS:VPP? CHAN1", ":MEAS:COUN? CHAN1", ":AUT;*OPC?"),
     *(f":TIM:RANG {span};:DIG CHAN1;*OPC?;:MEAS:FREQ?;:MEAS:VRMS?;:MEAS:RIS?" for span in ("5E-9", "1E-3", "1")),
     ":ACQ:TYPE AVER;COUN 64;:TIM:RANG 1E-3;:DIG CHAN1;*OPC?;:WAV:DATA?",
     ":TIM:RANG 1E-3;:CHAN1:COUP AC;BWL ON;:DIG CHAN1;*OPC?;:WAV:POIN:MODE MAX;:WAV:POIN 8000000;:WAV:DATA?",
+    *(
+        f":ACQ:TYPE {each};:TIM:RANG 1E-2;:DIG CHAN1;*OPC?;:MEAS:VPP?;:MEAS:VTOP?;:MEAS:PER?"
+        for each in ("PEAK", "HRES")
+    ),
+    ":DIG CHAN1;*OPC?;:DISP:DATA? BMP8",
 )
-_METER = (*(f"MEAS:{each}?" for each in _MEASURED), *_CONFIGURED)
-_KEITHLEY = tuple(f"MEAS:{each}?" for each in _MEASURED)
+_CLASSIC = (*_MEASURED, *(each.format("DET:BAND 3") for each in _SLOWLY))
+_TRUEVOLT = (*_MEASURED, *(each.format("VOLT:AC:BAND 3") for each in _SLOWLY))
 METERS = {
-    "34401A": (Hp34401ATwin, _METER),
-    "34461A": (Keysight34461ATwin, _METER),
-    "34465A": (Keysight34465ATwin, _METER),
-    "2000": (Keithley2000Twin, _KEITHLEY),
-    "DMM6500": (KeithleyDMM6500Twin, _KEITHLEY),
+    "34401A": (Hp34401ATwin, _CLASSIC),
+    "34461A": (Keysight34461ATwin, _TRUEVOLT),
+    "34465A": (Keysight34465ATwin, _TRUEVOLT),
+    "2000": (Keithley2000Twin, _MEASURED),
+    "DMM6500": (KeithleyDMM6500Twin, _MEASURED),
 }
 SCOPES = {"DSO7104B": (Dso7104BTwin, _SCOPE), "DSOX3024A": (InfiniiVisionXTwin, _SCOPE)}
 
@@ -121,6 +137,8 @@ class Watched:
 
 def cells(words: tuple[str, ...] = ()) -> Iterator[tuple[str, float, bytes]]:
     """Yield the name of each cell, its longest piece, s, and its answer."""
+    for module in NEEDED_LATER:
+        import_module(module)
     for generator, made in GENERATORS.items():
         for shape, apply in SHAPES.items():
             for modulation, modulate in MODULATIONS.items():
@@ -154,12 +172,54 @@ def cell(made: Any, apply: str, modulate: str, model: Any, question: str) -> tup
     return observer.longest_s, answer
 
 
+SERVED = (
+    ("APPL:SIN 20E6,2,0;:FM:DEV 1;:FM:STAT ON", "multimeter", "MEAS:FREQ?"),
+    ("APPL:SQU 1E3,2,0;:BURS:NCYC 3;:BURS:INT:PER 0.01;:BURS:STAT ON", "multimeter", "MEAS:VOLT:AC?"),
+    ("APPL:SQU 10,2,0", "multimeter", "MEAS:VOLT:AC?"),
+    *(("APPL:SIN 20E6,2,0", "oscilloscope", each) for each in _SCOPE),
+)
+"""What a neighbour waits for longest: the generator's signal, who is asked, and what."""
+
+
+def served(times: int = 3) -> list[Figure]:
+    """Return how long the supply's *IDN? takes while nobody else is there, and while each of the longest is asked."""
+    with ExitStack() as stack:
+        command = [sys.executable, "-m", "simrack", "serve", "--json", "--speed", "max"]
+        process = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        stack.callback(process.terminate)
+        assert process.stdout is not None  # noqa: S101
+        said = json.loads(process.stdout.readline())
+        roles = ("power", "generator", "multimeter", "oscilloscope")
+        wires = {role: stack.enter_context(connected(port_of(said, role))) for role in roles}
+        found = figures_of("nobody else", waits([(wires["power"], b"*IDN?\n")], 10.0))
+        for signal, role, question in SERVED:
+            wires["generator"].sendall(f"*RST;:{signal};:OUTP ON\n".encode())
+            message, took = b"*RST;:" + question.encode() + b"\n", list[Any]()
+
+            def ask(wire: Any = wires[role], message: bytes = message) -> None:
+                for _ in range(times):
+                    asked(wire, message)
+
+            asker = Thread(target=ask)
+            asker.start()
+            while asker.is_alive():
+                took.append(waits([(wires["power"], b"*IDN?\n")], 0.05))
+            found += figures_of(f"{signal}, {role} {question}", np.concatenate(took))
+    return found
+
+
 def figures(words: tuple[str, ...] = ("33220A sine 20 MHz FM", "34401A")) -> list[Figure]:
-    longest = max(seconds for _, seconds, _ in cells(words))
+    longest = max(seconds if answer else LONGEST_S for _, seconds, answer in cells(words))
     name = f"stalls: longest piece of {' '.join(words)}"
     return [report(Figure(name, 1e3 * longest, "ms", bar=BAR_MS, gross=10 * BAR_MS))]
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] == ["--served"]:
+        served()
+        sys.exit()
+    silent = 0
     for cell_, seconds_, answer_ in cells(tuple(sys.argv[1:])):
         print(f"{1e3 * seconds_:8.1f} ms  {cell_}  {answer_[:60]!r}", flush=True)
+        silent += not answer_
+    sys.exit(f"{silent} were not answered" if silent else 0)

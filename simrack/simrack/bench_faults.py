@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from simrack.scpi import INFINITY, ScpiTwin
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
+    from simrack.clock import Clock
     from simrack.faults import Fault
 
 _POWER_ON = 128
 
 
-def _overdrive(device: Any, _fault: Fault) -> Callable[[], None]:
-    inputs = device.inputs
-    device.inputs = _Overdriven(inputs)
-    return lambda: setattr(device, "inputs", inputs)
+def _replaced(device: Any, part: str, stand_in: Any) -> Callable[[], None]:
+    """Put something in the place of a part of an instrument; return how it comes back."""
+    kept = getattr(device, part)
+    setattr(device, part, stand_in)
+    return lambda: setattr(device, part, kept)
 
 
 class _Overdriven:
@@ -37,19 +43,13 @@ class _Overdriven:
         return type(reading)(reading.end_s, lambda: INFINITY)
 
 
-def _shift(device: Any, fault: Fault) -> Callable[[], None]:
-    inputs, clock = device.inputs, device.engine.clock
-    begun_s = clock.now()
-    device.inputs = _Shifted(inputs, lambda: fault.offset + fault.drift_s * (clock.now() - begun_s))
-    return lambda: setattr(device, "inputs", inputs)
-
-
 class _Shifted:
     """The input stage of a multimeter that reads too much."""
 
-    def __init__(self, inputs: Any, offset: Callable[[], float]) -> None:
+    def __init__(self, inputs: Any, clock: Clock, fault: Fault) -> None:
         self._inputs = inputs
-        self._offset = offset
+        begun_s = clock.now()
+        self._offset: Callable[[], float] = lambda: fault.offset + fault.drift_s * (clock.now() - begun_s)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inputs, name)
@@ -58,18 +58,17 @@ class _Shifted:
         return self._shifted(self._inputs.begin(*arguments, **settings))
 
     def _shifted(self, reading: Any) -> Any:
-        def value() -> Any:
-            read = reading.value()
-            if isinstance(read, type(reading)):  # it needs a further one
+        def shifted(read: Any) -> Any:
+            if isinstance(read, Struct):  # it needs a further reading
                 return self._shifted(read)
             return read if abs(read) >= INFINITY else read + self._offset()
 
-        return type(reading)(reading.end_s, value)
+        def labour() -> Generator[None, None, Any]:
+            outcome = yield from reading.labour()
+            return shifted(outcome)
 
-
-def _exchange(device: Any, fault: Fault) -> Callable[[], None]:
-    device.identity = lambda: fault.identity
-    return lambda: delattr(device, "identity")
+        sliced = None if reading.labour is None else labour
+        return replace(reading, value=lambda: shifted(reading.value()), labour=sliced)
 
 
 def _restart(device: Any, _fault: Fault) -> Callable[[], None]:
@@ -112,25 +111,26 @@ class _Shorted:
         return float(self._world.rail_current_a(rail, voltage_v)) + abs(voltage_v) / self._load_ohm
 
 
-def _open_interlock(device: Any, fault: Fault) -> Callable[[], None]:
-    device.set_interlock(fault.kind, faulty=True)
-    return lambda: device.set_interlock(fault.kind, faulty=False)
-
-
-def _hold(device: Any, _fault: Fault) -> Callable[[], None]:
-    device.jam(held=True)
-    return lambda: device.jam(held=False)
+def _switched(switch: Callable[..., None], name: str) -> Callable[[], None]:
+    switch(**{name: True})
+    return lambda: switch(**{name: False})
 
 
 _ON_THE_BENCH: dict[str, tuple[str, Callable[[Any, Fault], Callable[[], None]]]] = {
     # kind: what an instrument must have to suffer it, and how it begins
     "power_cycle": ("reset", _restart),
-    "identity": ("identity", _exchange),
-    "overload": ("inputs", _overdrive),
-    "offset": ("inputs", _shift),
+    "identity": ("identity", lambda device, fault: _replaced(device, "identity", lambda: fault.identity)),
+    "overload": ("inputs", lambda device, _: _replaced(device, "inputs", _Overdriven(device.inputs))),
+    "offset": (
+        "inputs",
+        lambda device, fault: _replaced(device, "inputs", _Shifted(device.inputs, device.engine.clock, fault)),
+    ),
     "current_limit": ("outputs", _short),
-    **dict.fromkeys(("interlock", "door", "emergency_stop", "drive_fault"), ("set_interlock", _open_interlock)),
-    "jam": ("jam", _hold),
+    **dict.fromkeys(
+        ("interlock", "door", "emergency_stop", "drive_fault"),
+        ("set_interlock", lambda device, fault: _switched(partial(device.set_interlock, fault.kind), "faulty")),
+    ),
+    "jam": ("jam", lambda device, _: _switched(device.jam, "held")),
 }
 
 

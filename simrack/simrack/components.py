@@ -8,14 +8,14 @@ its spectrum.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 SHORTEST_S = 25e-9
 """Nothing has to be looked at more finely than this: the paths of the instruments end at 1 MHz."""
+_Ended = TypeVar("_Ended")
 _PARTS = (np.arange(4) + 0.5) / 4
 _PROBES = 1 << 14
 _FIRST_PROBE_S = 0.5e-3
@@ -55,32 +56,38 @@ class Component(Protocol):
     @property
     def turning(self) -> Turning | None:
         """Its cycles, where it has them and their frequency moves."""
-        ...
 
     @property
     def pace_hz(self) -> float | None:
         """The frequency at which it repeats, 0 of a constant; None where it does not repeat."""
-        ...
 
     @property
     def finest_s(self) -> float:
         """A time within which it does nothing that its mean does not tell."""
-        ...
+
+    def preparing(self, path: Path) -> Iterator[None]:
+        """Work out, slice by slice, what all stretches behind a path have in common."""
 
     def means(self, edges_s: Values) -> Values:
         """Return its mean volts between each two of the edges, bench times."""
-        ...
 
     def powers(self, edges_s: Values, path: Path) -> tuple[Values, Values]:
         """Return its means, and the means of its square behind a path that lets direct voltage through, V^2."""
-        ...
 
     def peak_v(self, path: Path) -> float:
         """Return how far behind a path it goes from its mean at most."""
-        ...
 
 
-class Level(Struct, frozen=True):
+class Simple(Struct, frozen=True):
+    """Common base of those of which there is nothing to work out before."""
+
+    def preparing(self, path: Path) -> Iterator[None]:
+        """Do nothing."""
+        del path
+        return iter(())
+
+
+class Level(Simple, frozen=True):
     """A voltage that stays."""
 
     volts: float
@@ -104,7 +111,7 @@ class Level(Struct, frozen=True):
         return 0.0
 
 
-class Tone(Struct, frozen=True):
+class Tone(Simple, frozen=True):
     """A sine."""
 
     sine: Sine
@@ -162,6 +169,10 @@ class Scaled(Struct, frozen=True):
         """That of the component."""
         return self.component.finest_s
 
+    def preparing(self, path: Path) -> Iterator[None]:
+        """Work out what the component wants."""
+        return self.component.preparing(path)
+
     def means(self, edges_s: Values) -> Values:
         """Return its means."""
         return np.asarray(self.factor * self.component.means(edges_s))
@@ -176,7 +187,7 @@ class Scaled(Struct, frozen=True):
         return abs(self.factor) * self.component.peak_v(path)
 
 
-class Sampled(Struct, frozen=True):
+class Sampled(Simple, frozen=True):
     """A node of the PCB, which tells its volts at any instant and is slow: no path does anything to it.
 
     Args:
@@ -218,6 +229,15 @@ class Sampled(Struct, frozen=True):
         """Return 0: its samples tell."""
         del path
         return 0.0
+
+
+def ended(labour: Generator[Any, None, _Ended]) -> _Ended:
+    """Return what slices of work come to, all done at once."""
+    while True:
+        try:
+            next(labour)
+        except StopIteration as end:
+            return cast("_Ended", end.value)
 
 
 def transform_hz(points: int, step_s: float) -> Values:

@@ -36,7 +36,7 @@ Parameters: `Number`, `Integer`, `Boolean`, `Choice`, `Text`, `Block`; `required
 
 What takes time: `takes_s` and `query_takes_s` delay a command's action; a handler may return
 `Pending.at(instant, finish)` or `Pending(ready_at, finish)`, and later commands wait in the input buffer until then;
-what takes this computer long, `Pending.worked_out(slices, finish)`, so that a server does other things in between.
+what takes this computer long, `Pending.worked_out(slices)`, a generator, so that a server does other things in between.
 What happens by itself goes into the model's `service()` and `next_event_s()`; *OPC, *OPC? and *WAI ask
 `operations_end_s()`.
 """

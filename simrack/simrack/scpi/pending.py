@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator
 
 
 class StreamedAnswer(Protocol):
@@ -14,11 +14,9 @@ class StreamedAnswer(Protocol):
 
     def waiting(self) -> bool:
         """Whether a part can be sent now."""
-        ...
 
     def take(self) -> bytes:
         """Return the bytes that can be sent now; the query's reply follows at the end."""
-        ...
 
 
 class Pending:
@@ -51,6 +49,11 @@ class Pending:
         return cls(lambda: instant_s, finish)
 
     @classmethod
-    def worked_out(cls, labour: Iterator[object], finish: Callable[[], Any]) -> Pending:
-        """Return a command that is finished once `labour` is at its end."""
-        return cls(lambda: -math.inf, finish, labour=labour)
+    def worked_out(cls, labour: Generator[object, None, Any]) -> Pending:
+        """Return a command that is finished once `labour` is at its end, which returns the value."""
+        outcome: list[Any] = []
+
+        def keep() -> Iterator[object]:
+            outcome.append((yield from labour))
+
+        return cls(lambda: -math.inf, lambda: outcome[0], labour=keep())

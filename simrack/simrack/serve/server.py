@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 import socket
 from contextlib import ExitStack
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
 
 from msgspec import Struct, field
+from msgspec.structs import asdict
 
 from simrack.faults import FaultScript
 from simrack.serve.adjust import adjustments_of
@@ -33,7 +35,6 @@ if TYPE_CHECKING:
 
     from simrack.adjustment import Adjustment
     from simrack.device import Device
-    from simrack.faults import Fault
     from simrack.serve.clock import ServedClock
     from simrack.world import World
 
@@ -46,6 +47,12 @@ Rs232 = Literal["ideal", "real", "three-wire"]
 _SERIAL: frozenset[Offer] = frozenset({"tcp", "pty"})
 """Where an instrument is offered of which nothing is said: rate tables."""
 
+NEEDED_LATER = (
+    *("numpy.fft", "numpy.ma", "numpy.random"),
+    *(f"simrack.instruments.agilent33220a.{name}" for name in ("banded", "noise")),
+    *(f"simrack.instruments.dso7104b.{name}" for name in ("autoscale", "counter", "screen")),
+)
+"""Modules that instruments import when they are first asked for what needs them."""
 _DEFAULT_CONTROL_PORT = 20220
 _HIGHEST_PORT = 65_535
 
@@ -99,7 +106,7 @@ class Wires(Struct):
 
     def as_json(self) -> dict[str, str | None]:
         """Return the contract of ``vcfbench sim serve --json``."""
-        return {"model": self.model, "tcp": self.tcp, "vxi11": self.vxi11, "hislip": self.hislip, "pty": self.pty}
+        return asdict(self)
 
 
 @runtime_checkable
@@ -155,7 +162,9 @@ class BenchServer:
             raise
 
     def run(self) -> None:
-        """Serve until :meth:`stop`."""
+        """Serve until :meth:`stop`; what an instrument imports when it is first asked is there before."""
+        for name in NEEDED_LATER:
+            import_module(name)
         self.loop.run(self.passage)
 
     def stop(self) -> None:
@@ -321,18 +330,6 @@ class BenchServer:
         for instrument in self.instruments.values():
             instrument.touched()
         return adjustment.read()
-
-    def add_fault(self, fault: Fault) -> None:
-        """Let something go wrong at its time, now if that has passed.
-
-        Raises:
-            ValueError: the bench has no such instrument, or the instrument cannot suffer that.
-        """
-        self.faults.add(fault)
-
-    def end_faults(self, role: str | None = None) -> None:
-        """End the faults of an instrument, or of all, and forget those that are planned."""
-        self.faults.end(role)
 
     def reset(self, seed: int | None = None) -> None:
         """Put the bench back to its state when it was served first, of its first seed or another; connections stay.

@@ -24,7 +24,7 @@ from simrack.scpi import (
 from simrack.serve import BenchServer, ServedBench, ServedClock, ServerSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator
 
     from simrack.device import Device
     from simrack.serve import Offer
@@ -89,12 +89,13 @@ def trigger(lamp: Lamp) -> None:
 
 
 def think(lamp: Lamp) -> Pending:
-    def slices() -> Iterator[None]:
+    def slices() -> Generator[None, None, int]:
         while lamp.slices < MOST_SLICES and not lamp.thought():
             lamp.slices += 1
             yield
+        return lamp.slices
 
-    return Pending.worked_out(slices(), lambda: lamp.slices)
+    return Pending.worked_out(slices())
 
 
 def dim_later(lamp: Lamp, seconds: float) -> None:

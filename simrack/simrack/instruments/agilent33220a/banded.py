@@ -7,17 +7,18 @@ steady waveform of that frequency and duty. What it does where a burst begins an
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from collections import deque
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, field
 
-from simrack.components import SHORTEST_S, Turning, transform_hz
+from simrack.components import SHORTEST_S, Turning, ended, transform_hz
 from simrack.instruments.agilent33220a.phases import Bursts, Steady
 from simrack.instruments.agilent33220a.waveforms import FAST_HZ, turned
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
 
     from simrack.components import Path
     from simrack.instruments.agilent33220a.envelopes import Envelope, WidthSwing
@@ -31,6 +32,7 @@ _HIGHEST_HZ = 30e6
 """Lines beyond this get through no path."""
 _MOST_LINES, _LINES_OF_MANY, _LINES_OF_A_DUTY = 1 << 20, 1 << 15, 1 << 13
 """How many lines are worked out: of one signal, of one whose frequency or duty moves."""
+_LINES_AT_ONCE = 1 << 15
 _LOOKS, _DUTIES = 33, 9
 """Frequencies and duties at which the loss of a modulated waveform is worked out; it is smooth in between."""
 _GROUPS = 1 << 10
@@ -80,6 +82,8 @@ class Banded(Struct, frozen=True):
     """A generator's output as one component."""
 
     playing: PlayedCycle
+    losses: dict[Any, Any] = field(default_factory=dict)
+    """How much of the square of its shape paths keep back: the same for all stretches that are asked for."""
 
     @property
     def pace_hz(self) -> float | None:
@@ -156,25 +160,37 @@ class Banded(Struct, frozen=True):
         if playing.width is not None:
             duties = playing.width.values(times_s)
             hertz = playing.phase.highest_hz
-            return _looked_up(duties, _DUTIES, lambda duty: self._loss(path, hertz, duty, most=_LINES_OF_A_DUTY))
-        if isinstance(playing.phase, Steady):
-            return self._loss(path, playing.phase.hz)
-        if isinstance(playing.phase, Bursts):
-            return self._active(edges_s) * self._burst_loss(path, playing.phase)
+            return _looked_up(duties, _DUTIES, lambda duty: ended(self._losing(path, hertz, duty, _LINES_OF_A_DUTY)))
+        if isinstance(playing.phase, Steady | Bursts):
+            deque(self.preparing(path), maxlen=0)
+            loss: float = self.losses[path]
+            return loss if isinstance(playing.phase, Steady) else self._active(edges_s) * loss
         hertz_then = playing.phase.hz_at(times_s)
         return _looked_up(hertz_then, _LOOKS, self._grouped_loss(path, float(hertz_then.min())))
 
-    def _burst_loss(self, path: Path, phase: Bursts) -> float:
-        """Return the loss of the path during a burst, its beginning and end included."""
+    def preparing(self, path: Path) -> Iterator[None]:
+        """Work out, slice by slice, the loss of a waveform whose frequency and width stay."""
+        phase = self.playing.phase
+        if path in self.losses or self.playing.width is not None or not isinstance(phase, Steady | Bursts):
+            return
+        steady = yield from self._losing(path, phase.hz)
+        self.losses[path] = (
+            steady if isinstance(phase, Steady) else (yield from self._losing_of_a_burst(path, phase, steady))
+        )
+
+    def _losing_of_a_burst(self, path: Path, phase: Bursts, steady: float) -> Generator[None, None, float]:
+        """Return, after slices of work, the loss of the path during a burst, its beginning and end included."""
         waveform, cycles = self.playing.waveform, min(phase.count, _BURST_CYCLES)
         lasts = cycles / phase.hz + _RINGING_S
         edges = np.asarray(np.arange(_BURST_POINTS + 1) * (lasts / _BURST_POINTS), dtype=np.float64)
         passed, lasting = np.clip(phase.hz * edges, 0.0, cycles), float(edges[1])
         above = np.diff(turned(waveform, passed + phase.cycles)) - self._idle * np.diff(passed)
+        yield
         lines = np.fft.rfft(above / phase.hz / lasting)
+        yield
         powers = np.abs(lines) ** 2 * (1.0 - np.abs(path(transform_hz(_BURST_POINTS, lasting))) ** 2)
         kept_back = (2.0 * powers.sum() - powers[0]) * lasting / _BURST_POINTS
-        steady = self._loss(path, phase.hz)
+        yield
         return steady + (float(kept_back) * phase.hz - cycles * steady) / phase.count
 
     def _grouped_loss(self, path: Path, lowest_hz: float) -> Callable[[float], float]:
@@ -182,18 +198,27 @@ class Banded(Struct, frozen=True):
         waveform, one = self.playing.waveform, np.ones(1)
         whole = float((waveform.integral(2, one) - waveform.integral(1, one) ** 2)[0])
         count = min(max(math.ceil(_HIGHEST_HZ / max(lowest_hz, 1.0)), 1), _LINES_OF_MANY)
-        powers = 2.0 * np.abs(waveform.spectrum(count)) ** 2
-        firsts = np.unique(np.geomspace(1, count, _GROUPS).astype(np.int64)) - 1
-        grouped = np.add.reduceat(powers, firsts)
-        orders = np.add.reduceat(np.arange(1.0, count + 1), firsts) / np.diff(np.append(firsts, count))
+        if count not in self.losses:
+            powers = 2.0 * np.abs(waveform.spectrum(count)) ** 2
+            firsts = np.unique(np.geomspace(1, count, _GROUPS).astype(np.int64)) - 1
+            orders = np.add.reduceat(np.arange(1.0, count + 1), firsts) / np.diff(np.append(firsts, count))
+            self.losses[count] = np.add.reduceat(powers, firsts), orders
+        grouped, orders = self.losses[count]
         return lambda hertz: whole - float(grouped @ np.abs(path(np.asarray(hertz * orders))) ** 2)
 
-    def _loss(self, path: Path, hertz: float, duty: float | None = None, *, most: int = _MOST_LINES) -> float:
+    def _losing(
+        self, path: Path, hertz: float, duty: float | None = None, most: int = _MOST_LINES
+    ) -> Generator[None, None, float]:
+        """Return, after slices of work, the loss at one frequency and duty."""
         waveform, one = self.playing.waveform, np.ones(1)
         whole = float((waveform.integral(2, one, duty) - waveform.integral(1, one, duty) ** 2)[0])
-        count = min(max(math.ceil(_HIGHEST_HZ / hertz), 1), most)
-        lines = waveform.spectrum(count, duty) * path(_harmonics_hz(hertz, count))
-        return whole - 2.0 * float(np.vdot(lines, lines).real)
+        count, passed = min(max(math.ceil(_HIGHEST_HZ / hertz), 1), most), 0.0
+        for first in range(1, count + 1, _LINES_AT_ONCE):
+            some = min(_LINES_AT_ONCE, count + 1 - first)
+            lines = waveform.spectrum(some, duty, first) * path(_harmonics_hz(hertz, some, first))
+            passed += float(np.vdot(lines, lines).real)
+            yield
+        return whole - 2.0 * passed
 
     def peak_v(self, path: Path) -> float:
         """Return how far it goes from the mean of a cycle, at the lowest of its frequencies."""
@@ -221,5 +246,5 @@ def _looked_up(keys: Values, count: int, loss: Callable[[float], float]) -> Valu
     return np.interp(keys, looks, [loss(float(each)) for each in looks])
 
 
-def _harmonics_hz(hertz: float, count: int) -> Values:
-    return np.asarray(hertz * np.arange(1, count + 1), dtype=np.float64)
+def _harmonics_hz(hertz: float, count: int, first: int = 1) -> Values:
+    return np.asarray(hertz * np.arange(first, first + count), dtype=np.float64)

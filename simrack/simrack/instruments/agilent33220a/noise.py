@@ -8,13 +8,13 @@ oscilloscope sees of single ticks adds up to it. Each tick sounds through a low 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from msgspec import Struct
 from msgspec.structs import replace
 
-from simrack.components import SHORTEST_S
+from simrack.components import SHORTEST_S, Simple
 from simrack.instruments.agilent33220a.playing import cosines
 from simrack.sources import Piece
 
@@ -46,7 +46,7 @@ _MIX = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB))
 _STEP = 0x9E3779B97F4A7C15
 
 
-class NoiseSource(Struct, frozen=True):
+class NoiseSource(Simple, frozen=True):
     """offset_v and Gaussian noise of `rms_v`, clipped at its crest."""
 
     offset_v: float
@@ -164,11 +164,17 @@ def _heard(ticks: Values) -> Values:
     return np.where(np.abs(ticks) < _TICKS / 2, np.sinc(2 * _CORNER_HZ * _TICK_S * ticks) * bell, 0.0)
 
 
-def _left(path: Path) -> float:
-    """Return the part of the noise's power that is behind a path."""
+@cache
+def _density() -> tuple[Values, Values]:
+    """Return frequencies, and the density of the noise's power there."""
     ticks = np.linspace(-_TICKS / 2, _TICKS / 2, 64 * _TICKS + 1)
     hertz = np.asarray((np.arange(_LINES) + 0.5) / (2 * _TICK_S * _LINES), dtype=np.float64)
-    density = (np.cos(math.tau * _TICK_S * np.outer(hertz, ticks)) @ _heard(ticks)) ** 2
+    return hertz, np.asarray((np.cos(math.tau * _TICK_S * np.outer(hertz, ticks)) @ _heard(ticks)) ** 2)
+
+
+def _left(path: Path) -> float:
+    """Return the part of the noise's power that is behind a path."""
+    hertz, density = _density()
     return float(density @ np.abs(path(hertz)) ** 2 / density.sum())
 
 

@@ -30,24 +30,22 @@ class Cycle(Protocol):
     @property
     def corners(self) -> tuple[float, ...] | None:
         """Places between which it is straight; None where it is curved or has too many."""
-        ...
 
     def values(self, places: Values, duty: float | Values | None = None) -> Values:
         """Return its values."""
-        ...
 
     def integral(self, power: int, places: Values, duty: float | Values | None = None) -> Values:
         """Return the integral of its power 1, 2 or 3 from 0 to the places."""
-        ...
 
     @property
     def narrowest(self) -> float:
         """The part of a cycle in which it does something."""
-        ...
 
-    def spectrum(self, count: int, duty: float | None = None) -> NDArray[np.complex128]:
-        """Return its Fourier coefficients 1...count: it is their mean and 2 Re sum c exp(2 pi j n place)."""
-        ...
+    def spectrum(self, count: int, duty: float | None = None, first: int = 1) -> NDArray[np.complex128]:
+        """Return its Fourier coefficients, so many from `first` on.
+
+        It is its mean and 2 Re sum c exp(2 pi j n place).
+        """
 
 
 def turned(waveform: Cycle, cycles: Values) -> Values:
@@ -85,12 +83,10 @@ class SineCycle(Struct, frozen=True):
         """A half."""
         return 0.5
 
-    def spectrum(self, count: int, duty: float | None = None) -> NDArray[np.complex128]:
+    def spectrum(self, count: int, duty: float | None = None, first: int = 1) -> NDArray[np.complex128]:
         """Return its one line."""
         del duty
-        lines = np.zeros(count, dtype=complex)
-        lines[0] = -0.5j
-        return lines
+        return np.where(np.arange(first, first + count) == 1, -0.5j, 0.0j)
 
 
 class PulseCycle(Struct, frozen=True):
@@ -126,9 +122,9 @@ class PulseCycle(Struct, frozen=True):
         """Its high or its low part."""
         return min(self.duty, 1.0 - self.duty)
 
-    def spectrum(self, count: int, duty: float | None = None) -> NDArray[np.complex128]:
+    def spectrum(self, count: int, duty: float | None = None, first: int = 1) -> NDArray[np.complex128]:
         """Return its Fourier coefficients: those of a trapezium."""
-        high, order = self.duty if duty is None else duty, np.arange(1, count + 1)
+        high, order = self.duty if duty is None else duty, np.arange(first, first + count)
         sizes = 2 * high * np.sinc(order * high) * np.sinc(order * self.edge)
         return np.asarray(sizes * np.exp(-1j * math.pi * order * (high + self.edge)))
 
@@ -182,10 +178,10 @@ class Segments(Struct, frozen=True, eq=False):
         """The shortest segment, which a ramp's own way up and down are."""
         return float(np.diff(np.append(self.starts, 1.0)).min())
 
-    def spectrum(self, count: int, duty: float | None = None) -> NDArray[np.complex128]:
+    def spectrum(self, count: int, duty: float | None = None, first: int = 1) -> NDArray[np.complex128]:
         """Return its Fourier coefficients, by its jumps and bends; of many held points by their transform."""
         del duty
-        order, points = np.arange(1, count + 1), len(self.starts)
+        order, points = np.arange(first, first + count), len(self.starts)
         if points > _FEW_SEGMENTS and not self.slopes.any():
             steps = np.fft.fft(self.values_there)[order % points] / points
             return np.asarray(steps * np.sinc(order / points) * np.exp(-1j * math.pi * order / points))

@@ -11,8 +11,9 @@ from simrack.instruments.dso7104b.inputs import Signals
 from simrack.instruments.dso7104b.trigger import TriggerSearch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Generator, Mapping, Sequence
 
+    _Stepping = Generator[None, None, "CapturedRecord | None"]
     from simrack.instruments.dso7104b.inputs import ChannelRecording, ChannelView, ScopeWorld, Screen
     from simrack.instruments.dso7104b.trigger import Trigger
     from simrack.trace import Piece
@@ -59,22 +60,19 @@ class CapturedRecord(Struct, frozen=True):
 
 
 class Acquisition(Protocol):
-    """One armed acquisition: call :meth:`step` at :attr:`due_s` until it gives a record."""
+    """One armed acquisition: go through :meth:`step` at :attr:`due_s` until it gives a record."""
 
     screen: Screen
     due_s: float
 
-    def step(self) -> CapturedRecord | None:
-        """Return capture and triggers once there is a complete record, else None (and a later `due_s`)."""
-        ...
+    def step(self) -> _Stepping:
+        """Return, after slices of work, capture and triggers if there is a complete record, else None."""
 
     def force(self) -> None:
         """Trigger whatever the signal does."""
-        ...
 
     def close(self) -> None:
         """Give up."""
-        ...
 
 
 class Arming(Struct, frozen=True):
@@ -128,8 +126,8 @@ class _Armed:
     def close(self) -> None:
         """Give up."""
 
-    def _crossing(self, signals: Signals, start_s: float, stop_s: float) -> float | None:
-        return self._search.find(signals, max(start_s, self._pace.not_before_s), stop_s)
+    def _crossing(self, signals: Signals, start_s: float, stop_s: float) -> Generator[None, None, float | None]:
+        return self._search.finding(signals, max(start_s, self._pace.not_before_s), stop_s)
 
     def _repeats_s(self) -> float:
         """Return the time of the further acquisitions of an average, which see the same steady signal."""
@@ -150,12 +148,12 @@ class _Swept(_Armed):
         capture = self._world.capture(self._start_s, self.due_s)
         self._signals = Signals(capture, self._views, self._past())
 
-    def step(self) -> CapturedRecord | None:
+    def step(self) -> _Stepping:
         """Return the record once it is complete, else None (and a later `due_s`)."""
         if self._world.clock.now() < self.due_s:
             return None
         if self._found is None:
-            self._found = self._look()
+            self._found = yield from self._look()
             if self._found is None:
                 # Look for the trigger in a longer stretch, but not past the patience of AUTO
                 longest = self._armed_s + AUTO_TRIGGER_S - self._world.clock.now()
@@ -167,12 +165,11 @@ class _Swept(_Armed):
                 return None
         return self._found
 
-    def _look(self) -> CapturedRecord | None:
-        opening = self._start_s + self._before_s
-        crossing = self._crossing(self._signals, opening, opening + self._search_s)
+    def _look(self) -> _Stepping:
+        opening, waited = self._start_s + self._before_s, self._world.clock.now() - self._armed_s
+        crossing = yield from self._crossing(self._signals, opening, opening + self._search_s)
         if crossing is not None:
             return CapturedRecord(self._signals, (crossing,))
-        waited = self._world.clock.now() - self._armed_s
         if self._forced or waited >= AUTO_TRIGGER_S:
             return CapturedRecord(self._signals, (opening,))
         return None
@@ -195,7 +192,7 @@ class _Patient(_Armed):
         """Give up, or be done: nothing more is recorded."""
         self._recording.close()
 
-    def step(self) -> CapturedRecord | None:
+    def step(self) -> _Stepping:
         """Return the record once it is complete, else None (and a later `due_s`)."""
         if self._world.clock.now() < self.due_s:
             return None
@@ -203,7 +200,7 @@ class _Patient(_Armed):
             # Take every trigger whose record is over; come back for the next
             now = self._world.clock.now()
             while not self._complete:
-                trigger_s = self._next(now - self._after_s)
+                trigger_s = yield from self._next(now - self._after_s)
                 if trigger_s is None:
                     break
                 self._triggers_s.append(trigger_s)
@@ -224,11 +221,11 @@ class _Patient(_Armed):
                 return None
         return CapturedRecord(self._signals, tuple(self._triggers_s))
 
-    def _next(self, horizon_s: float) -> float | None:
+    def _next(self, horizon_s: float) -> Generator[None, None, float | None]:
         """Return the next trigger up to the horizon, real, forced or automatic."""
         if horizon_s - self._from_s > _STARTED_ANEW_S:
             self._from_s = horizon_s - _STARTED_ANEW_S
-        crossing = self._crossing(self._signals, self._from_s, horizon_s)
+        crossing = yield from self._crossing(self._signals, self._from_s, horizon_s)
         by_itself = self._waiting_since_s + AUTO_TRIGGER_S if self._pace.auto else math.inf
         if crossing is not None:
             return min(crossing, by_itself)

@@ -16,12 +16,14 @@ from simrack.instruments.dso7104b.filters import COUPLING_S
 from simrack.instruments.dso7104b.trigger import held
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
     from simrack.instruments.dso7104b.inputs import Signals
     from simrack.instruments.dso7104b.trigger import Comparator
 
 _SHORTEST_S, _LONGEST_S = 0.1, 1.0
 _DIGITS = 5
-_BLOCK_POINTS = 1 << 18
+_BLOCK_POINTS = 1 << 16
 _MOST_POINTS = 1 << 21
 """How often a gate is looked at."""
 _PARTS = 64
@@ -36,8 +38,10 @@ def gate_s(range_s: float) -> float:
     return min(max(_SHORTEST_S, 2.0 * range_s), _LONGEST_S)
 
 
-def counted_hz(signals: Signals, channel: int, comparator: Comparator, start_s: float, stop_s: float) -> float | None:
-    """Return the frequency of an input over a gate, Hz; None without a whole period in it."""
+def counted_hz(
+    signals: Signals, channel: int, comparator: Comparator, start_s: float, stop_s: float
+) -> Generator[None, None, float | None]:
+    """Return, after slices of work, the frequency of an input over a gate, Hz; None without a whole period in it."""
     view = signals.views[channel]
     known = signals.sines(channel, start_s, stop_s)
     if known is not None and len(known.sines) <= 1:
@@ -47,9 +51,13 @@ def counted_hz(signals: Signals, channel: int, comparator: Comparator, start_s: 
         frequency_hz = seen.sines[0].frequency_hz if crosses else 0.0
         return frequency_hz if frequency_hz * (stop_s - start_s) >= 1.0 else None
     step_s = _step_s(signals, channel, comparator, start_s, stop_s)
-    parts = [_periods(signals, channel, comparator, part) for part in _parts(start_s, stop_s, step_s)]
-    periods, lasted_s = sum(count for count, _ in parts), math.fsum(lasted for _, lasted in parts)
-    return periods / lasted_s if periods else None
+    yield
+    periods, lasted_s = 0, list[float]()
+    for part in _parts(start_s, stop_s, step_s):
+        count, lasted = yield from _periods(signals, channel, comparator, part)
+        periods += count
+        lasted_s.append(lasted)
+    return periods / math.fsum(lasted_s) if periods else None
 
 
 def five_digits(frequency_hz: float) -> float:
@@ -75,8 +83,10 @@ def _parts(start_s: float, stop_s: float, step_s: float) -> list[_Part]:
     return [_Part(begin, begin + lasts_s, steps) for begin in np.linspace(start_s, stop_s - lasts_s, _PARTS).tolist()]
 
 
-def _periods(signals: Signals, channel: int, comparator: Comparator, part: _Part) -> tuple[int, float]:
-    """Return how many whole periods there are, and how long they take."""
+def _periods(
+    signals: Signals, channel: int, comparator: Comparator, part: _Part
+) -> Generator[None, None, tuple[int, float]]:
+    """Return, after slices of work, how many whole periods there are, and how long they take."""
     step_s = (part.stop_s - part.start_s) / part.steps
     first = last = -math.inf
     edges, high = 0, True
@@ -92,6 +102,7 @@ def _periods(signals: Signals, channel: int, comparator: Comparator, part: _Part
             at_s = times[ends] + (comparator.high_v - volts[ends]) / (volts[ends + 1] - volts[ends]) * step_s
             first = first if edges else float(at_s[0])
             last, edges = float(at_s[1]), edges + len(rises)
+        yield
     return (edges - 1, last - first) if edges > 1 else (0, 0.0)
 
 

@@ -9,10 +9,12 @@ from msgspec import Struct
 from simrack.scpi import INFINITY, ScpiError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
     from simrack.instruments.dso7104b.measurements import MeasuredTrace
     from simrack.instruments.dso7104b.record import Record
+
+    Preparation = Callable[[MeasuredTrace], Generator[None, None, object]]
 
 INVALID = INFINITY
 """The answer where nothing can be measured."""
@@ -24,16 +26,26 @@ class Installed(Struct, frozen=True):
     label: str
     sources: tuple[str, ...]
     of: Callable[..., float | None]
+    prepare: Preparation | None = None
+    """What of a trace takes long to work out, and is needed."""
 
-    def value(self, trace_of: Callable[[str, Record], MeasuredTrace], record: Record) -> float:
-        """Return it on a record, whose trace of a source is `trace_of`."""
-        return measured_or_invalid(lambda: self.of(*(trace_of(source, record) for source in self.sources)))
+    def measuring(
+        self,
+        trace_of: Callable[[str, Record | None], Generator[None, None, MeasuredTrace]],
+        record: Record | None = None,
+    ) -> Generator[None, None, float]:
+        """Return it, after slices of work, on a record or the one shown, whose trace of a source is `trace_of`.
 
-
-def measured_or_invalid(measure: Callable[[], float | None]) -> float:
-    """Return the measurement; without any record it is not measurable, which is no error."""
-    try:
-        value = measure()
-    except ScpiError:
-        return INVALID
-    return INVALID if value is None else value
+        Without any record it is not measurable, which is no error.
+        """
+        traces = []
+        try:
+            for source in self.sources:
+                trace = yield from trace_of(source, record)
+                if self.prepare is not None:
+                    yield from self.prepare(trace)
+                traces.append(trace)
+            value = self.of(*traces)
+        except ScpiError:
+            return INVALID
+        return INVALID if value is None else value

@@ -39,7 +39,7 @@ from simrack.instruments.dso7104b.trigger_settings import comparator_of, trigger
 from simrack.scpi.parameters import Violation
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Generator, Iterator, Mapping
 
     from simrack.trace import Piece
 
@@ -96,6 +96,8 @@ class SimulatedDso7104B(scpi.ScpiTwin):
         self._armed_event = False
         self._run_state = "run"
         self._acquisition: Acquisition | None = None
+        self._searching = False
+        """Whether its trigger is being looked for."""
         self._coupling = Coupling(world, self._nodes)
         self._last_trigger_s = -math.inf
         self._number = 0
@@ -148,9 +150,16 @@ class SimulatedDso7104B(scpi.ScpiTwin):
         """Look for the trigger when there is something to look at."""
         self.inputs.judge()
         armed = self._acquisition
-        if armed is None or self._world.clock.now() < armed.due_s:
+        if armed is not None and not self._searching and self._world.clock.now() >= armed.due_s:
+            self._searching = True
+            self.engine.work_out(self._search(armed))
+
+    def _search(self, armed: Acquisition) -> Iterator[None]:
+        """Look for the trigger of an acquisition, slice by slice, and show the record if it is complete."""
+        found = yield from armed.step()
+        if self._acquisition is not armed:  # it has been given up meanwhile
             return
-        found = armed.step()
+        self._searching = False
         if found is not None:
             segmented = self.state.acquire.mode == "SEGM"
             records = [self._recorded(armed, found, trigger_s, segmented=segmented) for trigger_s in found.triggers_s]
@@ -164,7 +173,7 @@ class SimulatedDso7104B(scpi.ScpiTwin):
 
     def next_event_s(self) -> float | None:
         """Return when the armed acquisition wants to look again, or the protection has seen enough."""
-        armed_s = None if self._acquisition is None else self._acquisition.due_s
+        armed_s = None if self._acquisition is None or self._searching else self._acquisition.due_s
         judged_s = self.inputs.due_s
         if armed_s is None or judged_s is None:
             return judged_s if armed_s is None else armed_s
@@ -250,9 +259,10 @@ class SimulatedDso7104B(scpi.ScpiTwin):
     def _idle_since(self, patience_s: float) -> float | None:
         if self._acquisition is None:
             return -math.inf
-        return None if math.isinf(patience_s) else patience_s
+        return None if math.isinf(patience_s) or self._searching else patience_s
 
     def _disarm(self) -> None:
+        self._searching = False
         if self._acquisition is not None:
             self._acquisition.close()
             self._acquisition = None
@@ -305,11 +315,11 @@ class SimulatedDso7104B(scpi.ScpiTwin):
         comparator = comparator_of(self.state, f"CHAN{channel}")
         signals = Signals(capture, views, self._past_of(views, Trigger({channel: comparator}, NeverMet))())
 
-        def finish() -> str:
-            hertz = counted_hz(signals, channel, comparator, start_s, stop_s)
+        def count() -> Generator[None, None, str]:
+            hertz = yield from counted_hz(signals, channel, comparator, start_s, stop_s)
             return self.nr3(INVALID if hertz is None else five_digits(hertz / (1.0 + self._errors.time_base_error)))
 
-        return scpi.Pending.at(stop_s + views[channel].remembered_s, finish)
+        return scpi.Pending.at(stop_s + views[channel].remembered_s, lambda: scpi.Pending.worked_out(count()))
 
     def autoscale(self) -> scpi.Pending:
         """:AUToscale: look at every input for a while, then set it up."""

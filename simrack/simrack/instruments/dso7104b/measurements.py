@@ -8,17 +8,22 @@ the one nearest the time reference. Whatever cannot be measured is None, which t
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 
+from simrack.components import ended
+
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
     from numpy.typing import NDArray
 
 _MODE_SHARE = 0.05
 """Part of all points that a histogram bin must hold to be top or base (the real criterion is unverified)."""
+_AT_ONCE = 1 << 18
+"""Samples of a record that are looked through in one go."""
 _BINS = 256
 _OUTER_BINS = 102
 """Where top and base are looked for, 40 % from each end (chosen): a burst rests in the middle, which is neither."""
@@ -33,13 +38,13 @@ class Thresholds(Struct, frozen=True):
     absolute: bool = False
 
 
-class TraceEdge(Struct, frozen=True):
-    """A full transition: where it crosses the lower, middle and upper threshold, s."""
+class TraceEdges(Struct, frozen=True):
+    """All full transitions in order: whether they rise, where they cross the lower, middle and upper threshold, s."""
 
-    rising: bool
-    lower_s: float
-    middle_s: float
-    upper_s: float
+    rising: NDArray[np.bool_]
+    lower_s: NDArray[np.float64]
+    middle_s: NDArray[np.float64]
+    upper_s: NDArray[np.float64]
 
 
 class MeasuredTrace:
@@ -67,7 +72,8 @@ class MeasuredTrace:
         self._peaks = volts if peaks is None else peaks
         self.clipped = clipped
         self._thresholds = thresholds
-        self._edges: list[TraceEdge] | None = None
+        self._levels_v: tuple[float, float] | None = None
+        self._edges: TraceEdges | None = None
 
     # --- voltages
 
@@ -144,7 +150,7 @@ class MeasuredTrace:
     def mean_frequency(self) -> float | None:
         """Return the frequency over all cycles on the screen, Hz."""
         rising = self._middles(rising=True)
-        return None if len(rising) < 2 else (len(rising) - 1) / (rising[-1] - rising[0])
+        return None if len(rising) < 2 else (len(rising) - 1) / float(rising[-1] - rising[0])
 
     def positive_width(self) -> float | None:
         """Return the time from a rising to the next falling middle crossing, s."""
@@ -161,13 +167,13 @@ class MeasuredTrace:
 
     def rise_time(self) -> float | None:
         """Return lower to upper threshold of the rising edge nearest the reference, s."""
-        edge = self._nearest(rising=True)
-        return None if edge is None else edge.upper_s - edge.lower_s
+        edge, edges = self._nearest(rising=True), self.edges()
+        return None if edge is None else float(edges.upper_s[edge] - edges.lower_s[edge])
 
     def fall_time(self) -> float | None:
         """Return upper to lower threshold of the falling edge nearest the reference, s."""
-        edge = self._nearest(rising=False)
-        return None if edge is None else edge.lower_s - edge.upper_s
+        edge, edges = self._nearest(rising=False), self.edges()
+        return None if edge is None else float(edges.lower_s[edge] - edges.upper_s[edge])
 
     def time_of_maximum(self) -> float | None:
         """Return when the first maximum occurs, s."""
@@ -180,7 +186,7 @@ class MeasuredTrace:
     def time_of_edge(self, number: int) -> float | None:
         """Return the middle crossing of the n-th edge from the left, rising for n > 0, falling for n < 0, s."""
         crossings = self._middles(rising=number > 0)
-        return crossings[abs(number) - 1] if 1 <= abs(number) <= len(crossings) else None
+        return float(crossings[abs(number) - 1]) if 1 <= abs(number) <= len(crossings) else None
 
     def time_of_value(self, level_v: float, number: int) -> float | None:
         """Return when the trace crosses `level_v` for the n-th time, upwards for n > 0, s."""
@@ -202,9 +208,10 @@ class MeasuredTrace:
         """
         start = self._nearest(rising=own_edge > 0)
         crossings = other._middles(rising=other_edge > 0)
-        if start is None or not crossings:
+        if start is None or not len(crossings):
             return None
-        return min((crossing - start.middle_s for crossing in crossings), key=abs)
+        away = crossings - self.edges().middle_s[start]
+        return float(away[np.abs(away).argmin()])
 
     def phase_to(self, other: MeasuredTrace) -> float | None:
         """Return the delay in degrees of this trace's period, -180...180."""
@@ -215,48 +222,53 @@ class MeasuredTrace:
 
     # --- parts
 
+    def leveling(self) -> Generator[None, None, tuple[float, float]]:
+        """Return, after slices of work, base and top."""
+        if self._levels_v is None:
+            low, high = float(self.volts.min()), float(self.volts.max())
+            counts, limits = np.zeros(_BINS, dtype=np.int64), np.zeros(0)
+            for first in range(0, len(self.volts) if high > low else 0, _AT_ONCE):
+                some, limits = np.histogram(self.volts[first : first + _AT_ONCE], bins=_BINS, range=(low, high))
+                counts += some
+                yield
+            if high > low:
+                inner, volts = _BINS - _OUTER_BINS, self.volts
+                low = _flat_level(volts, counts[:_OUTER_BINS], limits[: _OUTER_BINS + 1], low)
+                yield
+                high = _flat_level(volts, counts[inner:], limits[inner:], high)
+            self._levels_v = low, high
+        return self._levels_v
+
     def _levels(self) -> tuple[float, float]:
-        """Return base and top."""
-        low, high = float(self.volts.min()), float(self.volts.max())
-        if high == low:
-            return low, high
-        counts, limits = np.histogram(self.volts, bins=_BINS, range=(low, high))
-        inner = _BINS - _OUTER_BINS
-        return (
-            _flat_level(self.volts, counts[:_OUTER_BINS], limits[: _OUTER_BINS + 1], low),
-            _flat_level(self.volts, counts[inner:], limits[inner:], high),
-        )
+        return ended(self.leveling())
 
-    def _volts_of_thresholds(self) -> tuple[float, float, float]:
-        limits = self._thresholds
-        if limits.absolute:
-            return limits.lower, limits.middle, limits.upper
-        base, top = self._levels()
-        lower, middle, upper = (
-            base + (top - base) * percent / 100.0 for percent in (limits.lower, limits.middle, limits.upper)
-        )
-        return lower, middle, upper
-
-    def edges(self) -> list[TraceEdge]:
+    def edges(self) -> TraceEdges:
         """Return every full transition between lower and upper threshold, in order."""
-        if self._edges is None:
-            self._edges = self._find_edges(*self._volts_of_thresholds())
-        return self._edges
+        return ended(self.finding_edges())
 
-    def _find_edges(self, lower: float, middle: float, upper: float) -> list[TraceEdge]:
-        if not lower < middle < upper:
-            return []
-        side = np.where(self.volts >= upper, 1, np.where(self.volts <= lower, -1, 0))
-        places = np.flatnonzero(side)
-        turns = np.diff(side[places]) != 0
-        ends, rising = (places[:-1][turns], places[1:][turns]), side[places[1:][turns]] > 0
-        lowers, middles, uppers = (self._crossings(ends, rising, level) for level in (lower, middle, upper))
-        return [TraceEdge(*each) for each in zip(rising.tolist(), lowers, middles, uppers, strict=True)]
+    def finding_edges(self) -> Generator[None, None, TraceEdges]:
+        """Return the same, after slices of work."""
+        if self._edges is None:
+            limits = self._thresholds
+            lower, middle, upper = limits.lower, limits.middle, limits.upper
+            if not limits.absolute:
+                base, top = yield from self.leveling()
+                lower, middle, upper = (base + (top - base) * each / 100.0 for each in (lower, middle, upper))
+            side = np.where(self.volts >= upper, 1, np.where(self.volts <= lower, -1, 0))
+            yield
+            places = np.flatnonzero(side) if lower < middle < upper else np.zeros(0, dtype=np.int_)
+            turns = np.diff(side[places]) != 0
+            ends, rising = (places[:-1][turns], places[1:][turns]), side[places[1:][turns]] > 0
+            yield
+            lowers = yield from self._crossings(ends, rising, lower)
+            middles = yield from self._crossings(ends, rising, middle)
+            self._edges = TraceEdges(rising, lowers, middles, (yield from self._crossings(ends, rising, upper)))
+        return self._edges
 
     def _crossings(
         self, ends: tuple[NDArray[np.int_], NDArray[np.int_]], rising: NDArray[np.bool_], level: float
-    ) -> list[float]:
-        """Return where transitions between two ends cross a level.
+    ) -> Generator[None, None, NDArray[np.float64]]:
+        """Return, after slices of work, where transitions between two ends cross a level.
 
         That is midway between the first and the last time where noise does it more than once, or where a step of the
         converter is the level.
@@ -265,16 +277,19 @@ class MeasuredTrace:
         numbers, count = np.arange(len(self.volts)), len(self.volts)
         last_near, first_beyond = (np.empty(len(lasts), dtype=int) for _ in range(2))
         for up in (True, False):
-            reached, passed = (
-                (self.volts >= level, self.volts > level) if up else (self.volts <= level, self.volts < level)
-            )
-            before = np.maximum.accumulate(np.where(passed, 0, numbers))
-            after = np.minimum.accumulate(np.where(reached, numbers, count - 1)[::-1])[::-1]
             these = rising == up
-            last_near[these], first_beyond[these] = before[lasts[these]], after[firsts[these]]
+            if these.any():
+                passed = self.volts > level if up else self.volts < level
+                last_near[these] = np.maximum.accumulate(np.where(passed, 0, numbers))[lasts[these]]
+                yield
+                reached = self.volts >= level if up else self.volts <= level
+                after = np.minimum.accumulate(np.where(reached, numbers, count - 1)[::-1])[::-1]
+                first_beyond[these] = after[firsts[these]]
+                yield
         late = self._straight(np.minimum(last_near, lasts - 1), level)
+        yield
         early = self._straight(np.maximum(first_beyond - 1, firsts), level)
-        return list((0.5 * (early + late)).tolist())
+        return np.asarray(0.5 * (early + late))
 
     def _straight(self, near: NDArray[np.int_], level: float) -> NDArray[np.float64]:
         """Return where straight lines from samples to the next ones come to a level."""
@@ -284,25 +299,26 @@ class MeasuredTrace:
         starts = self.times_s[near]
         return np.asarray(starts + np.clip(part, 0.0, 1.0) * (self.times_s[near + 1] - starts))
 
-    def _middles(self, *, rising: bool) -> list[float]:
-        return [edge.middle_s for edge in self.edges() if edge.rising == rising]
+    def _middles(self, *, rising: bool) -> NDArray[np.float64]:
+        edges = self.edges()
+        return np.asarray(edges.middle_s[edges.rising == rising])
 
-    def _nearest(self, *, rising: bool) -> TraceEdge | None:
-        return min(
-            (edge for edge in self.edges() if edge.rising == rising), key=lambda edge: abs(edge.middle_s), default=None
-        )
+    def _nearest(self, *, rising: bool) -> int | None:
+        """Return which edge is nearest the reference."""
+        edges = self.edges()
+        places = np.flatnonzero(edges.rising == rising)
+        return int(places[np.abs(edges.middle_s[places]).argmin()]) if len(places) else None
 
     def _cycle(self) -> tuple[float, float] | None:
         """Return start and end of the full cycle nearest the reference, rising or falling."""
-        rising, falling = self._middles(rising=True), self._middles(rising=False)
-        pairs = [*pairwise(rising), *pairwise(falling)]
-        return min(pairs, key=lambda pair: abs(pair[0] + pair[1]), default=None)
+        both = [self._middles(rising=rising) for rising in (True, False)]
+        return _nearest_pair(np.concatenate([each[:-1] for each in both]), np.concatenate([each[1:] for each in both]))
 
     def _width(self, *, rising: bool) -> float | None:
         edges = self.edges()
-        pairs = [pair for pair in pairwise(edges) if pair[0].rising == rising]
-        nearest = min(pairs, key=lambda pair: abs(pair[0].middle_s + pair[1].middle_s), default=None)
-        return None if nearest is None else nearest[1].middle_s - nearest[0].middle_s
+        these = edges.rising[:-1] == rising
+        pair = _nearest_pair(edges.middle_s[:-1][these], edges.middle_s[1:][these])
+        return None if pair is None else pair[1] - pair[0]
 
     def _mean(self, values: NDArray[np.float64], *, cycle: bool) -> float | None:
         """Return the mean of all samples, or over exactly one cycle with straight lines between them."""
@@ -313,11 +329,19 @@ class MeasuredTrace:
         limits = self._cycle()
         if limits is None:
             return None
-        inner = (self.times_s > limits[0]) & (self.times_s < limits[1])
+        inner = slice(np.searchsorted(self.times_s, limits[0], side="right"), np.searchsorted(self.times_s, limits[1]))
         times = np.concatenate((limits[:1], self.times_s[inner], limits[1:]))
         first, last = np.interp(limits, self.times_s, values)
         heights = np.concatenate(((first,), values[inner], (last,)))
         return float(np.sum((heights[1:] + heights[:-1]) * np.diff(times))) / (2.0 * (limits[1] - limits[0]))
+
+
+def _nearest_pair(starts: NDArray[np.float64], stops: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Return the pair of instants whose middle is nearest the reference."""
+    if not len(starts):
+        return None
+    nearest = np.abs(starts + stops).argmin()
+    return float(starts[nearest]), float(stops[nearest])
 
 
 def _flat_level(

@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 from simrack import scpi
 from simrack.instruments.dso7104b import declarations
-from simrack.instruments.dso7104b.installed import INVALID, Installed, measured_or_invalid
+from simrack.instruments.dso7104b.installed import INVALID, Installed
 from simrack.instruments.dso7104b.measurements import MeasuredTrace
 from simrack.scpi.lexer import Token, TokenKind
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Generator, Sequence
 
+    from simrack.instruments.dso7104b.installed import Preparation
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 _INSTALLED_MOST = 4
+_EDGES = MeasuredTrace.finding_edges
 
 
 class _Definition(scpi.Parameter, frozen=True):
@@ -46,9 +47,13 @@ class _Averaging(scpi.Choice, frozen=True):
 # --- values
 
 
-def _measured(model: SimulatedDso7104B, source: str | None, of: Callable[[MeasuredTrace], float | None]) -> Any:
-    name = source or model.state.measure.sources[0]
-    return model.look(lambda: model.nr3(measured_or_invalid(lambda: of(model.shown.measured(name)))))
+def _measured(
+    model: SimulatedDso7104B,
+    source: str | None,
+    of: Callable[[MeasuredTrace], float | None],
+    prepare: Preparation | None = None,
+) -> Any:
+    return _measured_of(model, (source or model.state.measure.sources[0],), of, prepare)
 
 
 def _measured_pair(
@@ -56,17 +61,32 @@ def _measured_pair(
     first: str | None,
     second: str | None,
     of: Callable[[MeasuredTrace, MeasuredTrace], float | None],
+    prepare: Preparation | None = None,
 ) -> Any:
     one, two = first or model.state.measure.sources[0], second or model.state.measure.sources[1]
     if two == "NONE":
         return model.nr3(INVALID)
-    return model.look(
-        lambda: model.nr3(measured_or_invalid(lambda: of(model.shown.measured(one), model.shown.measured(two))))
-    )
+    return _measured_of(model, (one, two), of, prepare)
+
+
+def _measured_of(
+    model: SimulatedDso7104B,
+    sources: tuple[str, ...],
+    of: Callable[..., float | None],
+    prepare: Preparation | None,
+) -> Any:
+    def measure() -> Generator[None, None, str]:
+        return model.nr3((yield from Installed("", sources, of, prepare).measuring(model.shown.measuring)))
+
+    return model.look(lambda: scpi.Pending.worked_out(measure()))
 
 
 def _install(
-    model: SimulatedDso7104B, name: str, sources: Sequence[str | None], of: Callable[..., float | None]
+    model: SimulatedDso7104B,
+    name: str,
+    sources: Sequence[str | None],
+    of: Callable[..., float | None],
+    prepare: Preparation | None = None,
 ) -> None:
     """Put a measurement on the screen, for :MEASure:RESults?; there is room for four (unverified)."""
     defaults = model.state.measure.sources
@@ -74,7 +94,7 @@ def _install(
     if "NONE" in named:
         raise scpi.ScpiError(-221)  # there is no second source to measure (number unverified)
     label = f"{name}({','.join(source.removeprefix('CHAN') for source in named)})"
-    model.installed.append(Installed(label, named, of))
+    model.installed.append(Installed(label, named, of, prepare))
     del model.installed[:-_INSTALLED_MOST]
 
 
@@ -89,29 +109,34 @@ def _clear(model: SimulatedDso7104B) -> None:
 
 @ROWS.query("MEASure:RESults")
 def _results(model: SimulatedDso7104B) -> Any:
-    return model.look(lambda: _results_now(model))
+    return model.look(lambda: scpi.Pending.worked_out(_results_now(model)))
 
 
-def _results_now(model: SimulatedDso7104B) -> str:
+def _results_now(model: SimulatedDso7104B) -> Generator[None, None, str]:
     """Return installed measurements: label, current, minimum, maximum, mean, deviation, count (ON), or one of these.
 
     Statistics are of the one record, or of all segments once they have been analysed.
     """
     kind = model.state.measure.statistics
-    rows = [_row(model, each) for each in model.installed]
+    rows = []
+    for each in tuple(model.installed):
+        label, values = yield from _row(model, each)
+        rows.append((label, values))
     if kind == "ON":
         return ",".join(",".join((label, *map(model.nr3, values[:-1]), f"{values[-1]:.0f}")) for label, values in rows)
     index = ("CURR", "MIN", "MAX", "MEAN", "STDD", "COUN").index(kind)
     return ",".join(f"{values[5]:+.0f}" if index == 5 else model.nr3(values[index]) for _, values in rows)
 
 
-def _row(model: SimulatedDso7104B, installed: Installed) -> tuple[str, tuple[float, ...]]:
+def _row(model: SimulatedDso7104B, installed: Installed) -> Generator[None, None, tuple[str, tuple[float, ...]]]:
     try:
         shown, records = model.shown.record, model.shown.records if model.shown.analysed else [model.shown.record]
     except scpi.ScpiError:
         return installed.label, (*(INVALID,) * 4, 0.0, 1.0)
-    current = installed.value(model.shown.measured, shown)
-    values = [value for record in records if (value := installed.value(model.shown.measured, record)) != INVALID]
+    current, values = (yield from installed.measuring(model.shown.measuring, shown)), list[float]()
+    for record in records:
+        if (value := (yield from installed.measuring(model.shown.measuring, record))) != INVALID:
+            values.append(value)
     if not values:
         return installed.label, (*(INVALID,) * 4, 0.0, 1.0)
     mean = math.fsum(values) / len(values)
@@ -122,13 +147,15 @@ def _row(model: SimulatedDso7104B, installed: Installed) -> tuple[str, tuple[flo
 # --- declarations
 
 
-def _measurement(name: str, of: Callable[[MeasuredTrace], float | None]) -> scpi.Command:
+def _measurement(
+    name: str, of: Callable[[MeasuredTrace], float | None], prepare: Preparation | None = None
+) -> scpi.Command:
     """Declare `:MEASure:<name> [<source>]` (install) and `:MEASure:<name>? [<source>]`."""
     return scpi.Command(
         f"MEASure:{name}",
         (declarations.OPTIONAL_SOURCE,),
-        do=lambda model, source: _install(model, name, (source,), of),
-        query=lambda model, source: _measured(model, source, of),
+        do=lambda model, source: _install(model, name, (source,), of, prepare),
+        query=lambda model, source: _measured(model, source, of, prepare),
         query_parameters=(declarations.OPTIONAL_SOURCE,),
     )
 
@@ -136,17 +163,18 @@ def _measurement(name: str, of: Callable[[MeasuredTrace], float | None]) -> scpi
 def _averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None]) -> scpi.Command:
     """Declare VAVerage or VRMS, whose words before the source are all optional."""
 
-    def sorted_out(words: tuple[str | None, ...]) -> tuple[str | None, set[str]]:
+    def sorted_out(words: tuple[str | None, ...]) -> tuple[str | None, set[str], Preparation | None]:
         given = {word for word in words if word is not None}
-        return next((word for word in given if word.startswith(("CHAN", "FUNC"))), None), given
+        source = next((word for word in given if word.startswith(("CHAN", "FUNC"))), None)
+        return source, given, None if "DISP" in given and "CYCL" not in given else _EDGES
 
     def read(model: SimulatedDso7104B, *words: str | None) -> Any:
-        source, given = sorted_out(words)
-        return _measured(model, source, lambda trace: of(trace, given))
+        source, given, prepare = sorted_out(words)
+        return _measured(model, source, lambda trace: of(trace, given), prepare)
 
     def install(model: SimulatedDso7104B, *words: str | None) -> None:
-        source, given = sorted_out(words)
-        _install(model, name, (source,), lambda trace: of(trace, given))
+        source, given, prepare = sorted_out(words)
+        _install(model, name, (source,), lambda trace: of(trace, given), prepare)
 
     words = (_Averaging(required=False),) * 3
     return scpi.Command(f"MEASure:{name}", words, do=install, query=read, query_parameters=words)
@@ -157,19 +185,21 @@ def _of_cycle(trace: MeasuredTrace, words: set[str]) -> bool:
     return "CYCL" in words or ("DISP" not in words and trace.period() is not None)
 
 
-def _pair_measurement(name: str, of: Callable[[MeasuredTrace, MeasuredTrace], float | None]) -> scpi.Command:
+def _pair_measurement(
+    name: str, of: Callable[[MeasuredTrace, MeasuredTrace], float | None], prepare: Preparation | None = None
+) -> scpi.Command:
     return scpi.Command(
         f"MEASure:{name}",
         (declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
-        do=lambda model, *sources: _install(model, name, sources, of),
-        query=lambda model, first, second: _measured_pair(model, first, second, of),
+        do=lambda model, *sources: _install(model, name, sources, of, prepare),
+        query=lambda model, first, second: _measured_pair(model, first, second, of, prepare),
         query_parameters=(declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
     )
 
 
 def _delay(model: SimulatedDso7104B, first: str | None, second: str | None) -> Any:
     edges = model.state.measure.delay_edges
-    return _measured_pair(model, first, second, lambda one, two: one.delay_to(two, *edges))
+    return _measured_pair(model, first, second, lambda one, two: one.delay_to(two, *edges), _EDGES)
 
 
 def _ratio_db(one: MeasuredTrace, two: MeasuredTrace) -> float | None:
@@ -219,7 +249,7 @@ def _edge_number(value: float) -> int:
 
 @ROWS.query("MEASure:TEDGe", query_parameters=(scpi.Number(), declarations.OPTIONAL_SOURCE))
 def _edge_time(model: SimulatedDso7104B, number: float, source: str | None) -> Any:
-    return _measured(model, source, lambda trace: trace.time_of_edge(_edge_number(number)))
+    return _measured(model, source, lambda trace: trace.time_of_edge(_edge_number(number)), _EDGES)
 
 
 @ROWS.query("MEASure:TVALue", query_parameters=(declarations.VOLTS, scpi.Number(), declarations.OPTIONAL_SOURCE))
@@ -267,7 +297,7 @@ def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
     query_parameters=(declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
 )
 def _install_delay(model: SimulatedDso7104B, *sources: str | None) -> None:
-    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state.measure.delay_edges))
+    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state.measure.delay_edges), _EDGES)
 
 
 MEASURE_COMMANDS = (
@@ -282,31 +312,31 @@ MEASURE_COMMANDS = (
     _measurement("VPP", MeasuredTrace.peak_to_peak),
     _measurement("VMAX", MeasuredTrace.maximum),
     _measurement("VMIN", MeasuredTrace.minimum),
-    _measurement("VAMPlitude", MeasuredTrace.amplitude),
-    _measurement("VTOP", MeasuredTrace.top),
-    _measurement("VBASe", MeasuredTrace.base),
+    _measurement("VAMPlitude", MeasuredTrace.amplitude, MeasuredTrace.leveling),
+    _measurement("VTOP", MeasuredTrace.top, MeasuredTrace.leveling),
+    _measurement("VBASe", MeasuredTrace.base, MeasuredTrace.leveling),
     _averaging("VAVerage", lambda trace, words: trace.average(cycle=_of_cycle(trace, words))),
     _averaging("VRMS", lambda trace, words: trace.rms(cycle=_of_cycle(trace, words), ac="AC" in words)),
     _measurement("SDEViation", lambda trace: trace.rms(cycle=False, ac=True)),
-    _measurement("OVERshoot", MeasuredTrace.overshoot),
-    _measurement("PREShoot", MeasuredTrace.preshoot),
-    _measurement("FREQuency", MeasuredTrace.frequency),
-    _measurement("PERiod", MeasuredTrace.period),
+    _measurement("OVERshoot", MeasuredTrace.overshoot, MeasuredTrace.leveling),
+    _measurement("PREShoot", MeasuredTrace.preshoot, MeasuredTrace.leveling),
+    _measurement("FREQuency", MeasuredTrace.frequency, _EDGES),
+    _measurement("PERiod", MeasuredTrace.period, _EDGES),
     scpi.Command(
         "MEASure:COUNter",
         (declarations.OPTIONAL_SOURCE,),
-        do=lambda model, source: _install(model, "COUNter", (source,), MeasuredTrace.mean_frequency),
+        do=lambda model, source: _install(model, "COUNter", (source,), MeasuredTrace.mean_frequency, _EDGES),
         query=_counter,
         query_parameters=(declarations.OPTIONAL_SOURCE,),
     ),
-    _measurement("RISetime", MeasuredTrace.rise_time),
-    _measurement("FALLtime", MeasuredTrace.fall_time),
-    _measurement("PWIDth", MeasuredTrace.positive_width),
-    _measurement("NWIDth", MeasuredTrace.negative_width),
-    _measurement("DUTYcycle", MeasuredTrace.duty_cycle),
+    _measurement("RISetime", MeasuredTrace.rise_time, _EDGES),
+    _measurement("FALLtime", MeasuredTrace.fall_time, _EDGES),
+    _measurement("PWIDth", MeasuredTrace.positive_width, _EDGES),
+    _measurement("NWIDth", MeasuredTrace.negative_width, _EDGES),
+    _measurement("DUTYcycle", MeasuredTrace.duty_cycle, _EDGES),
     _measurement("XMAX", MeasuredTrace.time_of_maximum),
     _measurement("XMIN", MeasuredTrace.time_of_minimum),
-    _pair_measurement("PHASe", lambda one, two: one.phase_to(two)),
+    _pair_measurement("PHASe", lambda one, two: one.phase_to(two), _EDGES),
     _pair_measurement("VRATio", _ratio_db),
 )
 """What is said to :MEASure."""

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
+from simrack.components import ended
 from simrack.dense import Coarse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator
 
     from numpy.typing import NDArray
 
@@ -23,7 +24,7 @@ _LEAST_SAVING, _MOST_SAVING = 4, 4096
 _SAMPLE_RATE_HZ = 4e9
 _MOST_AVERAGED = 256
 """Samples behind a point of high resolution, where nothing tells how fast the signal is."""
-_AVERAGED_AT_ONCE = 1 << 20
+_AVERAGED_AT_ONCE = 1 << 16
 _SCREEN_TELLS, _FINER = 2.6, 4.0
 """Times of the finest time: up to where the screen's points tell a signal, and of what else it is looked at."""
 _UNKNOWN_POINTS = 1 << 17
@@ -116,14 +117,16 @@ class Record:
 
     def digitised(self, channel: int, points: int) -> Digitised:
         """Return `points` samples of `channel` over the screen."""
-        return self._judged(channel, np.concatenate(list(self.blocks(channel, points))))
+        return ended(self.digitising(channel, points))
 
-    def extremes(self, channel: int, points: int) -> Digitised:
-        """Return the same by peak detection."""
-        return self._judged(channel, np.concatenate(list(self.peak_blocks(channel, points))))
-
-    def _judged(self, channel: int, volts: NDArray[np.float64]) -> Digitised:
-        view = self.views[channel]
+    def digitising(self, channel: int, points: int, *, extremes: bool = False) -> Generator[None, None, Digitised]:
+        """Return, after slices of work, so many samples of `channel` over the screen, or extremes by peak detection."""
+        blocks = []
+        for block in (self.peak_blocks if extremes else self.blocks)(channel, points):
+            blocks.append(block)
+            yield
+        volts, view = np.concatenate(blocks), self.views[channel]
+        yield
         # codes 2...254 of 256 are data: 1 and 255 say that the sample is beyond the converter
         unit = view.range_v / 256
         low, high = view.offset_v - 126 * unit, view.offset_v + 126 * unit
@@ -146,7 +149,7 @@ class Record:
     def peak_blocks(self, channel: int, points: int) -> Iterator[NDArray[np.float64]]:
         """Yield alternately the smallest and the largest of the samples behind each pair of points (peak detect)."""
         samples = 2 * self._peak_samples(channel, points)
-        pairs = max(1, _BLOCK_POINTS * _PEAK_SAMPLES // samples)
+        pairs = max(1, _BLOCK_POINTS // samples)
         for volts in self.blocks(channel, points * samples // 2, pairs * samples):
             rows = volts.reshape(-1, samples)
             yield np.stack((rows.min(axis=1), rows.max(axis=1)), axis=1).reshape(-1)

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Generator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -25,6 +25,8 @@ _LUMINANCE = (0.299, 0.587, 0.114)
 _LEVELS = 6
 """Of each of red, green and blue in the palette of an 8-bit picture."""
 _GREYS = 256 - _LEVELS**3
+_BANDS = 16
+"""Parts of a picture that are coloured one after the other."""
 
 
 class PictureStyle(Struct, frozen=True):
@@ -34,8 +36,13 @@ class PictureStyle(Struct, frozen=True):
     ink_saver: bool = False
 
 
-def screenshot(traces: Mapping[int, NDArray[np.float64]], kind: str, look: PictureStyle) -> bytes:
-    """Return a picture of traces whose values run from -0.5 (bottom) to 0.5 (top), by number of the trace from 1."""
+def screenshot(
+    traces: Mapping[int, NDArray[np.float64]], kind: str, look: PictureStyle
+) -> Generator[None, None, bytes]:
+    """Return, after slices of work, a picture of traces by their number from 1.
+
+    Their values run from -0.5 (bottom) to 0.5 (top).
+    """
     picture = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
     picture[:] = _WHITE if look.ink_saver else _BLACK
     picture[:: HEIGHT // 8, :] = _GRID
@@ -49,7 +56,13 @@ def screenshot(traces: Mapping[int, NDArray[np.float64]], kind: str, look: Pictu
             top, bottom = min(int(rows.min()), last), max(int(rows.max()), last)
             picture[top : bottom + 1, x] = colour
             last = int(rows[-1])
-    return FORMATS[kind](_toned(picture, look))
+        yield
+    bands = []
+    for band in np.array_split(picture, _BANDS):
+        toned = _toned(band, look)
+        bands.append(_indexed(toned) if kind == "BMP8" else toned)
+        yield
+    return FORMATS[kind](np.concatenate(bands))
 
 
 def _columns(rows: NDArray[np.int_]) -> Sequence[NDArray[np.int_]]:
@@ -87,12 +100,12 @@ def _bmp(pixels: bytes, palette: bytes, bits: int) -> bytes:
     return struct.pack("<2sIHHI", b"BM", start + len(pixels), 0, 0, start) + size + palette + pixels
 
 
-def _bmp8(picture: NDArray[np.uint8]) -> bytes:
-    """Return an 8-bit bitmap: six levels a colour, and a ramp of greys."""
+def _indexed(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the numbers of colours in the palette: six levels a colour, and a ramp of greys."""
     cube = np.rint(picture * ((_LEVELS - 1) / 255.0)).astype(int) @ np.array((_LEVELS**2, _LEVELS, 1))
     grey = _LEVELS**3 + np.rint(picture[:, :, 0] * ((_GREYS - 1) / 255.0)).astype(int)
     is_grey = (picture[:, :, 0] == picture[:, :, 1]) & (picture[:, :, 1] == picture[:, :, 2])
-    return _bmp(np.where(is_grey, grey, cube)[::-1].astype(np.uint8).tobytes(), _palette(), 8)
+    return np.asarray(np.where(is_grey, grey, cube), dtype=np.uint8)
 
 
 def _palette() -> bytes:
@@ -124,7 +137,7 @@ def _tiff(picture: NDArray[np.uint8]) -> bytes:
 FORMATS: Mapping[str, Callable[[NDArray[np.uint8]], bytes]] = {
     "PNG": _png,
     "BMP": lambda picture: _bmp(picture[::-1, :, ::-1].tobytes(), b"", 24),
-    "BMP8": _bmp8,
+    "BMP8": lambda picture: _bmp(picture[::-1].tobytes(), _palette(), 8),
     "TIFF": _tiff,
 }
 """The formats by the short forms of their words."""

@@ -9,7 +9,7 @@ from simrack.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
 from simrack.scpi import Parts, Pending, ScpiError, block_header
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator, Iterator
 
     from simrack.instruments.dso7104b.record import Record
     from simrack.instruments.dso7104b.settings import ScopeSettings
@@ -60,34 +60,33 @@ class ShownRecords:
         elapsed_s = self.record.trigger_s - self.records[0].trigger_s
         return elapsed_s * (1.0 + self._time_base_error)
 
-    def measured(self, source: str, record: Record | None = None) -> MeasuredTrace:
-        """Return the trace of `source` for measurements; -230 where it is not shown."""
+    def measuring(self, source: str, record: Record | None = None) -> Generator[None, None, MeasuredTrace]:
+        """Return, after slices of work, the trace of `source` for measurements; -230 where it is not shown."""
         if not self._state.is_shown(source):
             raise ScpiError(-230)
-        return self.trace(source, record)
+        return (yield from self.tracing(source, record))
 
-    def trace(self, source: str, record: Record | None = None) -> MeasuredTrace:
-        """Return the acquired trace of `source`, shown or not."""
+    def tracing(self, source: str, record: Record | None = None) -> Generator[None, None, MeasuredTrace]:
+        """Return, after slices of work, the acquired trace of `source`, shown or not."""
         shown = record or self.record
         found = self._traces.get((shown.number, source))
         if found is None:
-            found = self._traces[shown.number, source] = self._trace(source, shown)
+            found = self._traces[shown.number, source] = yield from self._trace(source, shown)
         return found
 
-    def _trace(self, source: str, record: Record) -> MeasuredTrace:
+    def _trace(self, source: str, record: Record) -> Generator[None, None, MeasuredTrace]:
         if source == "FUNC":
             math_ = math_trace(self._state, record, _SCREEN_POINTS)
             return MeasuredTrace(math_.places(), math_.values, clipped=math_.clipped, thresholds=self._thresholds())
         channel = int(source[4:])
         points = record.measured_points(channel, _SCREEN_POINTS)
-        digitised = record.digitised(channel, points)
-        times = record.screen.times_s(points)
-        if record.kept.kind != "PEAK":
-            return MeasuredTrace(times, digitised.volts, clipped=digitised.clipped, thresholds=self._thresholds())
-        peaks = record.extremes(channel, points)
-        return MeasuredTrace(
-            times, digitised.volts, clipped=peaks.clipped, thresholds=self._thresholds(), peaks=peaks.volts
-        )
+        shown = seen = yield from record.digitising(channel, points)
+        if record.kept.kind == "PEAK":
+            seen = yield from record.digitising(channel, points, extremes=True)
+        yield
+        times, thresholds = record.screen.times_s(points), self._thresholds()
+        yield
+        return MeasuredTrace(times, shown.volts, clipped=seen.clipped, thresholds=thresholds, peaks=seen.volts)
 
     def _thresholds(self) -> Thresholds:
         kind, upper, middle, lower = self._state.measure.thresholds
@@ -104,13 +103,11 @@ class ShownRecords:
             return kept[2]
         record, made = self.record, list[bytes]()
 
-        def make() -> Iterator[None]:
+        def make() -> Generator[None, None, Parts]:
             for part in parts:
                 made.append(part)
                 yield
-
-        def keep() -> Parts:
             self._sent = (record, asked, Parts((block_header(sum(map(len, made)), 8), *made)))
             return self._sent[2]
 
-        return Pending.worked_out(make(), keep)
+        return Pending.worked_out(make())

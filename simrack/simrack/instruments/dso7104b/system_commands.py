@@ -13,13 +13,14 @@ from simrack.instruments.dso7104b.math_settings import math_scale, math_trace
 from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
     from numpy.typing import NDArray
 
     from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
     from simrack.scpi import Pending
 
 ROWS = scpi.Rows()
-"""Rows that stand on their handlers."""
 
 _PLACES = scpi.Integer(limits=scpi.Limits(0, 9))
 _POINTS = 1000
@@ -46,13 +47,14 @@ def _blank(model: SimulatedDso7104B, source: str | None) -> None:
 
 def _activity(model: SimulatedDso7104B) -> Any:
     """Return edges and levels, a bit a channel: whether it crosses its trigger level, and is above it at the end."""
-    return model.look(lambda: _activity_now(model))
+    return model.look(lambda: scpi.Pending.worked_out(_activity_now(model)))
 
 
-def _activity_now(model: SimulatedDso7104B) -> str:
+def _activity_now(model: SimulatedDso7104B) -> Generator[None, None, str]:
     edges = levels = 0
     for bit, channel in enumerate(CHANNELS):
-        above = model.shown.trace(f"CHAN{channel}").volts >= model.state.levels_v[f"CHAN{channel}"]
+        trace = yield from model.shown.tracing(f"CHAN{channel}")
+        above = trace.volts >= model.state.levels_v[f"CHAN{channel}"]
         edges |= bool(above.any() and not above.all()) << bit
         levels |= bool(above[-1]) << bit
     return f"{scpi.signed_integer(edges)},{scpi.signed_integer(levels)}"
@@ -119,21 +121,25 @@ def _picture(model: SimulatedDso7104B, kind: str, area: str | None, palette: str
     if kind == "TIFF" and (area == "SCR" or palette in {"COL", "GRAY"}):
         raise scpi.ScpiError(-221)
     look = PictureStyle("MON" if kind == "TIFF" else palette or "COL", ink_saver=model.state.hardcopy.ink_saver)
-    return model.look(lambda: scpi.block(screenshot(_traces(model), kind, look), 8))
+
+    def taking() -> Generator[None, None, bytes]:
+        traces = yield from _traces(model)
+        return scpi.block((yield from screenshot(traces, kind, look)), 8)
+
+    return model.look(lambda: scpi.Pending.worked_out(taking()))
 
 
-def _traces(model: SimulatedDso7104B) -> dict[int, NDArray[Any]]:
+def _traces(model: SimulatedDso7104B) -> Generator[None, None, dict[int, NDArray[Any]]]:
     """Return the shown traces, each -0.5...0.5 of the screen, the math trace as the fifth; none without a record."""
     try:
         record = model.shown.record
     except scpi.ScpiError:
         return {}
-    shown = [channel for channel in CHANNELS if model.state.channel[channel].shown]
-    traces = {
-        channel: (model.shown.trace(f"CHAN{channel}").volts - record.views[channel].offset_v)
-        / record.views[channel].range_v
-        for channel in shown
-    }
+    traces = {}
+    for channel in CHANNELS:
+        if model.state.channel[channel].shown:
+            view, trace = record.views[channel], (yield from model.shown.tracing(f"CHAN{channel}"))
+            traces[channel] = (trace.volts - view.offset_v) / view.range_v
     if model.state.function.shown:
         range_, offset = math_scale(model.state)
         traces[_MATH] = (math_trace(model.state, record, _POINTS).values - offset) / range_
@@ -172,16 +178,15 @@ def _set_setup(model: SimulatedDso7104B, data: bytes) -> None:
     model.restore(setup)
 
 
-def _set_date(model: SimulatedDso7104B, year: int, month: int, day: int) -> None:
-    model.date = (year, month, day)
-
-
-def _set_time(model: SimulatedDso7104B, hour: int, minute: int, second: int) -> None:
-    model.time = (hour, minute, second)
-
-
-def _list_of(values: tuple[int, ...]) -> str:
-    return ",".join(map(scpi.signed_integer, values))
+def _moment(name: str, *limits: tuple[int, int]) -> scpi.Command:
+    """Declare a date or a time: three whole numbers."""
+    return scpi.Command(
+        f"SYSTem:{name.upper()}",
+        tuple(scpi.Integer(limits=scpi.Limits(*each)) for each in limits),
+        do=lambda model, *values: setattr(model, name, values),
+        query=lambda model: getattr(model, name),
+        reply=scpi.comma_list(scpi.signed_integer),
+    )
 
 
 @ROWS.query("DISPlay")
@@ -218,28 +223,8 @@ SYSTEM_COMMANDS = (
     scpi.attribute("HARDcopy:PALette", scpi.Choice(("COLor", "GRAYscale", "NONE")), "state.hardcopy.palette"),
     scpi.Command("HARDcopy[:STARt]", do=declarations.nothing),
     scpi.attribute("SYSTem:DSP", scpi.Text(limit=254), "message", scpi.quoted),
-    scpi.Command(
-        "SYSTem:DATE",
-        (
-            scpi.Integer(limits=scpi.Limits(1980, 2099)),
-            scpi.Integer(limits=scpi.Limits(1, 12)),
-            scpi.Integer(limits=scpi.Limits(1, 31)),
-        ),
-        do=_set_date,
-        query=lambda model: model.date,
-        reply=_list_of,
-    ),
-    scpi.Command(
-        "SYSTem:TIME",
-        (
-            scpi.Integer(limits=scpi.Limits(0, 23)),
-            scpi.Integer(limits=scpi.Limits(0, 59)),
-            scpi.Integer(limits=scpi.Limits(0, 59)),
-        ),
-        do=_set_time,
-        query=lambda model: model.time,
-        reply=_list_of,
-    ),
+    _moment("date", (1980, 2099), (1, 12), (1, 31)),
+    _moment("time", (0, 23), (0, 59), (0, 59)),
     scpi.attribute("SYSTem:LOCK", scpi.Boolean(), "state.locked", scpi.boolean),
     scpi.attribute("SYSTem:PROTection:LOCK", scpi.Boolean(), "state.protection_locked", scpi.boolean),
 )

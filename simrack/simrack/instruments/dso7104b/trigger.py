@@ -18,7 +18,7 @@ from simrack.instruments.dso7104b.conditions import Change
 from simrack.instruments.dso7104b.filters import LowPass, time_constant_s
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -30,6 +30,7 @@ _GRID_POINTS = 4000
 _BLOCK_POINTS = 1 << 16
 _MOST_POINTS = 1 << 20
 """How often one search looks at most: a microsecond's pulse in a second."""
+_CHANGES_AT_ONCE = 1 << 7
 _REFINE_POINTS = 33
 _REFINE_ROUNDS = 2
 _CORNER_HZ = 50e3
@@ -184,8 +185,8 @@ class TriggerSearch:
         self._followers: dict[int, _Follower] = {}
         self._reached_s: float | None = None
 
-    def find(self, signals: Signals, start_s: float, stop_s: float) -> float | None:
-        """Return the first trigger in [start_s, stop_s], None if there is none.
+    def finding(self, signals: Signals, start_s: float, stop_s: float) -> Generator[None, None, float | None]:
+        """Return, after slices of work, the first trigger in [start_s, stop_s], None if there is none.
 
         A stretch that begins where the last one ended carries on; anything else starts anew.
         """
@@ -200,10 +201,11 @@ class TriggerSearch:
             }
             self._reached_s = None
         for times in self._blocks(signals, start_s, stop_s):
-            found = self._look(signals, times)
+            found = yield from self._look(signals, times)
             if found is not None:
                 self._reached_s = None
                 return found
+            yield
         self._reached_s = stop_s
         return None
 
@@ -230,16 +232,18 @@ class TriggerSearch:
         wanted = math.ceil(2.0 * span_s / finest) + 1
         return wanted if finest == _REJECTED_STEP_S else min(_MOST_POINTS, wanted)
 
-    def _look(self, signals: Signals, times: NDArray[np.float64]) -> float | None:
-        new = self._reached_s is None
-        changes = [follower.changes(signals, times) for follower in self._followers.values()]
+    def _look(self, signals: Signals, times: NDArray[np.float64]) -> Generator[None, None, float | None]:
+        new, changes = self._reached_s is None, []
+        for follower in self._followers.values():
+            changes.append(follower.changes(signals, times))
+            yield
         if new:
             highs = {channel: bool(follower.began_high) for channel, follower in self._followers.items()}
             self._condition.begin(highs, float(times[0]))
         self._reached_s = float(times[-1])
-        return self._fed(signals, merge(*changes, key=lambda change: change.at_s))
+        return (yield from self._fed(signals, merge(*changes, key=lambda change: change.at_s)))
 
-    def _fed(self, signals: Signals, changes: Iterable[Change]) -> float | None:
+    def _fed(self, signals: Signals, changes: Iterable[Change]) -> Generator[None, None, float | None]:
         def exactly(change: Change) -> float:
             # Instant of a change: looked at closer twice, then straight
             follower = self._followers[change.channel]
@@ -257,8 +261,10 @@ class TriggerSearch:
             part = (threshold - before) / (after - before) if after != before else 0.0
             return early + part * (late - early)
 
-        for change in changes:
+        for number, change in enumerate(changes):
             found = self._condition.feed(change, exactly)
             if found is not None:
                 return found
+            if number % _CHANGES_AT_ONCE == _CHANGES_AT_ONCE - 1:
+                yield
         return None

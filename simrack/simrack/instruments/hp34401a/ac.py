@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from msgspec import Struct
 
-from simrack.components import summed_powers
+from simrack.components import ended, summed_powers
 from simrack.trace import merged
 
 if TYPE_CHECKING:
@@ -129,18 +129,6 @@ def phasors(piece: Piece, response: AcResponse) -> Phasors:
     return Phasors(sizes[kept], math.tau * frequencies[kept])
 
 
-_Ended = TypeVar("_Ended")
-
-
-def ended(labour: Generator[None, None, _Ended]) -> _Ended:
-    """Return what slices of work come to, all done at once."""
-    while True:
-        try:
-            next(labour)
-        except StopIteration as end:
-            return cast("_Ended", end.value)
-
-
 def detect(pieces: Iterable[Piece], start_s: float, stop_s: float, response: AcResponse) -> Detected:
     """Return what :func:`detecting` comes to, worked out at once."""
     return ended(detecting(pieces, start_s, stop_s, response))
@@ -218,6 +206,8 @@ def _in_parts(
         first, last = np.searchsorted(parts, (piece.start_s, piece.stop_s))
         if first < last:
             components = piece.components()
+            for each in components:
+                yield from each.preparing(path)
             for begun in range(first, last, _SLICE):
                 held = slice(begun, min(begun + _SLICE, last))
                 means[held], squares[held] = summed_powers(components, parts[held.start : held.stop + 1], path)

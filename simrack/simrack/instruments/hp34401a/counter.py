@@ -76,7 +76,7 @@ def counting(
     threshold_v = math.sqrt(2.0) * least_v
     behind = _Behind(known, gate_s[0], known_s, response)
     if known[-1].start_s <= gate_s[0]:
-        regular = _paced(behind, known[-1], gate_s, known_s, threshold_v)
+        regular = yield from _paced(behind, known[-1], gate_s, known_s, threshold_v)
         regular = regular or (yield from _turned(behind, known[-1], gate_s, threshold_v))
         if regular is not None:
             return regular
@@ -158,7 +158,7 @@ def _evenly(start_s: float, step_s: float, looks: int) -> Values:
 
 def _paced(
     behind: _Behind, piece: Piece, gate_s: tuple[float, float], known_s: float, threshold_v: float
-) -> Counted | None:
+) -> Generator[None, None, Counted | None]:
     """Return the count of a signal with one periodic component that decides alone; None if it is not so."""
     components = piece.components()
     paces = [each.pace_hz for each in components]
@@ -170,6 +170,7 @@ def _paced(
     start_s, lowest = gate_s[0], min(sounding)
     if all(abs(pace / lowest - round(pace / lowest)) < _SAME for pace in sounding):
         seen = _cycle(behind, components, lowest, start_s, blocked=True)
+        yield
         looks = len(seen)
         places = _coming(np.tile(seen, 2), looks, threshold_v)
         events_s = start_s + (places - looks + 0.5) / (looks * lowest)
@@ -178,10 +179,12 @@ def _paced(
     leading = int(np.argmax(peaks))
     hertz, beside_v = paces[leading] or 0.0, sum(peaks) - peaks[leading]
     cycle = _cycle(behind, (components[leading],), hertz, start_s, blocked=False)
+    yield
     if (gate_s[1] - start_s) * hertz < _FEW_CYCLES or not _decides(cycle - cycle.mean(), beside_v, threshold_v):
         return None
+    yield
     others = [each for index, each in enumerate(components) if index != leading]
-    return _Disturbed(behind, cycle, others, hertz, threshold_v).counted(gate_s, known_s)
+    return (yield from _Disturbed(behind, cycle, others, hertz, threshold_v).counted(gate_s, known_s))
 
 
 def _turned(
@@ -196,7 +199,10 @@ def _turned(
     if (gate_s[1] - gate_s[0]) * turning.lowest_hz < _FEW_CYCLES:
         return None
     ends_hz = (turning.lowest_hz, turning.highest_hz)
-    cycles = [_cycle(behind, (turning.steady(hertz),), hertz, 0.0, blocked=False) for hertz in ends_hz]
+    cycles = []
+    for hertz in ends_hz:
+        cycles.append(_cycle(behind, (turning.steady(hertz),), hertz, 0.0, blocked=False))
+        yield
     mean_v = float(cycles[0].mean())
     if all(float((cycle - mean_v).max()) <= threshold_v for cycle in cycles):
         return Counted(0.0, math.inf)
@@ -279,23 +285,27 @@ class _Disturbed:
         self._hertz = hertz
         self._threshold_v = threshold_v
 
-    def counted(self, gate_s: tuple[float, float], known_s: float) -> Counted:
+    def counted(self, gate_s: tuple[float, float], known_s: float) -> Generator[None, None, Counted]:
         """Return the count of a gate; its cycles are counted from the same phase on."""
         begun_s = gate_s[0] - 1.0 / self._hertz
-        early = self._events(begun_s)
+        early = yield from self._events(begun_s)
         later = math.floor((min(gate_s[1], known_s) - begun_s) * self._hertz - 2.0)
-        late = self._events(begun_s + later / self._hertz)
+        late = yield from self._events(begun_s + later / self._hertz)
         first = float(early[np.searchsorted(early, gate_s[0])])
         closing = float(late[np.searchsorted(late, gate_s[1])])
         last = closing if closing <= known_s else float(late[np.searchsorted(late, known_s) - 1])
         return _counted(round((last - first) * self._hertz), first, last, closing)
 
-    def _events(self, begun_s: float) -> Values:
-        """Return the events of five cycles from a time on at which `cycle` begins."""
+    def _events(self, begun_s: float) -> Generator[None, None, Values]:
+        """Return, after slices of work, the events of five cycles from a time on at which `cycle` begins."""
         looks, step = 6 * len(self._cycle), 1.0 / (len(self._cycle) * self._hertz)
         edges = _evenly(begun_s - 1.0 / self._hertz, step, looks)
-        slow_v = sum((each.means(edges) for each in self._others), start=np.zeros(looks))
+        slow_v = np.zeros(looks)
+        for each in self._others:
+            slow_v = slow_v + each.means(edges)
+            yield
         slow_v -= self._behind.blocked_v((edges[1:] + edges[:-1]) / 2)
+        yield
         places = _coming(np.tile(self._cycle, 6) + slow_v, len(self._cycle), self._threshold_v)
         return np.asarray(edges[0] + step * (places + 0.5))
 

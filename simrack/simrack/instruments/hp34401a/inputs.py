@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from msgspec import Struct
 from msgspec.structs import replace
 
+from simrack.components import ended
 from simrack.instruments.hp34401a import counter, ohms
-from simrack.instruments.hp34401a.ac import SETTLING_S, AcResponse, crest_limit, detecting, ended
+from simrack.instruments.hp34401a.ac import SETTLING_S, AcResponse, crest_limit, detecting
 from simrack.instruments.hp34401a.calculation import OVERLOAD
 from simrack.instruments.hp34401a.corrections import Corrections
 from simrack.instruments.hp34401a.current import open_ac_input_a, open_dc_input_a

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from simrack.bench_faults import begin_on_bench
 from simrack.clock import VirtualClock
 from simrack.desk import Desk
+from simrack.faults import Fault
 from simrack.instruments.agilent33220a.banded import Banded
 from simrack.scpi import ScpiTwin
 
@@ -62,6 +64,33 @@ def test_a_frequency_is_counted_in_bounded_slices(signal: str, monkeypatch: pyte
     assert sum(looks) <= most
     if expected_hz is not None:
         assert float(answer) == pytest.approx(expected_hz, rel=1e-6)
+
+
+def test_a_reading_that_is_offset_is_worked_out_in_slices_too() -> None:
+    said, slices = [], [0, 0]
+    for index, offset in enumerate((0.0, 0.5)):
+        clock = VirtualClock()
+        desk = Desk.build(clock)
+        meter = desk.devices["multimeter"]
+        assert isinstance(meter, ScpiTwin)
+        desk.devices["generator"].write(b"APPL:SQU 1E3,2,0\n", end=True)
+        clock.sleep_until(1.0)
+        desk.devices["generator"].write(b"OUTP ON\n", end=True)
+        clock.sleep_until(2.0)
+        end = begin_on_bench(meter, Fault("multimeter", "offset", offset=offset))
+        meter.engine.hand_over = lambda: None
+        meter.write(b"MEAS:VOLT:AC?\n", end=True)
+        answer = b""
+        while not answer:
+            while meter.engine.working:
+                slices[index] += 1
+                meter.engine.work()
+            answer, _ = meter.read(100)
+            clock.sleep_until(meter.wake_at() or clock.now())
+        end()
+        said.append(float(answer))
+    assert said[1] - said[0] == pytest.approx(0.5, abs=1e-6)
+    assert slices[0] == slices[1] > 4
 
 
 def test_what_is_worked_out_in_slices_is_dropped_by_a_device_clear() -> None:
