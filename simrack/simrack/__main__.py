@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import math
 import signal
@@ -11,7 +12,9 @@ from typing import Annotated
 
 import typer
 
+from simrack import card as cards
 from simrack.desk import circuit_in, served_desk
+from simrack.models import MODELS
 from simrack.serve import BenchServer, Control, ControlError, ServedClock, ServerSettings
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
@@ -47,6 +50,7 @@ def serve(
         signal.set_wakeup_fd(server.loop.wake_fd, warn_on_full_buffer=False)
         typer.echo(json.dumps(server.as_json()) if json_ else _places(server))
         sys.stdout.flush()
+        gc.freeze()  # what is here now stays: collections in between the answers are short
         server.run()
 
 
@@ -76,6 +80,18 @@ def ctl(
     except ControlError as error:
         raise typer.BadParameter(str(error)) from error
     typer.echo(json.dumps(answer, indent=2))
+
+
+@app.command()
+def card(
+    model: Annotated[
+        str | None, typer.Argument(metavar="[MODEL]", help="As on the box; without, all in a table.")
+    ] = None,
+) -> None:
+    """Show which commands of its manual and of the standards a model knows, the sources, and what is unverified."""
+    if model is not None and model not in MODELS:
+        raise typer.BadParameter(f"there is no {model!r}, only {', '.join(MODELS)}")
+    typer.echo(cards.overview() if model is None else cards.card(model))
 
 
 def _parsed(text: str) -> object:

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from simrack.instruments.e36312a.instrument import SimulatedE36312A
 
 ROWS = Rows()
-"""Rows that stand on their handlers."""
 
 _NAMES = tuple(kind.name for kind in KINDS)
 _PROGRAMMING_S, _READBACK_S = 0.01, 0.02
@@ -151,14 +150,14 @@ def _named(identifier: str) -> str:
     return _NAMES[int(identifier[2:]) - 1] if identifier.startswith("CH") else identifier
 
 
+def _channel(name: str) -> str:
+    return f"CH{_NAMES.index(name) + 1}"
+
+
 def _applied(supply: SimulatedE36312A, identifier: str | None) -> str:
     name = supply.selected if identifier is None else _named(identifier)
     output = supply.outputs[name]
     return f"{_terminal(name, output.volts):.6f},{output.amps:.6f}"
-
-
-def _select(supply: SimulatedE36312A, identifier: str) -> None:
-    supply.selected = _named(identifier)
 
 
 @ROWS.attribute(
@@ -197,11 +196,6 @@ def _tripped(cause: str) -> Callable[..., list[bool]]:
 
 def _clear(supply: SimulatedE36312A, names: Names | None) -> None:
     supply.tripped.update(dict.fromkeys(_of(supply, names), ""))
-
-
-def _pair(supply: SimulatedE36312A, state: str) -> None:
-    """OFF is all that is simulated."""
-    del supply, state
 
 
 def _measure_volts(supply: SimulatedE36312A, names: Names | None) -> list[float]:
@@ -256,6 +250,12 @@ def _trigger(supply: SimulatedE36312A) -> None:
         supply.transfer_of(name)
 
 
+@ROWS.do("STATus:PRESet")
+def _preset_status(supply: SimulatedE36312A) -> None:
+    for register in (supply.questionable, supply.operation, supply.instrument_summary):
+        register.enable = 0
+
+
 TABLE = CommandTable(
     *ROWS,
     *COMMON_COMMANDS,
@@ -273,12 +273,7 @@ TABLE = CommandTable(
     Command("SYSTem:ERRor:COUNt", query=lambda supply: len(supply.engine.errors), reply=signed_integer),
     *status_commands("QUEStionable", "questionable", lacking=("event", "enable")),
     *status_commands("OPERation", "operation"),
-    Command(
-        "INSTrument[:SELect]",
-        (_IDENTIFIER,),
-        do=_select,
-        query=lambda supply: f"CH{supply.output.kind.number}",
-    ),
+    attribute("INSTrument[:SELect]", _IDENTIFIER, "selected", _channel, convert=_named),
     Command(
         "OUTPut[:STATe]",
         (_ON_OFF, _LIST),
@@ -288,7 +283,7 @@ TABLE = CommandTable(
         reply=_listed(boolean),
         takes_s=_PROGRAMMING_S,
     ),
-    Command("OUTPut:PAIR", (Choice(("OFF",)),), do=_pair, query=lambda supply: "OFF" if supply else ""),
+    remembered("OUTPut:PAIR", Choice(("OFF",)), "OFF"),
     Command("OUTPut:PROTection:CLEar", (_LIST,), do=_clear),
     _kept("over_v", "[SOURce:]VOLTage:PROTection[:LEVel]", Number(unit="V", limits=Limits(0.0, 27.5)), _NR3),
     _kept("over_v_on", "[SOURce:]VOLTage:PROTection:STATe", _ON_OFF, boolean),

@@ -1,0 +1,128 @@
+"""Conformance card of a model: which commands it knows of its manual's and of the standards', and where from.
+
+Made of its command table, of the docstring that names its sources, and of the headers of its manual where those were
+at hand (`simrack/manuals`). A header that a model does not know is answered as a real one answers an unknown header.
+"""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+from itertools import product
+from typing import TYPE_CHECKING, Final
+
+from msgspec import Struct
+
+from simrack.models import MODELS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from simrack.models import SimulatedModel
+    from simrack.scpi import CommandTable
+
+IEEE_488_2: Final = (
+    *("*CLS", "*ESE", "*ESE?", "*ESR?", "*IDN?", "*OPC", "*OPC?", "*RST", "*SRE", "*SRE?", "*STB?", "*TST?", "*WAI"),
+)
+"""What IEEE 488.2, 4.1.1 demands."""
+SCPI_99: Final = (
+    *("SYSTem:ERRor[:NEXT]?", "SYSTem:VERSion?", "STATus:{OPERation|QUEStionable}[:EVENt]?", "STATus:PRESet"),
+    *("STATus:{OPERation|QUEStionable}:CONDition?", "STATus:{OPERation|QUEStionable}:ENABle"),
+)
+"""What SCPI-99, volume 1, 4.2.1 demands."""
+_UNKNOWN = -113
+
+
+class Index(Struct, frozen=True):
+    """The headers of a list, those that a model knows and the others, and where the list is from."""
+
+    source: str
+    known: tuple[str, ...]
+    unknown: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Return how many are known."""
+        return f"{len(self.known)} of {len(self.known) + len(self.unknown)}"
+
+
+def spellings(header: str) -> Iterator[str]:
+    """Yield a header as printed in all that it stands for: `[:STATe]` there or not, each of `{LOWer|UPPer}`."""
+    pieces = re.split(r"(\[[^]]*\]|\{[^}]*\})", header)
+    choices = [
+        (piece[1:-1], "") if piece[:1] == "[" else piece[1:-1].split("|") if piece[:1] == "{" else (piece,)
+        for piece in pieces
+    ]
+    for chosen in product(*choices):
+        yield "".join(chosen)
+
+
+def knows(table: CommandTable, header: str) -> bool:
+    """Tell whether a table has a header in every spelling: as a query if it ends with ?, else in either form."""
+
+    def found(text: str) -> bool:
+        error = table.compile(text)[0].error
+        return error is None or error.number != _UNKNOWN
+
+    return all(found(each) or (each[-1] != "?" and found(f"{each}?")) for each in spellings(header))
+
+
+def compared(table: CommandTable, headers: tuple[str, ...], source: str) -> Index:
+    """Return which of some headers a table has."""
+    known = tuple(each for each in headers if knows(table, each))
+    return Index(source, known, tuple(each for each in headers if each not in known))
+
+
+def of_manual(model: SimulatedModel) -> Index | None:
+    """Return which headers of its manual a model knows; None where those were not at hand."""
+    if not model.index:
+        return None
+    source, *headers = (files("simrack") / "manuals" / model.index).read_text(encoding="utf-8").splitlines()
+    return compared(model.load().table, tuple(headers), source.removeprefix("# "))
+
+
+def card(name: str) -> str:
+    """Return the card of a model in Markdown.
+
+    Raises:
+        KeyError: there is no such model.
+    """
+    return f"## {name}\n\n{_said_of(MODELS[name])}"
+
+
+def _said_of(model: SimulatedModel) -> str:
+    table, manual = model.load().table, of_manual(model)
+    lines = [f"- served on: {', '.join(model.wires)}", f"- commands: {len(table.commands)} headers"]
+    for standard in (compared(table, IEEE_488_2, "IEEE 488.2, 4.1.1"), compared(table, SCPI_99, "SCPI-99, 4.2.1")):
+        lacking = ", ".join(f"`{each}`" for each in standard.unknown)
+        lines.append(f"- {standard.source}: {f'lacks {lacking}' if lacking else 'all there'}")
+    if manual is None:
+        lines.append("- its manual's list of commands was not at hand: which of them are missing is not known")
+    else:
+        lines.append(f"- {manual.source}: {manual} known")
+    lines += ["", *model.description().rstrip().splitlines()]
+    if manual is not None and manual.unknown:
+        lines += ["", "Lines of that list that are not known:", "", "```scpi", *manual.unknown, "```"]
+    return "\n".join(lines)
+
+
+def overview() -> str:
+    """Return a row for each model: how many headers, and how many of those that standards and manual list."""
+    rows = ["| model | served on | headers | IEEE 488.2 | SCPI-99 | its manual |", "|---|---|---:|---:|---:|---:|"]
+    for name, model in MODELS.items():
+        table, manual = model.load().table, of_manual(model)
+        lists = (compared(table, IEEE_488_2, ""), compared(table, SCPI_99, ""), manual or "not at hand")
+        rows.append(f"| {name} | {', '.join(model.wires)} | {len(table.commands)} | {' | '.join(map(str, lists))} |")
+    return "\n".join(rows)
+
+
+def page() -> str:
+    """Return the overview and all cards, those that say the same as one."""
+    names: dict[str, list[str]] = {}
+    for name, model in MODELS.items():
+        names.setdefault(_said_of(model), []).append(name)
+    cards = (f"## {', '.join(alike)}\n\n{said}" for said, alike in names.items())
+    return "\n\n".join(["# Conformance", __doc__.strip(), overview(), *cards]) + "\n"
+
+
+if __name__ == "__main__":
+    print(page(), end="")  # noqa: T201  (docs/conformance.md)
