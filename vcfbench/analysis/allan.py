@@ -252,7 +252,11 @@ def bias_stability(
     values = np.asarray(record, dtype=np.float64)
     if values.size < 3:
         raise ConfigError(f"bias stability needs at least three readings, got {values.size}")
-    means = [_means(values, sampling, seconds) for seconds in (1.0, 10.0, 100.0)]
+    means = []
+    for seconds in (1.0, 10.0, 100.0):  # none where that is no whole number of intervals, or longer than all
+        readings = round(seconds / sampling.interval_s)
+        whole = readings >= 1 and math.isclose(readings * sampling.interval_s, seconds, rel_tol=1e-6)
+        means.append(block_means(values, readings) if whole and readings <= values.size else np.empty(0))
     sd_1, sd_10, sd_100 = (unit * float(np.std(each, ddof=1)) if each.size > 1 else None for each in means)
     tens = means[1]
     detrended = None
@@ -268,10 +272,3 @@ def bias_stability(
         *(unit * lowest.deviation, unit * lowest.low, unit * lowest.high, lowest.tau_s),
         unit * (lowest.deviation / BIAS_INSTABILITY_FACTOR),
     )
-
-
-def _means(values: Floats, sampling: Sampling, seconds: float) -> Floats:
-    """Return means over `seconds` of the clock, none where that is no whole number of intervals or longer than all."""
-    readings = round(seconds / sampling.interval_s)
-    whole = readings >= 1 and math.isclose(readings * sampling.interval_s, seconds, rel_tol=1e-6)
-    return block_means(values, readings) if whole and readings <= values.size else np.empty(0)

@@ -272,7 +272,9 @@ def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> floa
     for kind, half_width in limits:
         if half_width > half_a_cell:  # what stays within the middle cell moves nothing
             together = together * np.fft.rfft(_cells(kind, edges, half_width))
-    return _upper_end(np.fft.irfft(together, _CELLS), edges, result.confidence) / result.u
+    # The upper end of the interval with equal tails about the middle
+    below = np.concatenate([[0.0], np.cumsum(np.fft.fftshift(np.fft.irfft(together, _CELLS)))])
+    return float(np.interp(0.5 * (1.0 + result.confidence), below, edges)) / result.u
 
 
 _HALF_WIDTH: Mapping[Distribution, float] = {
@@ -300,9 +302,3 @@ def _cells(kind: Distribution, edges: Floats, half_width: float) -> Floats:
     cells[: stop - 1 - middle] = inside[middle - first :]
     cells[first - middle :] = inside[: middle - first]
     return cells
-
-
-def _upper_end(cells: Floats, edges: Floats, confidence: float) -> float:
-    """Return the upper end of the interval with equal tails about the middle."""
-    below = np.concatenate([[0.0], np.cumsum(np.fft.fftshift(cells))])
-    return float(np.interp(0.5 * (1.0 + confidence), below, edges))

@@ -115,6 +115,20 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
     line = fit_line(rate, output)
     if line.scale_factor == 0.0:
         raise ConfigError("the output does not follow the rate at all (scale factor 0)")
+    type_a = None
+    if (
+        u_output_v is not None
+    ):  # the noise of the points through the least-squares sums, each with its own weight in them
+        variance = np.broadcast_to(np.asarray(u_output_v, dtype=np.float64) ** 2, rate.shape)
+        slope_weight = (rate - line.rate_mean_deg_s) / line.sxx
+        bias_weight = 1.0 / rate.size - line.rate_mean_deg_s * slope_weight
+        mean_variance = float(variance.mean())
+        type_a = TypeA(
+            u_scale_factor=math.sqrt(float(slope_weight**2 @ variance)),
+            u_bias=math.sqrt(float(bias_weight**2 @ variance)),
+            u_output_v=math.sqrt(mean_variance),
+            lack_of_fit_v=math.sqrt(max(0.0, line.s_v**2 - mean_variance)),
+        )
     return ScaleFactorResult(
         rate_deg_s=rate,
         output_v=output,
@@ -122,21 +136,7 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
         nonlinearity_ppm=nonlinearity_ppm(rate, output, line),
         polynomial=fit_polynomial(rate, output, 3) if len(set(rate.tolist())) > 3 else None,
         pairs=sign_pairs(rate, output),
-        type_a=None if u_output_v is None else _type_a(rate, line, np.asarray(u_output_v, dtype=np.float64)),
-    )
-
-
-def _type_a(rate: Floats, line: LineFit, u_output_v: Floats) -> TypeA:
-    """Carry the noise of the points through the least-squares sums, each point with its own weight in them."""
-    variance = np.broadcast_to(u_output_v**2, rate.shape)
-    slope_weight = (rate - line.rate_mean_deg_s) / line.sxx
-    bias_weight = 1.0 / rate.size - line.rate_mean_deg_s * slope_weight
-    mean_variance = float(variance.mean())
-    return TypeA(
-        u_scale_factor=math.sqrt(float(slope_weight**2 @ variance)),
-        u_bias=math.sqrt(float(bias_weight**2 @ variance)),
-        u_output_v=math.sqrt(mean_variance),
-        lack_of_fit_v=math.sqrt(max(0.0, line.s_v**2 - mean_variance)),
+        type_a=type_a,
     )
 
 
