@@ -194,7 +194,7 @@ def test_a_supply_alone_is_a_bench_too(tmp_path: Path) -> None:
 
     def soak(settings: ProcedureSettings) -> Plan:
         try:
-            yield from rails_on(settings)
+            yield from rails_on(settings, settings.start_up_s)
             yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
             return Outcome("rails")
         finally:

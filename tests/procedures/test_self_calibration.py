@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 from datetime import date, timedelta
@@ -20,6 +19,7 @@ from tests.procedures.shared.test_k_vc import read_v, still, truth, warm
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
 from vcfbench.page.station import StationDirectories
+from vcfbench.procedures.self_calibration.results import SelfCalibrationResult
 from vcfbench.procedures.shared.known.device import level_for
 from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, Measured, SelfCalibration
 from vcfbench.sim.simulation import physical_parameters
@@ -410,7 +410,7 @@ def test_the_command_answers_in_text_and_json(tmp_path: Path) -> None:
     assert answer["results"]["drift"]["last"]["since"].startswith("self-calibration 0002")
     assert answer["device_entry"].endswith("0003.json")
     assert set(answer["results"]["scale_factor"]) >= {"value", "u", "dof", "coverage_factor", "expanded_u", "parts"}
-    assert dataclasses.is_dataclass(vcfbench.load_run(tmp_path / "runs" / answer["run"]).results)
+    assert isinstance(vcfbench.load_run(tmp_path / "runs" / answer["run"]).results, SelfCalibrationResult)
 
 
 def test_a_k_vc_that_is_a_number_says_what_it_does_not_know(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from msgspec import structs
 import vcfbench
 from tests.procedures.fakes import make_settings
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
-from vcfbench.procedures.shared.budget.turntable import turntable_statement
 from vcfbench.procedures.shared.sweep.windows import window_times
+from vcfbench.procedures.turntable import turntable_statement
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.records.plain import plain

@@ -13,8 +13,7 @@ from vcfbench.cli.bench_new import new
 from vcfbench.cli.discover import discover
 from vcfbench.cli.options import Bench_, Json_, Trace_, tracing  # typer reads them
 from vcfbench.cli.person import agreed
-from vcfbench.procedures.bench_file import load_bench
-from vcfbench.procedures.resolved import as_resolved, resolved_text
+from vcfbench.procedures.bench_file import as_resolved, load_bench, resolved_text
 from vcfbench.reports.text import left_table
 from vcfbench.runs.needs import what_can_run
 from vcfbench.station import file

@@ -13,31 +13,16 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from vcfbench import steps
-from vcfbench.analysis.rate_band import (
-    Known,
-    RateBand,
-    Tone,
-    fit_rate_band,
-    foreseen_tone,
-    response_phase_deg,
-    split_guess_hz,
-)
+from vcfbench.analysis import rate_band
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import oscilloscope
-from vcfbench.procedures.shared.framed import framed
+from vcfbench.procedures.shared import tones as sampling
 from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
-from vcfbench.procedures.shared.routines import at_rest, energised, rails_of, v_vc_on
-from vcfbench.procedures.shared.tones import (
-    HIGHEST_HZ,
-    NPLC,
-    fitted_tones,
-    sampled_every_s,
-    stands_off_mains,
-)
+from vcfbench.procedures.shared.routines import at_rest, energised, framed, rails_of, set_sine, v_vc_on
 from vcfbench.records import devices
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.settings import ProcedureSettings
@@ -51,7 +36,7 @@ _PAPER_Q = 1224.0
 _PAPER_LAG_RAD = math.radians(0.5)
 """The same of its demodulator."""
 
-Hertz = Annotated[float, Meta(ge=0.05, le=HIGHEST_HZ)]
+Hertz = Annotated[float, Meta(ge=0.05, le=sampling.HIGHEST_HZ)]
 Ratio = Annotated[float, Meta(ge=0.05, le=3.0)]
 
 
@@ -140,12 +125,12 @@ def sweep(settings: BandwidthSettings) -> Routine[Responses]:
     """Measure the drive frequency, to which Q is in proportion, then the responses; V_Vc is left a sine."""
     if settings.station.oscilloscope is not None:
         yield from oscilloscope.capture_drive(settings)
-    yield steps.ConfigureMeter(float(settings.meter_range_v), NPLC)
+    yield steps.ConfigureMeter(float(settings.meter_range_v), sampling.NPLC)
     yield from v_vc_on()
     yield steps.Note("The sine at frequencies far apart")
     found = yield from _respond(settings, settings.frequencies_hz)
     tones = tones_of(settings, found)
-    split_hz = split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
+    split_hz = rate_band.split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
     yield steps.Note(f"The sine about the split, near {split_hz:.4g} Hz")
     found += yield from _respond(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
@@ -156,19 +141,18 @@ def _respond(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> Ro
     """Take the response at those frequencies, rising, that a record tells from the mains, whose pick-up is a tone."""
     amplitude_v, samples, found = settings.sine_amplitude_v, settings.record_samples, []
     for hz in sorted(frequencies_hz):
-        if hz > HIGHEST_HZ or not stands_off_mains(hz, settings.station.mains_hz, samples):
+        if hz > sampling.HIGHEST_HZ or not sampling.stands_off_mains(hz, settings.station.mains_hz, samples):
             continue
-        yield steps.SetSine(hz, amplitude_v)
-        yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
-        sample = steps.SampleSine(hz, amplitude_v, samples, sampled_every_s(hz), settings.split_guess_hz)
+        yield from set_sine(settings, hz, amplitude_v)
+        sample = steps.SampleSine(hz, amplitude_v, samples, sampling.sampled_every_s(hz), settings.split_guess_hz)
         found.append((hz, answer((yield sample), steps.SineResponse)))
         yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
     return found
 
 
-def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> list[Tone]:
+def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> list[rate_band.Tone]:
     """Fit the sine in every record."""
-    return fitted_tones([(hz, each, each.voltages_v) for hz, each in found], float(settings.station.mains_hz))
+    return sampling.fitted_tones([(hz, each, each.voltages_v) for hz, each in found], float(settings.station.mains_hz))
 
 
 def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
@@ -180,7 +164,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
         seen = [each.frequency_hz for each in of_drive[-1].records]
         drive_hz, scatter = fmean(seen), stdev(seen) / math.sqrt(len(seen))
         u_drive_hz = math.hypot(scatter, oscilloscope.TIME_BASE * fmean(seen) / math.sqrt(3.0))
-    known = Known(
+    known = rate_band.Known(
         drive_hz,
         settings.in_phase_split_hz,
         low_pass_hz=settings.low_pass_hz,
@@ -191,21 +175,21 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
         gyro = settings.expected_gyro()
         static_v = abs(gyro.scale_factor * gyro.k_vc) * settings.sine_amplitude_v
         shown = (settings.split_guess_hz, _PAPER_Q, 1.0, settings.in_phase_split_hz, _PAPER_LAG_RAD)
-        reading_s = NPLC / settings.station.mains_hz
+        reading_s = sampling.NPLC / settings.station.mains_hz
         whole = static_v, measured.white_v_sqrt_s
         tones = [
-            foreseen_tone(step.frequency_hz, (step.samples, step.interval_s, reading_s), whole, known, shown)
+            rate_band.foreseen_tone(step.frequency_hz, (step.samples, step.interval_s, reading_s), whole, known, shown)
             for step, _ in sampled
         ]
     else:
         tones = tones_of(settings, [(step.frequency_hz, each) for step, each in sampled])
-    band = fit_rate_band(tones, settings.sine_amplitude_v, known)
+    band = rate_band.fit_rate_band(tones, settings.sine_amplitude_v, known)
     shape = band.parameters[[0, 1, 3, 4, 5]]
-    phase = measured_phases(settings, measured, lambda at_hz: response_phase_deg(at_hz, known, shape))
+    phase = measured_phases(settings, measured, lambda at_hz: rate_band.response_phase_deg(at_hz, known, shape))
     return replace(_bandwidth(band, drive_hz, u_drive_hz), phase=phase)
 
 
-def _bandwidth(band: RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
+def _bandwidth(band: rate_band.RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
     def quantity(value: float, unit: str, u_noise: float, **parts: float) -> Measurand:
         """Combine independent parts; only that of the noise has finite degrees of freedom."""
         noise = UncertaintyPart("noise", u_noise, band.noise_dof)

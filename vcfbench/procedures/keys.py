@@ -1,19 +1,14 @@
 """Settable keys of a procedure, with default, range and meaning, as help and error messages name them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 from msgspec import NODEFAULT, Struct, inspect, structs, to_builtins
 
 from vcfbench.files import dotted
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.station.strict import expectation
 from vcfbench.station.writing import value_text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from vcfbench.station.settings import ProcedureSettings
 
 
 class SettableKey(Struct, frozen=True):

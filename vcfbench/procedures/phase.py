@@ -21,7 +21,6 @@ from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRail
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import oscilloscope
-from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.oscilloscope import (
@@ -33,7 +32,7 @@ from vcfbench.procedures.shared.oscilloscope import (
     largest,
     sense_phasor,
 )
-from vcfbench.procedures.shared.routines import go_to_rate, powered, v_vc_level_again, v_vc_on
+from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, set_sine, v_vc_level_again, v_vc_on
 from vcfbench.records import devices
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.invalid_value import InvalidValue
@@ -67,7 +66,6 @@ class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
 
     @property
     def fastest_deg_s(self) -> float:
-        """The fastest that the table is asked to turn, deg/s, either way."""
         return self.rate_deg_s
 
     def contradictions(self) -> Iterator[InvalidValue]:
@@ -284,27 +282,23 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
         f"{drive}; {target}\nK_Vc by equal outputs: {wrong}; it changes by {by_carrier}, {by_demodulator}\n"
         f"for [uncertainty] of the bench file: {known}\n{NOT_HELD}"
     )
+    # The sense signal of each record as a phasor
+    seen: dict[str, list[complex]] = {"rate +": [], "rate -": [], "V_Vc +": [], "V_Vc -": []}
+    for step, taken in measured.found(SineRecords):
+        if isinstance(step, CaptureSense) and (step.rate_deg_s or step.v_vc_v):
+            what, level = ("rate", step.rate_deg_s) if step.rate_deg_s else ("V_Vc", step.v_vc_v)
+            seen[f"{what} {'+' if level > 0.0 else '-'}"] += [1e3 * sense_phasor(each) for each in taken.records]
+    series = [Series(name, [p.real for p in each], [p.imag for p in each]) for name, each in seen.items() if each]
+    axes = Axis("in phase with the drive signal", "mV"), Axis("a quarter turn ahead", "mV")
+    words = "A point a record; the way from minus to plus has the phase of the force."
     return Report(
         [
             quantity_table(against_drive, "phases against the drive signal"),
             quantity_table(errors, "what they come to, apart from half turns"),
             Text(said),
-            *_figures(measured),
+            *([Figure("Sense signal against the drive signal", *axes, series, words)] if series else []),
         ]
     )
-
-
-def _figures(measured: Measured) -> list[Figure]:
-    """Draw the sense signal of each record as a phasor: the way from minus to plus has the phase of the force."""
-    seen: dict[str, list[complex]] = {"rate +": [], "rate -": [], "V_Vc +": [], "V_Vc -": []}
-    for step, found in measured.found(SineRecords):
-        if isinstance(step, CaptureSense) and (step.rate_deg_s or step.v_vc_v):
-            what, level = ("rate", step.rate_deg_s) if step.rate_deg_s else ("V_Vc", step.v_vc_v)
-            seen[f"{what} {'+' if level > 0.0 else '-'}"] += [1e3 * sense_phasor(each) for each in found.records]
-    series = [Series(name, [p.real for p in found], [p.imag for p in found]) for name, found in seen.items() if found]
-    axes = Axis("in phase with the drive signal", "mV"), Axis("a quarter turn ahead", "mV")
-    words = "A point a record; the way from minus to plus has the phase of the force."
-    return [Figure("Sense signal against the drive signal", *axes, series, words)] if series else []
 
 
 _SPACING_S = 0.5
@@ -351,7 +345,7 @@ def _scales(settings: PhaseSettings) -> Routine[tuple[Triple, Triple, float]]:
     yield _slow(settings)
     channels = channels_of(settings, "sense", "output")
     for sign in (1.0, -1.0):
-        yield from _turn(settings, sign, drive_hz)
+        yield from set_sine(settings, 2.0 * drive_hz + sign * settings.difference_hz, settings.sine_amplitude_v)
         turning_v = largest(turning_v, (yield from amplitudes(*channels)))
     yield from v_vc_level_again()
     return shown_v, turning_v, drive_hz
@@ -372,12 +366,6 @@ def _slow(settings: PhaseSettings) -> steps.ConfigureScope:
     """Return the time base that shows whole turns of the sense signal against the drive."""
     seconds_a_division = one_two_five(_TURNS / settings.difference_hz / 10.0)
     return steps.ConfigureScope(seconds_a_division, settings.station.channel_of("drive"))
-
-
-def _turn(settings: PhaseSettings, sign: float, drive_hz: float) -> Routine[None]:
-    """Have V_Vc turn the sense signal against the drive; how fast it does, the records tell."""
-    yield steps.SetSine(2.0 * drive_hz + sign * settings.difference_hz, settings.sine_amplitude_v)
-    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
 
 
 def _states(settings: PhaseSettings, signs: tuple[float, float]) -> list[tuple[float, float]]:
@@ -418,8 +406,8 @@ def _rotations(
     channels = channels_of(settings, "sense", "output")
     taken: list[RotationRecord] = []
     for sign in signs:
-        yield from _turn(settings, sign, drive_hz)
         offset_hz, count = sign * settings.difference_hz, settings.rotation_records
+        yield from set_sine(settings, 2.0 * drive_hz + offset_hz, settings.sine_amplitude_v)
         step = steps.CaptureRotations(channels, shown_v, count, _ROTATION_POINTS, offset_hz, drive_hz)
         taken += answer((yield step), Rotations).records
     yield from v_vc_level_again()

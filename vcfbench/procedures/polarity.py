@@ -21,8 +21,7 @@ from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Ro
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.framed import framed
-from vcfbench.procedures.shared.known.levels import both_signs, ready_v_vc_meter
+from vcfbench.procedures.shared.known.v_vc import both_signs, ready_v_vc_meter
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Column, Report, Table, Text
@@ -123,10 +122,16 @@ class PolarityResult(Struct, frozen=True):
         return {"wrong_signs": float(self.wrong_signs)}
 
 
-@framed(routines.energised)
+@routines.framed(routines.energised)
 def polarity(settings: PolaritySettings) -> steps.Plan:
     """Turn both ways, then drive V_Vc both ways."""
-    yield from _look_at_drive(settings)
+    if _carrier_has_a_sign(settings):  # one that is turned by half a cycle is a finding here, and no reason to end
+        either_way = structs.replace(settings, drive=structs.replace(settings.drive, phase_deg=(-180.0, 180.0)))
+        seen = yield from check_drive(either_way)
+        if not _carrier_sign(settings, seen.phase_deg):
+            yield from check_drive(settings)  # which ends the run, and says why
+    else:
+        yield from routines.look_at_drive(settings)
     yield steps.Note("At rest, generator off")
     yield steps.Settle(settings.settle_s, "gyro settles")
     yield from routines.take(settings, AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
@@ -150,17 +155,6 @@ def polarity(settings: PolaritySettings) -> steps.Plan:
     return steps.Outcome("both ways")
 
 
-def _look_at_drive(settings: PolaritySettings) -> Routine[None]:
-    """Check the drive signal; a carrier that is turned by half a cycle is a finding here, and no reason to end."""
-    if not _carrier_has_a_sign(settings):
-        yield from routines.look_at_drive(settings)
-        return
-    either_way = structs.replace(settings, drive=structs.replace(settings.drive, phase_deg=(-180.0, 180.0)))
-    seen = yield from check_drive(either_way)
-    if not _carrier_sign(settings, seen.phase_deg):
-        yield from check_drive(settings)  # which ends the run, and says why
-
-
 def _carrier_has_a_sign(settings: PolaritySettings) -> bool:
     """Tell whether the carrier is seen, and expected in so narrow a window that half a cycle more is outside."""
     low_deg, high_deg = settings.drive.phase_deg
@@ -176,16 +170,8 @@ def _carrier_sign(settings: PolaritySettings, phase_deg: float) -> Literal[-1, 0
 
 def _turned(settings: PolaritySettings) -> Routine[list[Point]]:
     yield steps.Note(f"The table, {settings.polarity_rate_deg_s:g} deg/s both ways")
-    previous_deg_s, points = 0.0, []
-    for sign in ABBA_SIGNS:
-        rate_deg_s = sign * settings.polarity_rate_deg_s
-        if rate_deg_s != previous_deg_s:
-            yield from routines.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-        points.append(
-            (yield from routines.take(settings, TURNED, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s))
-        )
-        previous_deg_s = rate_deg_s
-    return points
+    rates_deg_s = [sign * settings.polarity_rate_deg_s for sign in ABBA_SIGNS]
+    return (yield from routines.at_rates(settings, TURNED, rates_deg_s))
 
 
 def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
@@ -297,21 +283,6 @@ def report(settings: PolaritySettings, _points: Sequence[Point], found: Polarity
         )
         for each in found.signs
     ]
-    return Report([Table(columns, rows), Text(_verdict(settings, found))])
-
-
-_LONG: Mapping[What, str] = MappingProxyType(
-    {
-        "table": "a positive rate of the table",
-        "V_Vc": "a positive V_Vc",
-        "bias": "rest",
-        "meter on V_Vc": "a positive V_Vc, of its own meter",
-        "carrier": "carrier, by its phase against the drive",
-    }
-)
-
-
-def _verdict(settings: PolaritySettings, found: PolarityResult) -> str:
     basis = f"expected by {found.expected_from}"
     lines = [f"all signs are right ({basis})"]
     if found.wrong_signs:
@@ -325,7 +296,18 @@ def _verdict(settings: PolaritySettings, found: PolarityResult) -> str:
         lines.append("a table, or a gyroscope turned by hand, would tell more")
     if len(found.causes) > 1 and settings.expected.bias_v is None:
         lines.append("expected.bias_v in the bench file would tell reversed leads from turned phases")
-    return "\n".join(lines)
+    return Report([Table(columns, rows), Text("\n".join(lines))])
+
+
+_LONG: Mapping[What, str] = MappingProxyType(
+    {
+        "table": "a positive rate of the table",
+        "V_Vc": "a positive V_Vc",
+        "bias": "rest",
+        "meter on V_Vc": "a positive V_Vc, of its own meter",
+        "carrier": "carrier, by its phase against the drive",
+    }
+)
 
 
 POLARITY = Procedure(

@@ -5,12 +5,11 @@ switch-on to switch-on is the repeatability of JJF 1535-2015 (3.2) and GJB 2426A
 it. It is stated with the limits that so few switch-ons leave it (chi-square), beside what noise alone makes.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta, Struct
@@ -24,17 +23,12 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
-from vcfbench.procedures.shared.known.scale_factor import LevelSettings, read_scale_factor, scale_factor_used
+from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_read, scale_factor_used
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, mean_of_records, quantity_row
 from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from vcfbench.records.schema import Point
-    from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Routine
+from vcfbench.steps.measured import Measured
 
 _AT_LEVELS, _AFTER_POWER_ON = 1, 2
 """Steps of the points: the chopped block when warm, the window just after the drive has locked."""
@@ -88,24 +82,18 @@ class RepeatabilityResult(Struct, frozen=True):
     scale_factor_from: str
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits, by its keys."""
         return {
             "bias_repeatability_deg_s": self.bias.value,
             "scale_factor_repeatability_ppm": self.scale_factor.value,
         }
 
     def quantities(self) -> Iterator[tuple[str, Measurand]]:
-        """Yield the values for a data sheet, by its names."""
         yield "turn-on transient", self.turn_on_transient
 
 
+@routines.framed(scale_factor_read, routines.off_afterwards, routines.held_at_rest)
 def repeatability(settings: RepeatabilitySettings) -> steps.Plan:
     """Switch on, warm up, measure, switch off and cool; so many times."""
-    yield from read_scale_factor(settings)
-    return (yield from routines.off_afterwards(settings, routines.held_at_rest(settings, _switched_on(settings))))
-
-
-def _switched_on(settings: RepeatabilitySettings) -> Routine[steps.Outcome]:
     yield from routines.source_off(settings)
     for number in range(settings.power_cycles):
         if number:
@@ -113,11 +101,7 @@ def _switched_on(settings: RepeatabilitySettings) -> Routine[steps.Outcome]:
             yield steps.Settle(settings.off_s, "gyroscope cools")
         yield steps.Note(f"Switch-on {number + 1} of {settings.power_cycles}")
         yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-        for rail in routines.rails_of(settings):  # noqa: UP028  # a tuple cannot be sent results
-            yield rail
-        yield steps.EnableSupply()
-        yield steps.Settle(settings.settle_s, "rails up, drive loop starts")
-        yield steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)
+        yield from routines.rails_on(settings, settings.settle_s)
         yield from routines.look_at_drive(settings)
         due_deg_s = table_due_deg_s(settings, 0.0)
         yield from routines.take(settings, _AFTER_POWER_ON, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=due_deg_s)
@@ -135,27 +119,35 @@ def results(settings: RepeatabilitySettings, measured: Measured) -> Repeatabilit
     size = len(CHOPPED)
     blocks = [Block(tuple(each.mean_v for each in warm[at : at + size])) for at in range(0, len(warm), size)]
     own = [blocks[at : at + settings.cycles] for at in range(0, len(blocks), settings.cycles)]
-    found = tuple(_switch_on(settings, scale.value, first.mean_v, each) for first, each in zip(early, own, strict=True))
+    found = []
+    for first, each in zip(early, own, strict=True):
+        bias_v = fmean(block.zero_v for block in each)
+        rise_v = fmean(block.differences_v[0] - block.differences_v[1] for block in each)
+        transient_deg_s = (first.mean_v - bias_v) / scale.value
+        found.append(SwitchOn(bias_v, bias_v / scale.value, rise_v / (2.0 * settings.level_deg_s), transient_deg_s))
     readings = math.sqrt(fmean(each.std_v**2 / each.point.n for each in warm)) / abs(scale.value)
     begins_s = [float(each.readings[0].t_s) for each in warm[:: size * settings.cycles]]
-    of_bias = math.hypot(readings / math.sqrt(2.0 * settings.cycles), _flicker_deg_s(settings, begins_s))
+    # What flicker alone makes of a sample: the root of half the mean square of all pairs' differences, which flicker
+    # has though its variance has no limit
+    b_deg_s = (settings.station.sources.bias_instability_deg_h or 0.0) / 3600.0
+    flicker = NoiseFit(Coefficients(bias_instability=b_deg_s), {}, np.zeros((len(Term), len(Term))))
+    lasts_s, sampling = settings.samples * settings.sample_interval_s, Sampling.without_gaps(settings.sample_interval_s)
+    pairs = [
+        u_of_combination(flicker, sampling, [one, other], [one + lasts_s, other + lasts_s], [1.0, -1.0]).u
+        for one, other in combinations(begins_s, 2)
+    ]
+    flicker_deg_s = math.sqrt(0.5 * fmean(each**2 for each in pairs))
+    of_bias = math.hypot(readings / math.sqrt(2.0 * settings.cycles), flicker_deg_s)
     of_slope = 1e6 * readings / math.sqrt(4.0 * settings.cycles) / settings.level_deg_s
     slope = fmean(each.slope for each in found)
     return RepeatabilityResult(
-        found,
+        tuple(found),
         _spread([each.bias_deg_s for each in found], of_bias, "deg/s"),
         _spread([1e6 * each.slope / slope for each in found], of_slope, "ppm"),
         mean_of_records([each.transient_deg_s for each in found], "deg/s"),
         scale.value,
         scale.source,
     )
-
-
-def _switch_on(settings: RepeatabilitySettings, scale: float, early_v: float, blocks: Sequence[Block]) -> SwitchOn:
-    bias_v = fmean(each.zero_v for each in blocks)
-    rise_v = fmean(each.differences_v[0] - each.differences_v[1] for each in blocks)
-    slope = rise_v / (2.0 * settings.level_deg_s)
-    return SwitchOn(bias_v, bias_v / scale, slope, (early_v - bias_v) / scale)
 
 
 def _spread(values: Sequence[float], by_noise: float, unit: str) -> Spread:
@@ -165,22 +157,6 @@ def _spread(values: Sequence[float], by_noise: float, unit: str) -> Spread:
     dof, found = len(values) - 1, stdev(values)
     low, high = (found * math.sqrt(dof / float(chdtri(dof, tail))) for tail in (0.025, 0.975))
     return Spread(found, low, high, by_noise, unit)
-
-
-def _flicker_deg_s(settings: RepeatabilitySettings, begins_s: Sequence[float]) -> float:
-    """Return the standard deviation that flicker alone makes between windows that begin then, deg/s.
-
-    That of a sample is the root of half the mean square of all pairs' differences, which flicker has though its
-    variance has no limit.
-    """
-    b_deg_s = (settings.station.sources.bias_instability_deg_h or 0.0) / 3600.0
-    flicker = NoiseFit(Coefficients(bias_instability=b_deg_s), {}, np.zeros((len(Term), len(Term))))
-    lasts_s, sampling = settings.samples * settings.sample_interval_s, Sampling.without_gaps(settings.sample_interval_s)
-    pairs = [
-        u_of_combination(flicker, sampling, [one, other], [one + lasts_s, other + lasts_s], [1.0, -1.0]).u
-        for one, other in combinations(begins_s, 2)
-    ]
-    return math.sqrt(0.5 * fmean(each**2 for each in pairs))
 
 
 def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: RepeatabilityResult) -> Report:

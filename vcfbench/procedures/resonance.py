@@ -19,11 +19,10 @@ from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characte
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
-from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
-from vcfbench.procedures.shared.routines import at_rest, energised, rails_of, v_vc_level_again
+from vcfbench.procedures.shared.routines import at_rest, energised, framed, rails_of, set_v_vc, v_vc_level_again
 from vcfbench.records.devices import Characteristics
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.station.linear_gyro import LinearGyro
@@ -220,8 +219,7 @@ def ring_downs(
     yield steps.ConfigureScope(seconds_a_division, channels[0])
     found: list[SenseDecay] = []
     for _ in range(count):
-        yield steps.SetVvc(v_vc_v)
-        yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
+        yield from set_v_vc(settings, v_vc_v)
         if not found:
             drive_v, sense_v = yield from amplitudes(*channels)
         yield steps.SetVvc(0.0)

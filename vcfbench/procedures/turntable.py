@@ -1,9 +1,7 @@
 """The turntable calibration: the gyro's output at rates of the table, generator off."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from functools import partial
 
 from msgspec.structs import asdict
 
@@ -11,37 +9,34 @@ from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.interfaces import PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import PAPER_USES, Procedure
+from vcfbench.procedures.shared.budget import line as lines
+from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, line_statement
+from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.column import report
 from vcfbench.procedures.shared.column import results as columns
-from vcfbench.procedures.shared.routines import go_to_rate, powered, ramp_to, take, take_reference
+from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, ramp_to, take, take_reference
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.shared.sweep import schedule
 from vcfbench.procedures.shared.sweep.agreement import require_expected_column, require_steady_slope
+from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found
+from vcfbench.procedures.shared.sweep.windows import WindowNoise, sweep_of
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Note, Outcome, Plan, Settle
 from vcfbench.steps.step import Routine
 
-if TYPE_CHECKING:
-    from vcfbench.procedures.shared.budget.statement import Statement
-    from vcfbench.procedures.shared.sweep.found import SweepFound
-
-
 STEP = 1
 """The number that the points of this procedure carry: it has one step."""
 
 
+@framed(powered, watched)
 def turntable(settings: schedule.SweepSettings) -> Plan:
     """Calibrate on the rate table, the PCB holding V_Vc at 0 V."""
-
-    def calibrate() -> Routine[Outcome]:
-        yield Note("Step 1: the table turns at each rate, generator off")
-        points = yield from table_sweep(settings, STEP)
-        require_expected_column(points, settings.expected)
-        return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates{schedule.sweep_words(settings)}")
-
-    return (yield from powered(settings, watched(settings, calibrate())))
+    yield Note("Step 1: the table turns at each rate, generator off")
+    points = yield from table_sweep(settings, STEP)
+    require_expected_column(points, settings.expected)
+    return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates{schedule.sweep_words(settings)}")
 
 
 def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:
@@ -104,34 +99,45 @@ def turntable_results(
         return TurntableResult(
             **asdict(columns.fitted_column(points, columns.u_output_v(points, meter_resolution_v)).column())
         )
-    from vcfbench.procedures.shared.budget.turntable import turntable_statement  # noqa: PLC0415  # numpy comes with it
-    from vcfbench.procedures.shared.sweep.windows import sweep_of  # noqa: PLC0415  # as above
-
-    sweep = sweep_of(settings, points, 1)
+    sweep = sweep_of(settings, points, STEP)
     stated = turntable_statement(settings, points)
     column = columns.fitted_column(sweep.points, sweep.u_v(columns.u_output_v(points, meter_resolution_v))).column()
     values = {**asdict(columns.with_statement(column, stated)), "uncertainty": stated}
     if not columns.is_swept(settings):
         return TurntableResult(**values)
-    from vcfbench.procedures.shared.sweep.found import sweep_found  # noqa: PLC0415  # as above
-
     return SweptTurntableResult(**values, sweep=sweep_found(settings, points, sweep))
+
+
+_MEANINGS = {
+    "scale_factor": ("V/(deg/s)", "slope of the least-squares line through the outputs on the table at these rates"),
+    "bias": ("V", "intercept of that line, Earth's rate in it, mean of the horizon"),
+    "bias_deg_s": ("deg/s", "the same as a rate"),
+}
+
+
+def turntable_statement(settings: ProcedureSettings, points: Sequence[Point]) -> Statement:
+    """Return the budget of a calibration on the table: scale factor, bias and non-linearity of its line."""
+    line = lines.Line.of(sweep_of(settings, points, STEP))
+    noise = WindowNoise.of(settings, points, line.scale_factor)
+    sources = [*lines.instrument_sources(settings.station.sources), *lines.earth_sources(settings, line.scale_factor)]
+    budget = ValueModel(sources, lines.line_sums("table", line), partial(lines.table_values, line), noise)
+    return line_statement(settings, budget, _MEANINGS, [CurvedLine.of("nonlinearity", line)])
 
 
 def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:
     """Report a turntable calibration: its column, its line, and its residuals."""
-    points = [point for point in points if point.step == 1]
+    points = [point for point in points if point.step == STEP]
     columns = (Column("Omega_z", "deg/s", "g"), Column("output", "V", ".5f"), Column("s", "V", ".1e"))
     rows = [(p.rate_deg_s, p.output_v, p.std_v) for p in points]
-    lines = [("turntable", points, results)]
+    drawn = [("turntable", points, results)]
     return Report(
         [
             Table(columns, rows),
             Text(report.line_words("turntable", results)),
             *([report.sweep_text("turntable", results.sweep)] if isinstance(results, SweptTurntableResult) else []),
             *report.statement_tables(results.uncertainty),
-            report.outputs_figure("Output against the table's rate", lines),
-            report.residuals_figure(lines),
+            report.outputs_figure("Output against the table's rate", drawn),
+            report.residuals_figure(drawn),
         ]
     )
 

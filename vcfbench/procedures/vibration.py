@@ -22,8 +22,7 @@ from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRail
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines, tones
-from vcfbench.procedures.shared.framed import framed
-from vcfbench.procedures.shared.known.levels import both_signs, generator_sheet
+from vcfbench.procedures.shared.known.v_vc import both_signs, generator_sheet, has_v_vc_meter
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
@@ -68,11 +67,6 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
     u_in_phase_share: Annotated[float, Meta(ge=0.0, le=0.5, description="its standard uncertainty")] = 0.01
     low_pass_hz: Annotated[float, Meta(ge=10.0, le=1e5, description="filter behind the demodulator")] = 100.0
     low_pass_order: Annotated[int, Meta(ge=1, le=12, description="its order, Butterworth")] = 4
-
-    @property
-    def v_vc_is_measured(self) -> bool:
-        """True if the bench has a meter on V_Vc."""
-        return "v_vc_meter" in self.station.instruments
 
     @property
     def frequencies_hz(self) -> tuple[float, ...]:
@@ -126,7 +120,7 @@ def _unshaken(_settings: VibrationSettings, work: steps.Plan) -> steps.Plan:
     return (yield from work)
 
 
-@framed(_unshaken, routines.energised, routines.at_rest)
+@routines.framed(_unshaken, routines.energised, routines.at_rest)
 def vibration(settings: VibrationSettings) -> steps.Plan:
     """Take the response at rest, then the vibrations."""
     yield from watched(settings, _static(settings))
@@ -141,7 +135,7 @@ def vibration(settings: VibrationSettings) -> steps.Plan:
             yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
             yield steps.SampleModulated(
                 *(frequency_hz, amplitude_v, settings.record_samples, tones.sampled_every_s(frequency_hz)),
-                of="both" if settings.v_vc_is_measured else "output",
+                of="both" if has_v_vc_meter(settings) else "output",
                 table_deg_s=None,
                 tolerance_deg_s=settings.rate_tolerance_deg_s,
             )
@@ -155,7 +149,7 @@ def vibration(settings: VibrationSettings) -> steps.Plan:
 def _meters(settings: VibrationSettings, nplc: float) -> Routine[None]:
     """Set both meters up alike, so that the attenuation by averaging over a reading cancels."""
     yield steps.ConfigureMeter(float(settings.meter_range_v), nplc)
-    if settings.v_vc_is_measured:
+    if has_v_vc_meter(settings):
         yield steps.ConfigureVvcMeter(V_VC_RANGE_V, nplc)
 
 
@@ -169,7 +163,26 @@ def _static(settings: VibrationSettings) -> Routine[None]:
 
 def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
     """Compare each response with the closed form."""
-    static = _static_gain(settings, measured)
+    # The response at rest, by both signs of V_Vc
+    points = [point for point in measured if point.step == _STATIC]
+    levels = [point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v for point in points]
+    signs = [math.copysign(1.0, point.v_vc_v) for point in points]
+    swing_v = math.fsum(sign * level for sign, level in zip(signs, levels, strict=True))
+    gain = math.fsum(sign * point.output_v for sign, point in zip(signs, points, strict=True)) / swing_v
+    of_output = math.sqrt(math.fsum(point.std_v**2 / point.n for point in points)) / abs(swing_v)
+    of_level = math.sqrt(math.fsum((point.v_vc_std_v or 0.0) ** 2 / point.n for point in points)) / abs(swing_v)
+    dof, known = float(sum(point.n - 1 for point in points)), settings.station.sources
+    begin_s = [float(window.t_s[0]) for window in measured.readings.windows[: len(signs)]]
+    share = flicker_share(begin_s, settings.samples * settings.sample_interval_s, signs)
+    b_v = (known.bias_instability_deg_h or 0.0) / 3600.0 / abs(settings.expected_gyro().k_vc)
+    flicker = abs(gain) / abs(swing_v) * b_v * math.sqrt(share)
+    parts = [
+        UncertaintyPart("readings at rest", of_output, dof),
+        UncertaintyPart("flicker at rest", flicker, known.bias_instability_dof),
+        UncertaintyPart("readings of V_Vc at rest", abs(gain) * of_level, dof),
+        *_believed(settings, "V_Vc direct", abs(gain)),
+    ]
+    static = measurand(gain, "V/V", parts)
     found = measured.found(steps.ModulatedRecord)
     records = [(step.frequency_hz, each) for step, each in found if isinstance(step, steps.SampleModulated)]
     mains_hz = float(settings.station.mains_hz)
@@ -186,35 +199,12 @@ def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
 
     pairs = [(each.response, each.expected) for each in responses]
     largest = max(e_n(one.value, together(one), other.value, together(other)) for one, other in pairs)
-    return VibrationResult(static, responses, largest, settings.v_vc_is_measured)
-
-
-def _static_gain(settings: VibrationSettings, measured: Measured) -> Measurand:
-    points = [point for point in measured if point.step == _STATIC]
-    levels = [point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v for point in points]
-    signs = [math.copysign(1.0, point.v_vc_v) for point in points]
-    swing_v = math.fsum(sign * level for sign, level in zip(signs, levels, strict=True))
-    gain = math.fsum(sign * point.output_v for sign, point in zip(signs, points, strict=True)) / swing_v
-    of_output = math.sqrt(math.fsum(point.std_v**2 / point.n for point in points)) / abs(swing_v)
-    of_level = math.sqrt(math.fsum((point.v_vc_std_v or 0.0) ** 2 / point.n for point in points)) / abs(swing_v)
-    dof, known = float(sum(point.n - 1 for point in points)), settings.station.sources
-    begin_s = [float(window.t_s[0]) for window in measured.readings.windows[: len(signs)]]
-    share = flicker_share(begin_s, settings.samples * settings.sample_interval_s, signs)
-    b_v = (known.bias_instability_deg_h or 0.0) / 3600.0 / abs(settings.expected_gyro().k_vc)
-    parts = [
-        UncertaintyPart("readings at rest", of_output, dof),
-        UncertaintyPart(
-            "flicker at rest", abs(gain) / abs(swing_v) * b_v * math.sqrt(share), known.bias_instability_dof
-        ),
-        UncertaintyPart("readings of V_Vc at rest", abs(gain) * of_level, dof),
-        *_believed(settings, "V_Vc direct", abs(gain)),
-    ]
-    return measurand(gain, "V/V", parts)
+    return VibrationResult(static, responses, largest, has_v_vc_meter(settings))
 
 
 def _believed(settings: VibrationSettings, what: str, size: float) -> list[UncertaintyPart]:
     """Return the contribution of a level that nobody measured: the generator's accuracy, rectangular."""
-    if settings.v_vc_is_measured:
+    if has_v_vc_meter(settings):
         return []
     return [UncertaintyPart(f"generator's accuracy, {what}", size * generator_sheet(settings).setting / math.sqrt(3.0))]
 
@@ -261,28 +251,25 @@ def _response(
         *_believed(settings, "the vibration", value),
         *(UncertaintyPart(part.source, value * part.u / size, part.dof) for part in static.parts),
     ]
-    response, expected = measurand(value, "", parts), _expected(settings, output.frequency_hz)
-    return VibrationResponse(
-        *(output.frequency_hz, amplitude_v, abs(settings.expected_gyro().k_vc) * amplitude_v, output.amplitude),
-        *(response, expected, e_n(response.value, response.expanded_u, expected.value, expected.expanded_u)),
-    )
-
-
-def _expected(settings: VibrationSettings, frequency_hz: float) -> Measurand:
-    """Return the closed form with the uncertainties of its parameters."""
+    # The closed form with the uncertainties of its parameters
     inputs = (
         ("mode split", settings.split_hz, settings.u_split_hz),
         ("Q", settings.q, settings.u_q),
         ("share of the in-phase mode", settings.in_phase_share, settings.u_in_phase_share),
     )
     values = tuple(each[1] for each in inputs)
-    parts = []
-    for place, (name, value, u) in enumerate(inputs):
-        step = _STEP * max(value, 0.01)
+    by_parameters = []
+    for place, (name, each, u) in enumerate(inputs):
+        step = _STEP * max(each, 0.01)
         ends = [[v + (sign * step if n == place else 0.0) for n, v in enumerate(values)] for sign in (1.0, -1.0)]
-        up, down = (_closed_form(settings, frequency_hz, *end) for end in ends)
-        parts.append(UncertaintyPart(name, abs(up - down) / (2.0 * step) * u))
-    return measurand(_closed_form(settings, frequency_hz, *values), "", parts)
+        up, down = (_closed_form(settings, output.frequency_hz, *end) for end in ends)
+        by_parameters.append(UncertaintyPart(name, abs(up - down) / (2.0 * step) * u))
+    expected = measurand(_closed_form(settings, output.frequency_hz, *values), "", by_parameters)
+    response = measurand(value, "", parts)
+    return VibrationResponse(
+        *(output.frequency_hz, amplitude_v, abs(settings.expected_gyro().k_vc) * amplitude_v, output.amplitude),
+        *(response, expected, e_n(response.value, response.expanded_u, expected.value, expected.expanded_u)),
+    )
 
 
 def _closed_form(

@@ -25,21 +25,16 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
-from vcfbench.procedures.shared.framed import framed, scale_factor_read
-from vcfbench.procedures.shared.known.scale_factor import (
-    AtRestSettings,
-    ScaleFactor,
-    scale_factor_used,
-)
+from vcfbench.procedures.shared.known import scale_factor as scale_factors
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
-from vcfbench.procedures.shared.sweep.window_noise import Flicker
+from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.measured import Foreseen, Measured
-from vcfbench.steps.step import Context, Reading, Routine, Step, StepResult, answer
+from vcfbench.steps.step import Context, Reading, Step, StepResult, answer
 
 _SIGMAS = 3.0
 _FLOOR = 0.6643
@@ -60,7 +55,7 @@ _QUICK_INTERVAL_S = 0.1
 """While the drive loop starts: ten readings a second of one power-line cycle."""
 
 
-class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
+class WarmupSettings(scale_factors.AtRestSettings, frozen=True, kw_only=True):
     """Settings of the warm-up, beside those of all procedures."""
 
     shortest_s: Annotated[
@@ -114,7 +109,7 @@ class WarmupResult(Struct, frozen=True):
     bias_instability_deg_s: float
     chi_square: float
     dof: int
-    scale_factor_v_per_deg_s: ScaleFactor
+    scale_factor_v_per_deg_s: scale_factors.ScaleFactor
     means_t_s: tuple[float, ...]
     means_deg_s: tuple[float, ...]
     means_u_deg_s: tuple[float, ...]
@@ -147,7 +142,7 @@ def warmup_results(
     log: Sequence[tuple[float, float]],
     windows: Sequence[tuple[Floats, Floats]],
     settings: WarmupSettings,
-    scale: ScaleFactor,
+    scale: scale_factors.ScaleFactor,
     *,
     steady: bool,
     creeps: bool = True,
@@ -308,37 +303,37 @@ def _stated(values_s: Floats, likely: Floats, found: tuple[float, float]) -> Mea
     return Measurand(value, u, "s", None, half / u if u else 0.0, half, (UncertaintyPart("fit", u),))
 
 
-def warmup_report(_settings: object, _measured: Measured, results: WarmupResult) -> Report:
+def warmup_report(_settings: object, _measured: Measured, found: WarmupResult) -> Report:
     """Report a warm-up: the figures, their omissions, and the curve."""
-    scale = results.scale_factor_v_per_deg_s
+    scale = found.scale_factor_v_per_deg_s
     columns = [Column("", align="left"), Column("value", format=".5g"), Column("u", format=".2g")]
     columns += [Column("U95", format=".2g"), Column("unit")]
     rows: list[Any] = [
-        ("turn-on", results.turn_on_s, None, None, "s"),
-        ("b_inf", *results.bias_end.printed(), results.bias_end.unit),
+        ("turn-on", found.turn_on_s, None, None, "s"),
+        ("b_inf", *found.bias_end.printed(), found.bias_end.unit),
     ]
-    named = (("a", results.amplitude, "deg/s"), ("tau", results.time_constant, "s"), ("warm-up", results.warm_up, "s"))
-    rows += [(name, *((None,) * 3 if found is None else found.printed()), unit) for name, found, unit in named]
+    named = (("a", found.amplitude, "deg/s"), ("tau", found.time_constant, "s"), ("warm-up", found.warm_up, "s"))
+    rows += [(name, *((None,) * 3 if each is None else each.printed()), unit) for name, each, unit in named]
     said = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
-    ended = "three means in a row agree" if results.steady else "NOT steady: the last three means do not agree"
-    said.append(f"{ended}, {results.lasted_s:.0f} s after power-on")
-    if results.time_constant is None:
+    ended = "three means in a row agree" if found.steady else "NOT steady: the last three means do not agree"
+    said.append(f"{ended}, {found.lasted_s:.0f} s after power-on")
+    if found.time_constant is None:
         said.append(
             "no exponential stands out of noise and flicker: it has no time constant, b_inf is the mean of all readings"
         )
-    level_deg_h = 3600.0 * results.bias_instability_deg_s
+    level_deg_h = 3600.0 * found.bias_instability_deg_s
     said.append(
         f"warm-up: until a exp(-t / tau) is below the bias instability, {level_deg_h:.3g} deg/h; turn-on is seen to "
-        f"{results.turn_on_resolution_s:.2g} s"
+        f"{found.turn_on_resolution_s:.2g} s"
     )
     said.append(
         "u: noise of the readings, and flicker of that size; b_inf is that of the mean over horizon_h, with "
         "multimeter, temperature, phases and scale factor as far as they are known; not turn-on to turn-on"
     )
-    budget = budget_table("b_inf", results.bias_end)
-    times = results.means_t_s
-    means = Series("means", times, results.means_deg_s, results.means_u_deg_s)
-    curve = Series("fit", times, [results.curve_deg_s(t_s) for t_s in times], kind="line")
+    budget = budget_table("b_inf", found.bias_end)
+    times = found.means_t_s
+    means = Series("means", times, found.means_deg_s, found.means_u_deg_s)
+    curve = Series("fit", times, [found.curve_deg_s(t_s) for t_s in times], kind="line")
     axes = Axis("time from power-on", "s"), Axis("rate", "deg/s")
     figure = Figure("Warm-up of the output at rest", *axes, [means, curve])
     return Report([Text("\n".join(said)), Table(columns, rows), budget, figure])
@@ -388,7 +383,7 @@ class SwitchOnAndLog(steps.EnableSupply, frozen=True):
         return SwitchedOn(0.0, tuple(Reading(n * self.interval_s, gyro.output_v(0.0)) for n in range(count)))
 
 
-@framed(scale_factor_read, routines.off_afterwards, routines.held_at_rest)
+@routines.framed(scale_factors.scale_factor_read, routines.off_afterwards, routines.held_at_rest)
 def warmup(settings: WarmupSettings) -> steps.Plan:
     """Follow the output from power-on: V_Vc off, the table (where there is one) held still under servo."""
     yield steps.Note("Power-on")
@@ -402,26 +397,19 @@ def warmup(settings: WarmupSettings) -> steps.Plan:
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield from routines.look_at_drive(settings)
     yield steps.Note(f"The output at rest, {settings.shortest_s:g} to {settings.longest_s:g} s")
-    outcome = yield from _until_steady(settings)
-    yield from routines.require_answer(settings)
-    return outcome
-
-
-def _until_steady(settings: WarmupSettings) -> Routine[steps.Outcome]:
-    """Take means until they are steady or the time is over."""
     table_deg_s = None if settings.station.limits.max_rate_deg_s is None else 0.0
     of_all = {**routines.window_of(settings), "samples": settings.readings_a_window}
     window = steps.Acquire(1, 0.0, 0.0, table_deg_s, **of_all)
     points: list[Point] = []
-    while True:
+    steady, elapsed_s = False, 0.0
+    while not points or not (steady or elapsed_s + window.physical_s > settings.longest_s):
         points.append(answer((yield window), steps.Window).point)
-        elapsed_s = settings.drive.start_up_s + len(points) * window.physical_s
-        steady = is_steady(points[-3:], window.physical_s, _instability_v(settings))
         routines.require_alive(settings, points[-1])
-        if elapsed_s >= settings.shortest_s and steady:
-            return steps.Outcome(f"steady after {len(points)} means")
-        if elapsed_s + window.physical_s > settings.longest_s:
-            return steps.Outcome(f"not seen to be steady in {len(points)} means")
+        elapsed_s = settings.drive.start_up_s + len(points) * window.physical_s
+        alike = is_steady(points[-3:], window.physical_s, _instability_v(settings))
+        steady = elapsed_s >= settings.shortest_s and alike
+    yield from routines.require_answer(settings)
+    return steps.Outcome(f"{'steady after' if steady else 'not seen to be steady in'} {len(points)} means")
 
 
 def _instability_v(settings: WarmupSettings) -> float:
@@ -437,9 +425,10 @@ def _instability_deg_h(settings: WarmupSettings) -> float:
     return max(settings.bias_instability_deg_h, stated or 0.0)
 
 
-def _results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
+def results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
+    """Return the results of a warm-up, its times counted from power-on."""
     ((_, switched),) = measured.found(SwitchedOn)
-    scale = scale_factor_used(settings, measured)
+    scale = scale_factors.scale_factor_used(settings, measured)
     log = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in switched.log]
     windows = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in measured.readings.windows]
     length_s = settings.readings_a_window * settings.sample_interval_s
@@ -457,7 +446,7 @@ WARMUP = Procedure(
     ),
     settings=WarmupSettings,
     plan=warmup,
-    results=_results,
+    results=results,
     report=warmup_report,
     unforeseen=dict.fromkeys(("amplitude", "time_constant", "warm_up"), "it goes with how the output warms up"),
     in_one_piece="a warm-up begins with power-on; after a break the gyroscope is warm, or cold again",

@@ -17,7 +17,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.kvc.settings import KVcSettings
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted
 from vcfbench.procedures.shared.flicker import flicker_sources
-from vcfbench.procedures.shared.sweep.window_noise import Flicker
+from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.records.devices import Conditions, DeviceStore, Measured, StaticNoise
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ import vcfbench
 from tests.procedures.fakes import make_settings
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S, Order, SweepSettings, Zeros
-from vcfbench.procedures.shared.sweep.window_noise import Flicker, WindowNoise
-from vcfbench.procedures.shared.sweep.windows import sweep_of, window_times
+from vcfbench.procedures.shared.sweep.windows import Flicker, WindowNoise, sweep_of, window_times
 from vcfbench.procedures.turntable import SweptTurntableResult, TurntableResult, turntable_results
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point

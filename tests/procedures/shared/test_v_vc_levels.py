@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import vcfbench
-from vcfbench.procedures.shared.known.levels import at_measured_levels, standing_for
+from vcfbench.procedures.shared.known.v_vc import at_measured_levels, standing_for
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Table
 from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter

@@ -14,6 +14,7 @@ from msgspec import Meta, Struct, structs, to_builtins
 from msgspec import field as key
 
 from vcfbench import interfaces
+from vcfbench.bench.bench import Bench
 from vcfbench.errors import BenchError
 from vcfbench.files import dotted
 from vcfbench.models import data_sheet_of, driver_of, find_model
@@ -22,6 +23,7 @@ from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_rep
 from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import AnyProcedure, Procedure, Provenance
 from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
 from vcfbench.records.devices import Characteristics, NewEntry, together
 from vcfbench.reports.document import Report
 from vcfbench.station.invalid_value import InvalidValue
@@ -29,7 +31,7 @@ from vcfbench.station.layering import Layer, chosen_settings, keys_of, setting_k
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station
 from vcfbench.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
 from vcfbench.steps.measured import Measured
-from vcfbench.steps.step import Context, Step, StepResult
+from vcfbench.steps.step import Step, StepResult
 from vcfbench.typed import typed
 
 _CERTIFIES = "kvc"
@@ -56,10 +58,6 @@ _WARM = ("warm_up_s", "powered_s")
 """Keys for the time under power before something is measured: 0 for all parts but the first, the session is warm."""
 
 
-def _by(own: ProcedureSettings) -> str:
-    return "measured" if "v_vc_meter" in own.station.instruments else "as set"
-
-
 def _line_through(own: Any) -> str:
     return f"line through {len(own.rates_deg_s)} rates to {own.fastest_deg_s:g} deg/s"
 
@@ -73,7 +71,7 @@ PARTS = (
     CertificatePart("turntable", _line_through),
     CertificatePart(
         "virtual-coriolis",
-        lambda own: f"{_line_through(own)}, V_Vc {_by(own)}",
+        lambda own: f"{_line_through(own)}, V_Vc {'measured' if has_v_vc_meter(own) else 'as set'}",
     ),
     CertificatePart(
         "kvc", lambda own: f"at small rates, matched to {own.fastest_deg_s:g} deg/s, V_Vc {own.v_vc.value}"
@@ -157,24 +155,14 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
 
         layers = [Layer(each, naming) for each in ({**usually, **warm}, shared, self.given(name))]
         own: ProcedureSettings = chosen_settings(kind, layers)
-        return structs.replace(own, station=self._warm(name, self._station_of(own)))
+        return structs.replace(own, station=self._station_of(name, own))
 
-    def _warm(self, name: str, station: Station) -> Station:
-        """Return the station as a part finds it: warmed by the first part's waiting, cooled by power cuts since.
+    def _station_of(self, name: str, own: ProcedureSettings) -> Station:
+        """Return a part's station: its meter's accuracy goes by its own range and integration time.
 
-        How long the parts between take is not counted, so a little too much is left.
+        The gyroscope is warmed by the first part's waiting, cooled by power cuts since; how long the parts between take
+        is not counted, so a little too much is left.
         """
-        known, before = station.sources, self.parts[: self.parts.index(name)] if name in self.parts else ()
-        if not before or known.warm_up_k is None:
-            return station
-        left = math.exp(-self.of(self.parts[0]).warm_again_s / known.warm_up_time_s)
-        cuts = sum(each in _SEE_POWER_COME for each in (*before[1:], name))
-        left += cuts * -math.expm1(-_OFF_S / known.warm_up_time_s)
-        sources = structs.replace(known, warm_up_k=known.warm_up_k * min(1.0, left))
-        return structs.replace(station, sources=sources)
-
-    def _station_of(self, own: ProcedureSettings) -> Station:
-        """Return a part's station: its meter's accuracy goes by its own range and integration time."""
         station, sources = self.station, self.station.sources
         placed = {role: station.instruments.get(role) for role in ("multimeter", "v_vc_meter")}
         sheets = {role: data_sheet_of(each.model) for role, each in placed.items() if each is not None}
@@ -189,6 +177,12 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
             worth = meter_worth("meter", sheets["multimeter"], known, range_v, sources.meter_age_days)
             sources = structs.replace(sources, **worth)
             resolution_v = sheets["multimeter"].resolution_v(range_v, float(own.nplc))
+        before = self.parts[: self.parts.index(name)] if name in self.parts else ()
+        if before and sources.warm_up_k is not None:
+            left = math.exp(-self.of(self.parts[0]).warm_again_s / sources.warm_up_time_s)
+            cuts = sum(each in _SEE_POWER_COME for each in (*before[1:], name))
+            left += cuts * -math.expm1(-_OFF_S / sources.warm_up_time_s)
+            sources = structs.replace(sources, warm_up_k=sources.warm_up_k * min(1.0, left))
         return structs.replace(station, meter_resolution_v=resolution_v, sources=sources)
 
     def made_plain(self) -> Self:
@@ -275,9 +269,8 @@ class BeginPart(Step, Struct, frozen=True):
     def describe(self) -> str:
         return f"Part: {self.name}"
 
-    def perform(self, context: Context) -> Done:
-        del context
-        return Done()
+    def command(self, bench: Bench) -> None:
+        """Do nothing."""
 
 
 class _Session(Struct):
@@ -367,7 +360,6 @@ class CharacterizeResult(Struct, frozen=True):
         return self._first("acceptance_values")
 
     def acceptance_u95(self) -> Mapping[str, float]:
-        """Return the expanded uncertainties of these."""
         return self._first("acceptance_u95")
 
     def _first(self, method: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from vcfbench.procedures.bandwidth import tones_of
 from vcfbench.procedures.shared.known.k_vc_change import ASSUMED
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.shared.routines import rails_of, v_vc_level_again, v_vc_on
+from vcfbench.procedures.shared.routines import rails_of, set_sine, v_vc_level_again, v_vc_on
 from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
 from vcfbench.records.devices import Characteristics
 from vcfbench.specifications import AC_VOLTS_U
@@ -62,8 +62,7 @@ def split_by_meter(settings: KnownVvcSettings, then: Characteristics) -> Routine
         frequency_hz = float(f"{ratio * split_hz:.4g}")
         if frequency_hz > HIGHEST_HZ or not stands_off_mains(frequency_hz, settings.station.mains_hz, _SAMPLES):
             continue
-        yield steps.SetSine(frequency_hz, _SINE_V)
-        yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+        yield from set_sine(settings, frequency_hz, _SINE_V)
         # The response over that at rest, with its filter, of the device as its certificate has it
         passed = split_response(frequency_hz, drive.value, (split_hz, then.q_anti_phase.value, force, far.value, 0.0))
         low_pass = (frequency_hz / known.low_pass_hz) ** (2 * known.low_pass_order)

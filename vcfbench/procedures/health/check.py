@@ -8,8 +8,7 @@ from msgspec import Struct, structs
 
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.known.k_vc_change import ASSUMED, KvcChange, k_vc_change
-from vcfbench.procedures.shared.known.k_vc_since import charging_warning
+from vcfbench.procedures.shared.known.k_vc_change import ASSUMED, k_vc_change
 from vcfbench.procedures.shared.measurand import UncertaintyPart
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
@@ -118,6 +117,8 @@ STILL_UNSEEN = (
 """Causes of K_Vc that no bench without a table sees: they are in its drift."""
 _DRIVE_PPM_K = -30.0
 """Temperature coefficient of silicon's drive frequency, where nobody measured it."""
+_CHARGED_SPLIT_HZ = 0.05
+"""A change of the split that temperature does not explain: charges on the combs are springs as well."""
 _CARRIER, _DRIVE = "carrier_amplitude_v", "drive_amplitude_v"
 _NAMES: Final = {
     "drive_hz": "drive frequency (temperature)",
@@ -164,11 +165,6 @@ class HealthCheck(Struct, frozen=True, kw_only=True):
     measured: tuple[str, ...]
     """Characteristics measured now, of all that may have changed."""
 
-    @property
-    def change(self) -> KvcChange:
-        """Correction of K_Vc."""
-        return KvcChange(self.ppm, self.u_ppm, (), self.together_ppm)
-
 
 def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
     """Return the changes of K_Vc's causes, with the treatment of each."""
@@ -192,7 +188,7 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
     whole = k_vc_change(
         then, seen if worth else structs.replace(seen, drive_amplitude_v=None, carrier_amplitude_v=None)
     )
-    causes = []
+    causes, refused = [], []
     for part in whole.parts:
         if part.quantity not in {_CARRIER, _DRIVE}:
             name = _NAMES.get(part.quantity, part.quantity)
@@ -201,49 +197,61 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
         done: Done = "corrected" if worth else "left to its drift"
         if not worth and abs(amplitudes.ppm) > SEEN * amplitudes.u_ppm:
             done = "refused"
+            refused.append(
+                f"the carrier's amplitude over the drive's has changed: K_Vc by {amplitudes.ppm:+.0f} ppm, which "
+                f"another scope than the certificate's tells to {amplitudes.u_ppm:.0f} ppm (u) alone"
+            )
         causes.append(Cause(AMPLITUDES, "", _ratio(then), _ratio(seen), amplitudes.ppm, amplitudes.u_ppm, done))
     if then.sense_phase_deg is not None and now.sense_phase_deg is not None:  # K_Vc would change by its tangent
         before, after = then.sense_phase_deg, now.sense_phase_deg
-        beyond = abs(after.value - before.value) > max(SEEN * math.hypot(after.u, before.u), UNEXPLAINED_DEG)
-        phase = "phase of the sense signal that nothing explains"
-        done = "refused" if beyond else "explained"
+        phase, done = "phase of the sense signal that nothing explains", "explained"
+        moved_deg = after.value - before.value
+        if abs(moved_deg) > max(SEEN * math.hypot(after.u, before.u), UNEXPLAINED_DEG):
+            done = "refused"
+            refused.append(
+                f"the phase of the sense signal has changed by {moved_deg:+.2f} deg that carrier, splits and Q "
+                "explain not"
+            )
         causes.append(Cause(phase, "deg", before.value, after.value, 0.0, 0.0, done))
     return HealthCheck(
         causes=tuple(sorted(causes, key=lambda cause: -abs(cause.ppm))),
         ppm=whole.ppm,
         u_ppm=whole.u_ppm,
         together_ppm=whole.together_ppm,
-        refused=tuple(_why(cause) for cause in causes if cause.done == "refused"),
-        warning=_charged(then, seen),
+        refused=tuple(refused),
+        warning=charging_warning(then, seen),
         measured=tuple(name for name, moved, _ in MAY_HAVE if all(getattr(now, each) for each in moved)),
     )
 
 
-def _charged(then: Characteristics, now: Characteristics) -> str | None:
-    """Return the warning that combs may have charged; the drive's frequency is the thermometer."""
-    if then.drive_hz is None or now.drive_hz is None:
-        return charging_warning(then, now)
-    per_k = _DRIVE_PPM_K if then.drive_ppm_k is None else then.drive_ppm_k.value
-    rise_k = 1e6 * (now.drive_hz.value / then.drive_hz.value - 1.0) / per_k
-    at = [Kept(value=each, u=0.0) for each in (0.0, rise_k)]
-    return charging_warning(structs.replace(then, temperature_c=at[0]), structs.replace(now, temperature_c=at[1]))
+def charging_warning(then: Characteristics, now: Characteristics) -> str | None:
+    """Say that the combs may have charged where the split has changed by more than temperature does; else None.
+
+    A charge is a spring, and changes the force that a volt makes, which nothing else shows (Micromachines 2023, 14,
+    1755): the split is the only witness of what would change K_Vc unseen. The drive's frequency is the thermometer.
+    """
+    if then.split_hz is None or now.split_hz is None:
+        return None
+    rise_k = 0.0
+    if then.drive_hz is not None and now.drive_hz is not None:
+        drive_ppm_k = _DRIVE_PPM_K if then.drive_ppm_k is None else then.drive_ppm_k.value
+        rise_k = 1e6 * (now.drive_hz.value / then.drive_hz.value - 1.0) / drive_ppm_k
+    elif then.temperature_c is not None and now.temperature_c is not None:
+        rise_k = now.temperature_c.value - then.temperature_c.value
+    per_k = Kept(value=0.0, u=0.01) if then.split_hz_k is None else then.split_hz_k
+    moved_hz = now.split_hz.value - then.split_hz.value - per_k.value * rise_k
+    u_hz = math.hypot(now.split_hz.u, then.split_hz.u, per_k.u * rise_k)
+    if abs(moved_hz) <= max(2.0 * u_hz, _CHARGED_SPLIT_HZ):
+        return None
+    return (
+        f"the split has changed by {moved_hz:+.3f} Hz (u {u_hz:.2g}) beyond what temperature does: charges on the "
+        "combs may have done that, and would change K_Vc unseen; a table tells (vcfbench run kvc)"
+    )
 
 
 def _ratio(of: Characteristics) -> float:
     carrier, drive = of.carrier_amplitude_v, of.drive_amplitude_v
     return carrier.value / drive.value if carrier and drive else math.nan
-
-
-def _why(cause: Cause) -> str:
-    if cause.unit == "deg":
-        moved_deg = cause.now - cause.then
-        return (
-            f"the phase of the sense signal has changed by {moved_deg:+.2f} deg that carrier, splits and Q explain not"
-        )
-    return (
-        f"the carrier's amplitude over the drive's has changed: K_Vc by {cause.ppm:+.0f} ppm, which another scope "
-        f"than the certificate's tells to {cause.u_ppm:.0f} ppm (u) alone"
-    )
 
 
 def health_parts(found: HealthCheck) -> list[Table | Text]:

@@ -12,17 +12,18 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import Final, Literal
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from vcfbench import steps
 from vcfbench.analysis.rotating import fit_rotation
-from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, SamplesVoltage, SetsSine, lacking
+from vcfbench.models import driver_of, find_model
 from vcfbench.procedures.health.by_meter import split_by_meter
 from vcfbench.procedures.resonance import RingingMode, SenseDecay, ring_downs
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, channels_of
-from vcfbench.procedures.shared.routines import rails_of, v_vc_level_again, v_vc_on
+from vcfbench.procedures.shared.routines import rails_of, set_sine, set_v_vc, v_vc_level_again, v_vc_on
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Node
@@ -37,7 +38,7 @@ NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
 
 def way_of(settings: KnownVvcSettings) -> tuple[Literal["oscilloscope", "multimeter"] | None, str]:
     """Return the measuring instrument, and the reason if it measures only a part, or nothing (None)."""
-    if lacking(_driver_class(settings, "rate_source"), SetsSine):
+    if not _is_able(settings, "rate_source", SetsSine):
         return None, "the generator makes no sines"
     wiring = settings.station.oscilloscope
     unseen = list(NODES) if wiring is None else [node for node in NODES if wiring.channel_of(node) is None]
@@ -45,19 +46,17 @@ def way_of(settings: KnownVvcSettings) -> tuple[Literal["oscilloscope", "multime
         return "oscilloscope", ""
     why = f"no channel of the oscilloscope sees {' and '.join(unseen)} (wiring.oscilloscope)"
     why = "the bench has no oscilloscope" if wiring is None else why
-    if lacking(_driver_class(settings, "multimeter"), SamplesVoltage):
+    if not _is_able(settings, "multimeter", SamplesVoltage):
         return None, f"{why}, and the multimeter takes no readings by itself"
     return "multimeter", why
 
 
-def _driver_class(settings: KnownVvcSettings, role: str) -> type:
-    from vcfbench.drivers.registry import find_driver  # noqa: PLC0415  # the drivers are loaded when a run needs them
-
+def _is_able(settings: KnownVvcSettings, role: str, capability: type) -> bool:
+    """Tell whether the instrument in a role is there, and its driver has a capability."""
     placed = settings.station.instruments.get(role)
-    try:
-        return type(None) if placed is None else find_driver(placed.model).driver_class
-    except ConfigError:
-        return type(None)
+    row = None if placed is None else find_model(placed.model)
+    driver = None if row is None else driver_of(row)
+    return driver is not None and not lacking(getattr(driver, "driver_class", driver), capability)
 
 
 class Modes(Struct, frozen=True):
@@ -101,11 +100,7 @@ def middle_of(found: Sequence[Modes]) -> Modes:
     """Return the mean of several ring-downs."""
 
     def mode(of: Sequence[RingingMode]) -> RingingMode:
-        return RingingMode(
-            fmean(each.frequency_hz for each in of),
-            fmean(each.q for each in of),
-            fmean(each.amplitude_v for each in of),
-        )
+        return RingingMode(*(fmean(each) for each in zip(*map(structs.astuple, of), strict=True)))
 
     drive_hz = fmean(each.drive_hz for each in found)
     return Modes(drive_hz, mode([each.anti_phase for each in found]), mode([each.in_phase for each in found]))
@@ -229,8 +224,7 @@ def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
     yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
     shown_v = (0.0, 0.0, 0.0)
     for sign in (1.0, -1.0):
-        yield steps.SetVvc(sign * level_v(settings))
-        yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
+        yield from set_v_vc(settings, sign * level_v(settings))
         first_v, second_v, third_v = yield from amplitudes(*channels)
         shown_v = max(shown_v, (first_v, second_v, third_v), key=lambda seen: seen[2])
     amplitude_v, turned = fmean(drive.amplitude_v), 1j * _expected(drive_hz).answer(_SHARE, 0.0)
@@ -241,8 +235,7 @@ def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
         yield steps.CaptureMeanSines(channels[:2], shown_v[:2], 1, expected)
     yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
     for sign in _STATES:
-        yield steps.SetVvc(sign * level_v(settings))
-        yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
+        yield from set_v_vc(settings, sign * level_v(settings))
         seen = steps.SineRecord(
             drive_hz, (amplitude_v, amplitude_v, 1.0), (0.0, -90.0, math.degrees(cmath.phase(sign * turned)))
         )
@@ -254,7 +247,6 @@ def _turned(
     settings: KnownVvcSettings, drive_hz: float, off_hz: float, channels: tuple[int, int, int]
 ) -> Routine[tuple[float, float, float]]:
     """Have V_Vc turn the sense signal against the drive; return the amplitudes of the channels, V."""
-    yield steps.SetSine(2.0 * drive_hz + off_hz, 2.0 * level_v(settings))
-    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+    yield from set_sine(settings, 2.0 * drive_hz + off_hz, 2.0 * level_v(settings))
     first_v, second_v, third_v = yield from amplitudes(*channels)
     return first_v, second_v, third_v

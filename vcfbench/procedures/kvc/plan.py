@@ -17,12 +17,11 @@ from vcfbench.procedures.health.plan import examined
 from vcfbench.procedures.kvc.results import DRIVEN, SEARCH, TABLE, certificate, k_vc_report, k_vc_results
 from vcfbench.procedures.kvc.settings import KVcSettings
 from vcfbench.procedures.procedure import PAPER_NEEDS, PAPER_USES, Procedure
-from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled
-from vcfbench.procedures.shared.routines import powered, v_vc_on
+from vcfbench.procedures.shared.routines import framed, powered
 from vcfbench.procedures.shared.steady.watched import watched
-from vcfbench.steps import Note, Outcome, Plan, Settle
+from vcfbench.steps import Outcome, Plan, Settle
 
 
 @framed(powered, watched)
@@ -45,10 +44,7 @@ def k_vc(settings: KVcSettings) -> Plan:
     yield from examined(settings, None, looked_for=settings.health)
     if settings.ac_volts:
         yield from compared_amplitudes(settings)
-    if settings.v_vc_role == "multimeter":
-        yield Note("V_Vc by the one multimeter, at every level that was used")
-        yield from v_vc_on()
-        yield from measured_levels(settings, (0.0, *found.levels_v.values()))
+    yield from measured_levels(settings, (0.0, *found.levels_v.values()))
     return Outcome(f"V_Vc matched at {2 * len(settings.magnitudes_deg_s)} rates, {settings.cycles} times")
 
 

@@ -2,11 +2,10 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from datetime import timedelta
 
 import numpy as np
-from msgspec import structs
+from msgspec import Struct, structs
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
@@ -30,8 +29,8 @@ from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.device import UNSEEN
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
 from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
-from vcfbench.procedures.shared.known.levels import K_VC_UNIT
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
+from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
@@ -46,8 +45,7 @@ TABLE, SEARCH, DRIVEN = 1, 2, 3
 """The steps, as in its points: the table's blocks, the search for V_Vc, the blocks of V_Vc."""
 
 
-@dataclass(frozen=True, slots=True)
-class MatchedPair:
+class MatchedPair(Struct, frozen=True):
     """A rate of the table, and the V_Vc with the same zero-subtracted output."""
 
     rate_deg_s: float
@@ -60,8 +58,7 @@ class MatchedPair:
     """Difference left between the two outputs, V; it is interpolated."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KVcResult:
+class KVcResult(Struct, frozen=True, kw_only=True):
     """Result of the calibration of K_Vc."""
 
     k_vc: Measurand
@@ -92,11 +89,9 @@ class KVcResult:
     """Sources that are in no uncertainty, with the reasons."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits, by its keys."""
         return {key: found.value for key, found in self._accepted().items()}
 
     def acceptance_u95(self) -> Mapping[str, float]:
-        """Return the expanded uncertainties of these, by the same keys."""
         return {key: found.expanded_u for key, found in self._accepted().items()}
 
     def _accepted(self) -> dict[str, Measurand]:
@@ -121,8 +116,7 @@ RATE, EARTH = "the table's rate", "the Earth's rate and the tilt of the axis"
 MISALIGNMENT = "misalignment of the gyroscope on the table"
 
 
-@dataclass(frozen=True, slots=True)
-class _Levels:
+class _Levels(Struct, frozen=True):
     """Levels of the blocks at each signed rate; arrays in the order +r1, -r1, +r2, ..."""
 
     rate: Floats
@@ -166,8 +160,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         curve, parts = _as_set(settings, curve, matched_v, of_rate, of_v_vc)
     u_matched = np.sqrt(2.0 * np.diag(noise)) / np.abs(per_v)
     scale_factor = _scale_factor(settings, levels.noise, slopes, of_slopes, len(points))
-    at_rest = [place for place, point in enumerate(points) if point.step == TABLE and point.rate_deg_s == 0.0]
-    bias = null_blocks.bias_at_rest(settings, points, at_rest, levels.noise, scale_factor.value)
+    bias = null_blocks.bias_at_rest(settings, points, TABLE, levels.noise, scale_factor.value)
     pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
     ranges = f"{v_vc.V_VC_GAIN}, ", f"{v_vc.V_VC_OFFSET}, "
     of_k_vc = [
@@ -177,7 +170,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         )
         for name, part in parts.items()
     ]
-    today = [replace(part, u=1e6 * part.u / curve.k_vc) for part in of_k_vc]
+    today = [structs.replace(part, u=1e6 * part.u / curve.k_vc) for part in of_k_vc]
     days = days_until(settings.wanted_u95_ppm, today, settings.station.sources.k_vc_drift_ppm_per_year)
     health = health_of(settings, points)
     seen = with_output_curve(_characteristics(settings, curve.curvature(), health), slopes, of_slopes)
@@ -240,7 +233,7 @@ def whose(name: str, known_by: str) -> str | None:
 
 
 def _dof(name: str, noise: BlockNoise) -> float | None:
-    return null_blocks.dof_of(noise) if name in {READ_TABLE, READ_DRIVEN} else None
+    return finite(noise.dof) if name in {READ_TABLE, READ_DRIVEN} else None
 
 
 _V_VC_BY = {None: "the setting of the {}", "v_vc_meter": "the {}", "multimeter": "the {}, its leads moved by hand"}
@@ -254,7 +247,7 @@ def _scale_factor(
     slope, meter = float(slopes[0]), v_vc.meter_error(settings, "multimeter")
     phases = PhaseErrors.of(settings.station.sources)
     parts = [
-        UncertaintyPart(READ_TABLE, math.sqrt(of_slopes[0, 0]), null_blocks.dof_of(noise)),
+        UncertaintyPart(READ_TABLE, math.sqrt(of_slopes[0, 0]), finite(noise.dof)),
         UncertaintyPart(v_vc.METER_GAIN, abs(slope) * meter.u_gain, None, meter.owner),
         UncertaintyPart(RATE, abs(slope) * v_vc.table_rate_error(settings)),
         UncertaintyPart(MISALIGNMENT, abs(slope) * v_vc.alignment_error(settings)),
@@ -335,11 +328,8 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
     second = f"{curved.second_per_v:.5g} (u {curved.u_second_per_v:.1g})"
     third = f"{curved.third_per_v2:.5g} (u {curved.u_third_per_v2:.1g})"
     # The time until U95 of K_Vc reaches the wanted value
-    known, days, wanted = (
-        settings.station.sources,
-        results.days_to_wanted_u95,
-        f"U95 of {settings.wanted_u95_ppm:g} ppm",
-    )
+    known, days = settings.station.sources, results.days_to_wanted_u95
+    wanted = f"U95 of {settings.wanted_u95_ppm:g} ppm"
     interval = f"K_Vc keeps its U95 ({drift_words(known)})"
     if days is not None:
         interval = f"K_Vc comes to a {wanted} after {days:.0f} days ({drift_words(known)})"

@@ -38,7 +38,6 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
 
     @property
     def fastest_deg_s(self) -> float:
-        """The fastest that the table is asked to turn, deg/s, either way."""
         return max(map(abs, self.match_rates_deg_s))
 
     @property
@@ -47,7 +46,6 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
         return tuple(sorted({abs(rate) for rate in self.match_rates_deg_s}))
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges; every rate must have a V_Vc within the limits."""
         yield from super().contradictions()
         yield from invalid_match_rates(self, self.match_rates_deg_s, self.curve_order)
         largest_v = self.fastest_deg_s / max(abs(self.k_vc_guess_deg_s_per_v), 1e-9)

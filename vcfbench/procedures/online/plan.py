@@ -10,12 +10,10 @@ from typing import Literal
 from vcfbench import steps
 from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.online.report import online_report
-from vcfbench.procedures.online.results import online_results
+from vcfbench.procedures.online.results import online_report, online_results
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.known.v_vc import ready_meters
 from vcfbench.steps.step import Routine
 
@@ -26,7 +24,7 @@ def _metered(settings: OnlineSettings, work: steps.Plan) -> steps.Plan:
     return (yield from work)
 
 
-@framed(routines.energised, _metered, routines.held_at_rest)
+@routines.framed(routines.energised, _metered, routines.held_at_rest)
 def online(settings: OnlineSettings) -> steps.Plan:
     """Calibrate while the gyroscope measures: V_Vc at rest, the modulation, V_Vc at rest again."""
     table_deg_s = None if settings.station.limits.max_rate_deg_s is None else settings.rate_deg_s

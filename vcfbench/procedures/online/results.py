@@ -8,10 +8,11 @@ the record and taken out, so that of the curve of K_Vc its slope at 0 V is all t
 import cmath
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from statistics import median
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.arrays import Floats
@@ -20,10 +21,11 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.health.check import gaps_of, missing_of, unmeasured
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
-from vcfbench.procedures.shared.known.certificate import Drift, drift_of, shares_of
+from vcfbench.procedures.shared.known import v_vc
+from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since
-from vcfbench.procedures.shared.known.v_vc import METER_GAIN, READINGS, V_VC_GAIN, V_VC_NOISE, meter_error, v_vc_error
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, made_of, measurand, said_of
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.steps import ModulatedRecord, SampleModulated
 from vcfbench.steps.measured import Measured
 
@@ -43,8 +45,7 @@ _HOLDS_NOT = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class WindowFactor:
+class WindowFactor(Struct, frozen=True):
     """The scale factor of one window, whose middle is `t_s` after the modulation began to be sampled.
 
     `u_readings` is what its own readings leave; `u` holds what is common to all windows as well.
@@ -56,8 +57,7 @@ class WindowFactor:
     u: float
 
 
-@dataclass(frozen=True, slots=True)
-class AllanOfScaleFactor:
+class AllanOfScaleFactor(Struct, frozen=True):
     """Allan deviation of the windows' scale factors over their mean, ppm, with its bounds (68 %).
 
     `noise_ppm` is what the noise of the readings alone would make of it.
@@ -70,8 +70,7 @@ class AllanOfScaleFactor:
     noise_ppm: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OnlineResult:
+class OnlineResult(Struct, frozen=True, kw_only=True):
     """Result of a calibration while measuring."""
 
     scale_factor: Measurand
@@ -113,18 +112,15 @@ class OnlineResult:
     """Since the certificate of the device; None where nothing earlier is known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits, by its keys."""
         drift = {} if self.drift is None else self.drift.acceptance_values()
         return {"scale_factor_v_per_deg_s": self.scale_factor.value, **drift}
 
     def acceptance_u95(self) -> Mapping[str, float]:
-        """Return the expanded uncertainties of those that have one."""
         drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.expanded_u}
         return {"scale_factor_v_per_deg_s": self.scale_factor.expanded_u, **drift}
 
 
-@dataclass(frozen=True, slots=True)
-class _Run:
+class _Run(Struct, frozen=True):
     """The records of a run, fitted: output and V_Vc of each burst, means at rest, and the sign of the scale factor."""
 
     begin_s: tuple[float, ...]
@@ -217,8 +213,7 @@ def _sign(
     return sign
 
 
-@dataclass(frozen=True, slots=True)
-class _Gain:
+class _Gain(Struct, frozen=True):
     """The gain of small signals without its sign: output per V_Vc, the response taken out, and its uncertainties."""
 
     windows: Floats
@@ -346,7 +341,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         response_ppm=1e6 * (gain.response - 1.0),
         lost_share=1.0 - len(run.begin_s) * run.length_s / lasted_s,
         k_vc_from=settings.known.source,
-        v_vc_by=v_vc_error(settings).name,
+        v_vc_by=v_vc.v_vc_error(settings).name,
         since=since.said,
         unseen=settings.known.unseen,
         holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *gaps_of(settings, missing)),
@@ -357,30 +352,26 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
 def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[UncertaintyPart], list[UncertaintyPart]]:
     """Return the contributions of the readings to the scale factor's uncertainty, and those common to all windows."""
     size = abs(gain.value / k_vc)
-    meter, error = meter_error(settings, "multimeter"), v_vc_error(settings)
+    meter, error = v_vc.meter_error(settings, "multimeter"), v_vc.v_vc_error(settings)
     of_modes = math.hypot(2.0 * settings.u_split_hz / settings.split_hz, _U_SHARE / (1.0 - settings.in_phase_share))
     phases = PhaseErrors.of(settings.station.sources)
     own = [
-        UncertaintyPart(READINGS, gain.u_mean_readings / abs(k_vc), gain.dof),
+        UncertaintyPart(v_vc.READINGS, gain.u_mean_readings / abs(k_vc), gain.dof),
         UncertaintyPart("readings: the third harmonic", gain.u_third / abs(k_vc), gain.dof),
     ]
     common = [
-        UncertaintyPart(METER_GAIN, size * meter.u_gain, None, meter.owner),
+        UncertaintyPart(v_vc.METER_GAIN, size * meter.u_gain, None, meter.owner),
         UncertaintyPart("response at the frequency of the modulation", size * ((gain.response - 1.0) * of_modes)),
         *(UncertaintyPart(name, size * u) for name, u in phases.u_self_calibrated.items()),
     ]
     if gain.u_v_vc:
-        common.append(UncertaintyPart(V_VC_NOISE, gain.u_v_vc / abs(k_vc)))
-    same_meter = False
-    known = settings.known
-    for name, of, dof, covariance in shares_of(known.k_vc):
-        if of is not None and of == error.owner and settings.v_vc_role is not None:
-            same_meter = True  # its volts were those of the certificate: its errors are in the curve already
-            continue
+        common.append(UncertaintyPart(v_vc.V_VC_NOISE, gain.u_v_vc / abs(k_vc)))
+    of_curve, same_meter = curve_parts(settings)
+    for name, covariance, dof, of in of_curve:
         u = size * math.sqrt(max(0.0, float(covariance[1, 1]))) / abs(k_vc)  # a share of none may round below 0
-        common.append(UncertaintyPart(f"certificate: {name}", u, dof, of or f"{known.source}: {name}"))
+        common.append(UncertaintyPart(name, u, dof, of))
     if not same_meter:
-        common.append(UncertaintyPart(V_VC_GAIN, size * error.u_gain, None, error.owner))
+        common.append(UncertaintyPart(v_vc.V_VC_GAIN, size * error.u_gain, None, error.owner))
     return own, common
 
 
@@ -397,33 +388,82 @@ def _disturbance(
     changes = (means_v - rest_v) / scale_factor
     variance_mean = 0.5 * math.fsum(each.variance(1, settings.burst_readings) for each in run.output) / count
     white = variance_mean * (1.0 / count + 1.0 / len(run.rest_v))
-    flicker, dof = _flicker(settings, run, means_v, variance_mean, size)
+    # Flicker by the differences of successive bursts, and not less than ``[uncertainty]`` says of the gyroscope
+    allan = 0.5 * float(np.mean(np.diff(means_v) ** 2))
+    b_squared = max(0.0, allan - variance_mean) / FLICKER_FLOOR / size**2
+    stated_deg_h, assumed = settings.station.sources.bias_instability_deg_h, settings.station.sources.assumed
+    if stated_deg_h is not None and "bias_instability_deg_h" not in assumed:  # what was found here goes before a guess
+        b_squared = max(b_squared, (stated_deg_h / 3600.0) ** 2)
+    rest = len(run.rest_v)
+    share = flicker_share([*run.rest_begin_s, *run.begin_s], run.length_s, [-1.0 / rest] * rest + [1.0 / count] * count)
     of_second = math.fsum(each.variance(2, settings.burst_readings) for each in run.output) / count**2
     parts = [
         UncertaintyPart("noise of the means", math.sqrt(white) / size, gain.dof),
-        UncertaintyPart("flicker between modulation and rest", flicker, dof),
+        UncertaintyPart("flicker between modulation and rest", math.sqrt(b_squared * share), float(count - 1)),
         UncertaintyPart("noise of the second harmonic", math.sqrt(of_second) / size, gain.dof),
     ]
     if not run.v_vc:
-        offset_v = math.sqrt(2.0) * v_vc_error(settings).u_offset_v
+        offset_v = math.sqrt(2.0) * v_vc.v_vc_error(settings).u_offset_v
         parts.append(
             UncertaintyPart("offset of the generator, sine against direct voltage", gain.value * offset_v / size)
         )
     return measurand(float(changes.mean()), "deg/s", parts), rectified_v / scale_factor, changes
 
 
-def _flicker(
-    settings: OnlineSettings, run: _Run, means_v: Floats, variance_mean: float, size: float
-) -> tuple[float, float]:
-    """Return the contribution of flicker to the difference to rest, deg/s, and its degrees of freedom.
+def online_report(settings: OnlineSettings, _measured: Measured, results: OnlineResult) -> Report:
+    """Report scale factor, disturbance, the windows, and their Allan deviation."""
+    disturbance = results.disturbance
+    scatter = f"chi-square {results.chi_square:.1f} for {results.dof} degrees of freedom"
+    sine = f"virtual rate {results.virtual_rate_deg_s:.4g} deg/s, V_Vc {results.v_vc_amplitude_v:.6g} V"
+    less = f"disturbed by less than {results.disturbed_by_less_than_deg_s:.2g} deg/s (95 %)"
+    scattered = f"{results.noise_at_rest_deg_s:.2g} deg/s at rest, {results.noise_modulated_deg_s:.2g} modulated"
+    curvature = f"{results.compression_ppm:+.0f} ppm of curvature, {results.response_ppm:+.0f} ppm of response"
+    words = [
+        said_of("scale factor, small signals", results.scale_factor),
+        f"{len(results.windows)} windows scatter with {scatter}; {sine}",
+        f"true rate under modulation less at rest: {disturbance.value:+.2g} deg/s, u {disturbance.u:.1g}: {less}",
+        f"  u is made of {made_of(disturbance, '.1g')} deg/s",
+        f"noise of a reading: {scattered}; {100.0 * results.lost_share:.2g} % of the time is lost between bursts",
+        f"taken out: {results.rectified_deg_s:+.3g} deg/s rectified, {curvature}",
+        f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
+        *results.since,
+        *v_vc.known_words(settings),
+    ]
+    columns = (
+        *(Column("t", "s", ".1f"), Column("scale factor", "V/(deg/s)", ".8f")),
+        *(Column("u of its readings", "ppm", ".1f"), Column("u", "ppm", ".1f")),
+    )
+    rows = [
+        (each.t_s, each.scale_factor_v_per_deg_s, _ppm(each.u_readings, each), _ppm(each.u, each))
+        for each in results.windows
+    ]
+    mean = results.scale_factor.value
+    times = [each.t_s for each in results.windows]
+    ppm = [1e6 * (each.scale_factor_v_per_deg_s / mean - 1.0) for each in results.windows]
+    factors = Series("window", times, ppm, [_ppm(each.u_readings, each) for each in results.windows])
+    rate = Series("burst", results.rate_t_s, results.rate_change_deg_s)
+    figures = [
+        Figure("Scale factor over time", Axis("time", "s"), Axis("scale factor less its mean", "ppm"), [factors]),
+        Figure("True rate, modulation taken out", Axis("time", "s"), Axis("rate less that at rest", "deg/s"), [rate]),
+    ]
+    if shown := [each for each in results.allan if each.deviation_ppm > 0.0]:
+        tau, deviations = [each.tau_s for each in shown], [each.deviation_ppm for each in shown]
+        low, high = [each.low_ppm for each in shown], [each.high_ppm for each in shown]
+        curve = Series("windows", tau, deviations, low=low, high=high)
+        noise = Series("noise of the readings alone", tau, [each.noise_ppm for each in shown], kind="line")
+        axes = Axis("averaging time", "s", "log"), Axis("Allan deviation", "ppm", "log")
+        band = "The band holds the true value with 95 %."
+        figures.append(Figure("Allan deviation of the scale factor", *axes, [curve, noise], band))
+    parts = [
+        Text("\n".join(words)),
+        Table(columns, rows, "scale factor, window after window"),
+        budget_table("the scale factor", results.scale_factor),
+        *([] if results.drift is None else drift_parts(results.drift)),
+        *figures,
+        *lists_of_omissions(results.holds_not, results.unseen),
+    ]
+    return Report(parts)
 
-    It is found from the differences of successive bursts, and is not less than ``[uncertainty]`` says of the gyroscope.
-    """
-    allan = 0.5 * float(np.mean(np.diff(means_v) ** 2))
-    b_squared = max(0.0, allan - variance_mean) / FLICKER_FLOOR / size**2
-    stated_deg_h, assumed = settings.station.sources.bias_instability_deg_h, settings.station.sources.assumed
-    if stated_deg_h is not None and "bias_instability_deg_h" not in assumed:  # what was found here goes before a guess
-        b_squared = max(b_squared, (stated_deg_h / 3600.0) ** 2)
-    rest, count = len(run.rest_v), means_v.size
-    share = flicker_share([*run.rest_begin_s, *run.begin_s], run.length_s, [-1.0 / rest] * rest + [1.0 / count] * count)
-    return math.sqrt(b_squared * share), float(count - 1)
+
+def _ppm(u: float, window: WindowFactor) -> float:
+    return 1e6 * u / abs(window.scale_factor_v_per_deg_s)

@@ -85,7 +85,6 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         return abs(level_for(self.known.k_vc, self.virtual_rate_deg_s, self.rates_key))
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         most_hz = 1.0 / (_LEAST_READINGS * self.aperture_s)
         burst_s = self.burst_readings * self.aperture_s

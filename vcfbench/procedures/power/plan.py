@@ -14,21 +14,13 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.clock import sleep
 from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.power.results import (
-    Order,
-    PowerResult,
-    PowerSettings,
-    RailDraw,
-    RailsDrawn,
-    RailsLogged,
-    power_report,
-    power_results,
-)
+from vcfbench.procedures.power import results
+from vcfbench.procedures.power.results import PowerResult, PowerSettings, RailDraw, RailsDrawn, RailsLogged
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.framed import framed, scale_factor_read
+from vcfbench.procedures.shared.chopped_level import table_due_deg_s
 from vcfbench.procedures.shared.kept_characteristics import Keeps
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, scale_factor_read
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.records.devices import Characteristics
@@ -133,17 +125,23 @@ class MeasureRails(Step, Struct, frozen=True):
         return RailsDrawn(tuple(drawn))
 
 
-@framed(scale_factor_read, routines.off_afterwards, routines.held_at_rest)
+@routines.framed(scale_factor_read, routines.off_afterwards, routines.held_at_rest)
 def plan(settings: PowerSettings) -> steps.Plan:
     """Log power-on, read the steady currents, and move the rails."""
     yield steps.ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)
     yield from routines.source_off(settings)
+    rails = routines.rails_of(settings)
     for number, order in enumerate(settings.orders):
         if number:
             yield steps.DisableSupply()
             yield steps.Settle(settings.off_s, "rails and drive come to rest")
-        yield from _powered_on(settings, order)
-    rails = routines.rails_of(settings)
+        yield steps.Note(f"Power-on: {'both rails together' if order == 'together' else f'{order} rail first'}")
+        second = [rail for rail in rails if order not in {"together", rail.rail}]
+        for rail in rails:  # that which comes second is at 0 V first
+            yield structs.replace(rail, voltage_v=0.0) if rail in second else rail
+        yield SuppliedAndLogged(rails, settings.order_delay_s if second else settings.log_s)
+        for rail in second:
+            yield RailOnAndLog(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a, rails, settings.log_s)
     yield steps.Settle(settings.start_up_s, "warm-up")
     yield steps.CheckRails(rails, settings.rail_tolerance_v)
     yield from routines.look_at_drive(settings)
@@ -163,18 +161,6 @@ def _moved(settings: PowerSettings) -> Routine[None]:
     yield from _set_rails(settings)
 
 
-def _powered_on(settings: PowerSettings, order: Order) -> Routine[None]:
-    """Switch on and log; the rail that comes second is at 0 V first."""
-    yield steps.Note(f"Power-on: {'both rails together' if order == 'together' else f'{order} rail first'}")
-    rails = routines.rails_of(settings)
-    second = [rail for rail in rails if order not in {"together", rail.rail}]
-    for rail in rails:
-        yield structs.replace(rail, voltage_v=0.0) if rail in second else rail
-    yield SuppliedAndLogged(rails, settings.order_delay_s if second else settings.log_s)
-    for rail in second:
-        yield RailOnAndLog(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a, rails, settings.log_s)
-
-
 def _set_rails(settings: PowerSettings) -> Routine[None]:
     for rail in routines.rails_of(settings):  # noqa: UP028  # a tuple cannot be sent results
         yield rail
@@ -184,19 +170,13 @@ def _set_rails(settings: PowerSettings) -> Routine[None]:
 def _at_rails(settings: PowerSettings) -> Routine[None]:
     """Take the output at rest and at the rate of both signs, on the rails of `settings`."""
     yield from _set_rails(settings)
-    held = settings.station.limits.max_rate_deg_s is not None
-    table_deg_s = 0.0 if held else None
-    points = [(yield from routines.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=table_deg_s))]
-    level = settings.level_deg_s
+    level, table_deg_s = settings.level_deg_s, table_due_deg_s(settings, 0.0)
     if settings.by is ScaleFactorBy.TABLE:
-        for rate_deg_s, previous_deg_s in ((level, 0.0), (-level, level)):
-            yield from routines.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-            points.append(
-                (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s))
-            )
+        points = yield from routines.at_rates(settings, 1, (0.0, level, -level))
         yield from routines.go_to_rate(settings, 0.0, previous_deg_s=-level)
         require_answer(settings, points)
         return
+    points = [(yield from routines.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=table_deg_s))]
     yield from routines.v_vc_on()
     for rate_deg_s, wanted_v in ((level, settings.level_v), (-level, -settings.level_v)):
         v_vc_v = yield from routines.set_v_vc(settings, wanted_v)
@@ -229,8 +209,8 @@ POWER = Procedure(
     ),
     settings=PowerSettings,
     plan=plan,
-    results=power_results,
-    report=power_report,
+    results=results.power_results,
+    report=results.power_report,
     entry=Keeps("power", power_characteristics),
     needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates},

@@ -198,8 +198,18 @@ def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
     scale = scale_factor_used(settings, measured)
     logged = measured.found(RailsLogged)
     ((_, steady),) = measured.found(RailsDrawn)
-    outputs = [(rail.rail, rail.output) for rail in settings.rails]
-    rails = tuple(_current(settings, rail, output, steady, logged) for rail, output in outputs)
+    rails = []
+    for rail, output in [(each.rail, each.output) for each in settings.rails]:
+        of = [each for each in steady.drawn if each.output == output]
+        currents = [each.current_a for each in of]
+        current_a, scatter = fmean(currents), stdev(currents) / math.sqrt(len(currents))
+        peak_a = max(each.current_a for _, log in logged for each in log.drawn if each.output == output)
+        voltage_v = fmean(each.voltage_v for each in of if each.voltage_v is not None)
+        readings = UncertaintyPart("readings", max(scatter, _STEP_A / math.sqrt(12.0)), len(currents) - 1)
+        resolution = UncertaintyPart("resolution", _STEP_A / math.sqrt(12.0))
+        current = measurand(current_a, "A", [readings, *_ammeter(settings, output, current_a)])
+        inrush = measurand(peak_a, "A", [resolution, *_ammeter(settings, output, peak_a)])
+        rails.append(RailCurrent(rail, output, voltage_v, current, inrush))
     parts = [
         UncertaintyPart(f"{part.source}, {each.rail} rail", abs(each.voltage_v) * part.u, part.dof, part.of)
         for each in rails
@@ -208,28 +218,12 @@ def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
     power_w = sum(abs(each.voltage_v) * each.current.value for each in rails)
     return PowerResult(
         power_on=tuple(_power_ons(settings, logged, scale)),
-        rails=rails,
+        rails=tuple(rails),
         power=measurand(power_w, "W", parts),
         effects=tuple(_effects(settings, measured, scale)),
         by=settings.by.value,
         scale_factor_v_per_deg_s=scale,
     )
-
-
-def _current(
-    settings: PowerSettings, rail: str, output: str, steady: RailsDrawn, logged: Sequence[tuple[Step, RailsLogged]]
-) -> RailCurrent:
-    of = [each for each in steady.drawn if each.output == output]
-    currents = [each.current_a for each in of]
-    current_a = fmean(currents)
-    scatter = stdev(currents) / math.sqrt(len(currents))
-    peak_a = max(each.current_a for _, log in logged for each in log.drawn if each.output == output)
-    voltage_v = fmean(each.voltage_v for each in of if each.voltage_v is not None)
-    readings = UncertaintyPart("readings", max(scatter, _STEP_A / math.sqrt(12.0)), len(currents) - 1)
-    resolution = UncertaintyPart("resolution", _STEP_A / math.sqrt(12.0))
-    current = measurand(current_a, "A", [readings, *_ammeter(settings, output, current_a)])
-    inrush = measurand(peak_a, "A", [resolution, *_ammeter(settings, output, peak_a)])
-    return RailCurrent(rail, output, voltage_v, current, inrush)
 
 
 def _sheet(settings: PowerSettings) -> SupplySpecification | None:

@@ -13,10 +13,9 @@ from vcfbench.procedures.health.plan import examined, way_of
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.self_calibration import results
 from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
-from vcfbench.procedures.shared.framed import framed
 from vcfbench.procedures.shared.known.device import level_for
 from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
-from vcfbench.procedures.shared.routines import energised, look_at_drive, set_v_vc, take, v_vc_on
+from vcfbench.procedures.shared.routines import energised, framed, look_at_drive, set_v_vc, take, v_vc_on
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.steps.step import Routine
@@ -53,10 +52,7 @@ def self_calibration(settings: SelfCalibrationSettings) -> Plan:
         seen_better = way_of(settings)[0] == "oscilloscope" and same_oscilloscope(settings, then)
         if not seen_better:
             yield from compared_amplitudes(settings)
-    if settings.v_vc_role == "multimeter":
-        yield Note("V_Vc by the one multimeter, at every level that was used")
-        yield from v_vc_on()
-        yield from measured_levels(settings, levels_v.values())
+    yield from measured_levels(settings, levels_v.values())
     return Outcome(f"V_Vc at {2 * len(settings.magnitudes_deg_s)} levels, {settings.cycles} times")
 
 

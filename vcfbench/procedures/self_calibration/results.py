@@ -5,12 +5,11 @@ through the function's derivatives. Two results of one device share much: the ce
 share has the same effect on both, so it cancels in their difference; a part says with `of` whose it is.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
@@ -28,9 +27,9 @@ from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.kept_characteristics import conditions_of
 from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.certificate import Drift, drift_of, drift_parts, lists_of_omissions, shares_of
+from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand, said_of
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
@@ -52,8 +51,7 @@ _HOLDS_NOT = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Level:
+class Level(Struct, frozen=True):
     """One level of V_Vc: the rate that it stands for, and the output with its zero subtracted."""
 
     rate_deg_s: float
@@ -61,8 +59,7 @@ class Level:
     output_v: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SelfCalibrationResult:
+class SelfCalibrationResult(Struct, frozen=True, kw_only=True):
     """Result of a self-calibration."""
 
     scale_factor: Measurand
@@ -96,12 +93,10 @@ class SelfCalibrationResult:
     """Since the certificate; None where nothing earlier is known."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits, by its keys; no drift where nothing earlier is known."""
         drift = {} if self.drift is None else self.drift.acceptance_values()
         return {key: found.value for key, found in self._accepted().items()} | drift
 
     def acceptance_u95(self) -> Mapping[str, float]:
-        """Return the expanded uncertainties of these, by the same keys; E_n has none."""
         drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.expanded_u}
         return {key: found.expanded_u for key, found in self._accepted().items()} | drift
 
@@ -111,8 +106,7 @@ class SelfCalibrationResult:
         return dict(zip(keys, found, strict=True))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NotStated:
+class NotStated(Struct, frozen=True, kw_only=True):
     """A self-calibration whose K_Vc cannot be stated: the bias, and the changes of its characteristics."""
 
     bias: Measurand
@@ -130,8 +124,7 @@ class NotStated:
         return {**dict.fromkeys(keys), "bias_v": self.bias.value}
 
 
-@dataclass(frozen=True, slots=True)
-class _Measured:
+class _Measured(Struct, frozen=True):
     """The levels: V_Vc with that of the zero first, outputs with their zeros subtracted."""
 
     v_vc_v: Floats
@@ -177,10 +170,9 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     """Return scale factor, bias, non-linearity and drift from the levels; why not, where K_Vc cannot be stated."""
     seen, known = _measured(settings, points), settings.known
     characteristics, check = _health(settings, points)
-    at_rest = [place for place, point in enumerate(points) if point.step == AT_REST]
     if check is not None and check.refused:
         roughly = float(seen.estimates(np.array(known.k_vc.coefficients), seen.v_vc_v, seen.output_v)[0])
-        bias = null_blocks.bias_at_rest(settings, points, at_rest, seen.noise, roughly)
+        bias = null_blocks.bias_at_rest(settings, points, AT_REST, seen.noise, roughly)
         return NotStated(bias=bias, health=check, k_vc_from=known.source)
     since = _since(settings, check)
     coefficients = np.array(known.k_vc.coefficients) * since.factor
@@ -202,7 +194,14 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     )
     curve = seen.curve(coefficients, seen.v_vc_v, seen.output_v)
     rates = seen.rates(curve, seen.v_vc_v)
-    bias = null_blocks.bias_at_rest(settings, points, at_rest, seen.noise, scale_factor.value)
+    bias = null_blocks.bias_at_rest(settings, points, AT_REST, seen.noise, scale_factor.value)
+    # The column has the combined uncertainties of its slope and of the bias at rest
+    u_v = math.sqrt(float(seen.covariance_v2[0, 0]))
+    column = characterise([*rates, 0.0], [*(seen.zero_v + seen.output_v), seen.zero_v], u_v).column()
+    slope, rest = (
+        replace(each, u=stated.u, complete=stated.complete, missing=stated.missing)
+        for each, stated in ((column.scale_factor, line), (column.bias, bias))
+    )
     return SelfCalibrationResult(
         scale_factor=scale_factor,
         line=line,
@@ -212,7 +211,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         modulator=None if seen.output_orders is None else (float(curve[2] / curve[1]), float(curve[3] / curve[1])),
         bias_deg_s=as_rate(bias, scale_factor.value, scale_factor.u),
         nonlinearity=nonlinearity,
-        virtual=_column(rates, seen, line, bias),
+        virtual=replace(column, scale_factor=slope, bias=rest),
         levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),
         noise=seen.noise,
         k_vc_from=known.source,
@@ -245,11 +244,11 @@ def _since(settings: SelfCalibrationSettings, check: health_check.HealthCheck | 
     without = k_vc_since(settings)
     if check is None:
         return without
-    since = k_vc_since(settings, check.change)
+    since = k_vc_since(settings, (check.ppm, check.u_ppm))
     if any(each.cause in health_check.TEMPERATURES for each in check.causes):
         return since
     warmed = [part for part in without.parts if part.source == K_VC_TEMPERATURE]
-    return dataclasses.replace(since, parts=(*since.parts, *warmed))
+    return replace(since, parts=(*since.parts, *warmed))
 
 
 def _with_shape(settings: SelfCalibrationSettings, seen: _Measured, coefficients: Floats) -> _Measured:
@@ -263,9 +262,7 @@ def _with_shape(settings: SelfCalibrationSettings, seen: _Measured, coefficients
         slope = float(seen.estimates(coefficients, seen.v_vc_v, seen.output_v)[0])
         gain = slope / settings.known.reference.scale_factor_v_per_deg_s.value
         output = output * np.array([gain, gain**2])
-    return (
-        dataclasses.replace(seen, output_orders=output) if shape.has_changed(orders, covariance, output, then) else seen
-    )
+    return replace(seen, output_orders=output) if shape.has_changed(orders, covariance, output, then) else seen
 
 
 def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Measured:
@@ -295,17 +292,6 @@ def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Me
     )
 
 
-def _column(rates: Floats, seen: _Measured, line: Measurand, bias: Measurand) -> CalibrationColumn:
-    """Return the column, with the combined uncertainties of its slope and of the bias at rest."""
-    u_v = math.sqrt(float(seen.covariance_v2[0, 0]))
-    column = characterise([*rates, 0.0], [*(seen.zero_v + seen.output_v), seen.zero_v], u_v).column()
-    slope, rest = (
-        replace(each, u=stated.u, complete=stated.complete, missing=stated.missing)
-        for each, stated in ((column.scale_factor, line), (column.bias, bias))
-    )
-    return replace(column, scale_factor=slope, bias=rest)
-
-
 def _parts(
     settings: SelfCalibrationSettings, seen: _Measured, k: Floats, since: Sequence[UncertaintyPart]
 ) -> list[list[UncertaintyPart]]:
@@ -319,48 +305,37 @@ def _parts(
     values = seen.estimates(k, v, y)
     alike = np.array([abs(values[0]), abs(values[1]), 0.0])
     found: list[tuple[str, Floats, float | None, str | None]] = [
-        (v_vc.READINGS, _u_of(by_output, seen.covariance_v2), null_blocks.dof_of(seen.noise), None),
+        (v_vc.READINGS, _u_of(by_output, seen.covariance_v2), finite(seen.noise.dof), None),
         (v_vc.V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None, None),
         (v_vc.METER_GAIN, alike * meter.u_gain, None, meter.owner),
     ]
     if seen.output_orders is not None:
         orders = seen.output_orders
         by_orders = _jacobian(
-            lambda at: dataclasses.replace(seen, output_orders=at).estimates(k, v, y), orders, 1e-2 * np.abs(orders)
+            lambda at: replace(seen, output_orders=at).estimates(k, v, y), orders, 1e-2 * np.abs(orders)
         )
         u_orders = shape.OUTPUT_LIMIT / math.sqrt(3.0) * orders
         found.append((shape.OUTPUT_CURVE, _u_of(by_orders, np.diag(u_orders**2)), None, None))
     found += [(name, alike * u, None, None) for name, u in v_vc.temperature_errors(settings, seen.windows).items()]
     found += [(part.source, alike * part.u, part.dof, part.of) for part in since]
-    same_meter = False
-    for name, of, dof, covariance in shares_of(settings.known.k_vc):
-        if of is not None and of == error.owner and settings.v_vc_role is not None:
-            same_meter = True  # its volts were those of the certificate: both errors are in the curve already
-            continue
-        whose = of or f"{settings.known.source}: {name}"
-        found.append((f"certificate: {name}", _u_of(by_k, covariance), dof, whose))
+    of_curve, same_meter = curve_parts(settings)
+    found += [(name, _u_of(by_k, covariance), dof, of) for name, covariance, dof, of in of_curve]
     if not same_meter and settings.v_vc_role is not None:
         found.append((v_vc.V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None, error.owner))
         found.append((v_vc.V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None, error.owner))
-    of_ranges = [_of_ranges(settings, v, by_v, place) for place in range(values.size)]
     limits = {name for name, *_ in found if name == K_VC_DRIFT or name.startswith(health_check.NOT_MEASURED)}
-    return [
+    parts = [
         [UncertaintyPart(name, float(u[place]), dof, of, rectangular=name in limits) for name, u, dof, of in found]
-        + of_ranges[place]
         for place in range(values.size)
     ]
-
-
-def _of_ranges(settings: SelfCalibrationSettings, v_vc_v: Floats, by_v: Floats, place: int) -> list[UncertaintyPart]:
-    """Return the contributions to one estimate of a generator whose setting is believed, of each of its ranges."""
-    if settings.v_vc_role is not None:
-        return []
-    levels, owner = known_levels((), settings.station.sources), v_vc.v_vc_error(settings).owner
-    own_v = np.array([levels.u_besides_v(volts) for volts in v_vc_v])
-    parts = [UncertaintyPart(v_vc.RESOLUTION, float(np.linalg.norm(by_v[place] * own_v)))]
-    for kind, where, covariance in levels.covariances(v_vc_v, by_v, place):
-        name, u = v_vc.V_VC_GAIN if kind == "gain" else v_vc.V_VC_OFFSET, math.sqrt(covariance[place, place])
-        parts.append(UncertaintyPart(f"{name}, {where}", u, None, owner, rectangular=True))
+    if settings.v_vc_role is None:  # a generator whose setting is believed: by each of its ranges
+        levels = known_levels((), settings.station.sources)
+        own_v = np.array([levels.u_besides_v(volts) for volts in v])
+        for place, of_value in enumerate(parts):
+            of_value.append(UncertaintyPart(v_vc.RESOLUTION, float(np.linalg.norm(by_v[place] * own_v))))
+            for kind, where, covariance in levels.covariances(v, by_v, place):
+                name, u = v_vc.V_VC_GAIN if kind == "gain" else v_vc.V_VC_OFFSET, math.sqrt(covariance[place, place])
+                of_value.append(UncertaintyPart(f"{name}, {where}", u, None, error.owner, rectangular=True))
     return parts
 
 

@@ -28,7 +28,6 @@ class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         return tuple(sorted({abs(rate) for rate in self.virtual_rates_deg_s}))
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.magnitudes_deg_s[0] == 0.0 or len(self.magnitudes_deg_s) < 2:
             expected = "at least two rates of different size, none of them 0"

@@ -1,18 +1,12 @@
 """The output at a level of both signs, chopped against drift, the level being a rate of the table or a V_Vc."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactorBy
 from vcfbench.procedures.shared.steady.walk import require_answer
-
-if TYPE_CHECKING:
-    from vcfbench.records.schema import Point
-    from vcfbench.steps.step import Routine
+from vcfbench.records.schema import Point
+from vcfbench.steps.step import Routine
 
 
 def to_level(settings: LevelSettings, sign: float, previous: float = 0.0) -> Routine[float]:

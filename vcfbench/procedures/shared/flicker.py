@@ -1,21 +1,17 @@
 """The flicker of a device, as a static record found it: kept in the device store by `zero`, taken from there later."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, TypeVar, cast
+from typing import Annotated, Any, Self, TypeVar, cast
 
 from msgspec import Meta, structs
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
+from vcfbench.records.devices import DeviceStore, StaticNoise
 from vcfbench.station.settings import DeviceSettings
-
-if TYPE_CHECKING:  # few runs name a device
-    from vcfbench.records.devices import DeviceStore, StaticNoise
 
 S = TypeVar("S", bound=DeviceSettings)
 
@@ -37,8 +33,6 @@ def with_flicker(settings: S, *, outdated: bool) -> S:
     """
     if settings.dut is None:
         return settings
-    from vcfbench.records.devices import DeviceStore  # noqa: PLC0415  # few runs name a device
-
     found = flicker_sources(DeviceStore(Path(settings.devices)), settings.dut, utc_now(), outdated=outdated)
     known = settings.station.sources
     left = {key: words for key, words in known.assumed.items() if key not in found}

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from statistics import fmean, stdev
+
+from msgspec import Struct
 
 from vcfbench.analysis.budget import Distribution, Source, convolved_coverage_factor, evaluate
 from vcfbench.records.devices import Measured, Share
@@ -16,8 +17,7 @@ _ROUNDING = 1e-9
 """A part of u that is smaller, against all of it, is left by rounding."""
 
 
-@dataclass(frozen=True, slots=True)
-class UncertaintyPart:
+class UncertaintyPart(Struct, frozen=True):
     """Contribution of one source to a standard uncertainty, in the unit of the value; the sign is that of its effect.
 
     `of` says whose it is where other results have the same, so that it cancels between them: an instrument, a
@@ -32,8 +32,7 @@ class UncertaintyPart:
     """True if any value within a limit is as likely; else it is normal, or Student's t."""
 
 
-@dataclass(frozen=True, slots=True)
-class Measurand:
+class Measurand(Struct, frozen=True):
     """A value with its combined standard uncertainty, all sources in it; their parts add up in squares."""
 
     value: float
@@ -60,6 +59,11 @@ class Measurand:
         return Measured(value=self.value, u=self.u, dof=self.dof, shares=shares, missing=self.missing)
 
 
+def finite(dof: float) -> float | None:
+    """Return degrees of freedom as values have them: None where they are as many as one likes."""
+    return dof if math.isfinite(dof) else None
+
+
 def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart], missing: Iterable[str] = ()) -> Measurand:
     """Return `value` with the combined uncertainty of independent `parts`, after the GUM (Welch and Satterthwaite).
 
@@ -74,13 +78,10 @@ def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart], missing
     ]
     budget = evaluate(sources, lambda quantities: {"value": sum(quantities.values(), start=value)})
     result = budget.result("value")
-    dof = result.dof if math.isfinite(result.dof) else None
     by_size = tuple(sorted(parts, key=lambda part: -abs(part.u)))
-    limited = math.fsum(part.u**2 for part in parts if part.rectangular)
-    factor = result.coverage_factor
-    if limited > _PREVAILS * result.u**2:
-        factor = convolved_coverage_factor(result, sources)
-    without = tuple(dict.fromkeys(missing))
+    limited = math.fsum(part.u**2 for part in parts if part.rectangular) > _PREVAILS * result.u**2
+    factor = convolved_coverage_factor(result, sources) if limited else result.coverage_factor
+    without, dof = tuple(dict.fromkeys(missing)), finite(result.dof)
     return Measurand(value, result.u, unit, dof, factor, factor * result.u, by_size, not without, without)
 
 

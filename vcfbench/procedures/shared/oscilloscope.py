@@ -1,7 +1,5 @@
 """Common ways of looking at the gyroscope's signals by the oscilloscope: amplitudes, drive frequency, phasors."""
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Callable, Iterable, Sequence

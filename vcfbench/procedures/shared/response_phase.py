@@ -5,11 +5,13 @@ Both channels are sampled at the same instants, so nothing has to be known of wh
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from statistics import fmean, stdev
+
+from msgspec import Struct
 
 from vcfbench import steps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.routines import set_sine
 from vcfbench.reports.document import Axis, Column, Figure, Series, Table
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Measured
@@ -22,8 +24,7 @@ _DIVISIONS_WIDE = 10.0
 _ROOM = 1.1
 
 
-@dataclass(frozen=True, slots=True)
-class PhasePoint:
+class PhasePoint(Struct, frozen=True):
     """Phase of the output against V_Vc at one frequency, deg, that at rest (0 or half a turn) taken off.
 
     The low-pass filter is in it. Phases go on from one frequency to the next, beyond half a turn above the split.
@@ -53,8 +54,7 @@ def phases_of(
     for frequency_hz, response in sorted(found, key=lambda each: each[0]):
         largest_v = _ROOM * max(*map(abs, response.voltages_v), settings.meter_resolution_v)
         lasts_s = _PERIODS / frequency_hz
-        yield steps.SetSine(frequency_hz, amplitude_v)
-        yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+        yield from set_sine(settings, frequency_hz, amplitude_v)
         yield steps.ConfigureScope(lasts_s / _DIVISIONS_WIDE, channels[0])
         expected = steps.SineRecord(frequency_hz, (amplitude_v, largest_v), (0.0, 0.0))
         yield steps.CaptureSines(channels, (_ROOM * amplitude_v, largest_v), RECORDS, expected, lasts_s)

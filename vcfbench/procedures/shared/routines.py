@@ -1,6 +1,8 @@
 """Common parts of work instructions: power up, check the drive, go to a rate, take a point, shut down."""
 
 import math
+from collections.abc import Callable, Iterable
+from functools import wraps
 from typing import Any, TypeVar
 
 from vcfbench import steps
@@ -9,8 +11,9 @@ from vcfbench.procedures.shared.sweep.schedule import window_grid
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.drive_check import check_drive
-from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine, answer
+from vcfbench.steps.step import LOOK_AT_SIGNALS, Plan, Routine, answer
 
+S = TypeVar("S", bound=ProcedureSettings)
 T = TypeVar("T")
 
 _SLOW_DEG_S = 10.0
@@ -21,20 +24,36 @@ _ANSWERS = 10.0
 """Standard uncertainties by which it must move: a thousandth of what 10 deg/s make of the paper's gyroscope."""
 
 
+def framed(*frames: Callable[[Any, Plan], Plan]) -> Callable[[Callable[[S], Plan]], Callable[[S], Plan]]:
+    """Have a plan done inside of `frames`, the first of which is the outermost: ``@framed(energised, at_rest)``."""
+
+    def of(plan: Callable[[S], Plan]) -> Callable[[S], Plan]:
+        @wraps(plan)
+        def inside(settings: S) -> Plan:
+            work = plan(settings)
+            for frame in reversed(frames):
+                work = frame(settings, work)
+            return work
+
+        return inside
+
+    return of
+
+
 def power_up(settings: ProcedureSettings) -> Routine[None]:
     """Set up meter and generator, then switch the rails on; V_Vc is off before the PCB gets power."""
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield from source_off(settings)
-    yield from rails_on(settings)
+    yield from rails_on(settings, settings.start_up_s)
 
 
-def rails_on(settings: ProcedureSettings) -> Routine[None]:
+def rails_on(settings: ProcedureSettings, wait_s: float) -> Routine[None]:
     """Set levels and limits, then switch on, wait, and read the rails back."""
     rails = rails_of(settings)
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
         yield rail
     yield steps.EnableSupply()
-    yield steps.Settle(settings.start_up_s, "rails up, drive loop starts")
+    yield steps.Settle(wait_s, "rails up, drive loop starts")
     yield steps.CheckRails(rails, settings.rail_tolerance_v)
 
 
@@ -81,6 +100,12 @@ def v_vc_level_again() -> Routine[None]:
     yield from v_vc_on()
 
 
+def set_sine(settings: ProcedureSettings, frequency_hz: float, amplitude_v: float) -> Routine[None]:
+    """Have V_Vc be a sine, and let the gyro settle."""
+    yield steps.SetSine(frequency_hz, amplitude_v)
+    yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+
+
 def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:
     """Set V_Vc and let the gyro settle; return the level read back, V."""
     setting = answer((yield steps.SetVvc(v_vc_v)), steps.VvcSetting)
@@ -96,6 +121,21 @@ def take(
     window = {**window_of(settings), "samples": grid.samples, "interval_s": grid.interval_s}
     acquire = steps.Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window)
     return answer((yield acquire), steps.Window).point
+
+
+def at_rates(
+    settings: ProcedureSettings, step: int, rates_deg_s: Iterable[float], look: Callable[[list[Point]], None] = list
+) -> Routine[list[Point]]:
+    """Average one window at each rate of the table in turn, the first from rest; `look` at the points after each."""
+    points: list[Point] = []
+    previous_deg_s = 0.0
+    for rate_deg_s in rates_deg_s:
+        if rate_deg_s != previous_deg_s:
+            yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+        points.append((yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
+        look(points)
+        previous_deg_s = rate_deg_s
+    return points
 
 
 def take_reference(settings: ProcedureSettings, step: int, v_vc_v: float = 0.0) -> Routine[Point]:

@@ -25,17 +25,11 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
-from vcfbench.procedures.shared.framed import framed, scale_factor_read
 from vcfbench.procedures.shared.kept_characteristics import Keeps
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, scale_factor_read
 from vcfbench.procedures.shared.oscilloscope import capture_drive
 from vcfbench.procedures.shared.steady.watched import watched
-from vcfbench.procedures.temperature.results import (
-    AtTemperature,
-    TemperatureResult,
-    temperature_report,
-    temperature_results,
-)
+from vcfbench.procedures.temperature import results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
 from vcfbench.records.devices import Characteristics, Measured
 from vcfbench.records.schema import Point
@@ -63,12 +57,12 @@ def _air_off(settings: TemperatureSettings, work: steps.Plan) -> steps.Plan:
         yield steps.StopFlow()
 
 
-@framed(scale_factor_read, routines.energised, _looked_at, routines.held_at_rest, _air_off)
+@routines.framed(scale_factor_read, routines.energised, _looked_at, routines.held_at_rest, _air_off)
 def plan(settings: TemperatureSettings) -> steps.Plan:
     """Go to each temperature, soak, measure."""
     previous_c = settings.room_c
     for temperature_c, direction in zip(settings.temperatures_c, directions(settings.temperatures_c), strict=True):
-        yield AtTemperature(temperature_c, direction)
+        yield results.AtTemperature(temperature_c, direction)
         if settings.chamber is None:
             yield steps.set_air_by_hand(temperature_c, settings.chamber_takes_s)
         else:
@@ -141,7 +135,7 @@ def stands_still(points: Sequence[Point], settings: TemperatureSettings) -> bool
     return abs(points[-1].output_v - points[0].output_v) <= settings.steady_ppm_min * 1e-6 * level_v * minutes + noise_v
 
 
-def temperature_characteristics(settings: TemperatureSettings, found: TemperatureResult) -> Characteristics:
+def temperature_characteristics(settings: TemperatureSettings, found: results.TemperatureResult) -> Characteristics:
     """Return the characteristics that K_Vc depends on; that of K_Vc itself takes a run by the table and one by V_Vc."""
     by_table, seen_c = settings.by is ScaleFactorBy.TABLE, [each.temperature_c for each in found.points]
     frequency = found.frequency
@@ -168,8 +162,8 @@ TEMPERATURE = Procedure(
     ),
     settings=TemperatureSettings,
     plan=plan,
-    results=temperature_results,
-    report=temperature_report,
+    results=results.temperature_results,
+    report=results.temperature_report,
     unforeseen={
         "bias": "it goes with the temperature coefficient that is found",
         **dict.fromkeys(

@@ -2,27 +2,27 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from statistics import fmean, stdev
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.analysis.tails import t_of_largest
+from vcfbench.bench.bench import Bench
 from vcfbench.errors import ConfigError
 from vcfbench.procedures import bandwidth
-from vcfbench.procedures.shared.known.levels import generator_sheet
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.known.v_vc import meter_error
+from vcfbench.procedures.shared.known.v_vc import generator_sheet, meter_error
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
-from vcfbench.steps import Done, SineRecords, SineResponse, TemperatureReading
+from vcfbench.steps import SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
-from vcfbench.steps.step import Context, Step
+from vcfbench.steps.step import Step
 
 _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""
@@ -50,9 +50,8 @@ class AtTemperature(Step, Struct, frozen=True):
     def describe(self) -> str:
         return f"{self.temperature_c:+g} degC, {self.direction}"
 
-    def perform(self, context: Context) -> Done:
-        del context
-        return Done()
+    def command(self, bench: Bench) -> None:
+        """Do nothing."""
 
 
 class _NotSeen(Struct, frozen=True):

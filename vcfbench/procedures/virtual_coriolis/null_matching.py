@@ -6,9 +6,9 @@ K_Vc, out of which the half difference keeps the modulator's even order. What a 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, DIFFERENCES
@@ -26,8 +26,7 @@ TABLE, DRIVEN = 1, 2
 _ORDER = 3
 
 
-@dataclass(frozen=True, slots=True)
-class NullMatching:
+class NullMatching(Struct, frozen=True):
     """Result of the null comparisons; arrays go over the pairs, +r1, -r1, +r2, ..., or over all windows."""
 
     match_rate_deg_s: float

@@ -5,64 +5,53 @@ the table moving is behind when the V_Vc sweep starts. While the table turns the
 holds the V_Vc node at 0 V; while V_Vc acts the table is held at rest under servo.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from itertools import groupby
-from typing import TYPE_CHECKING
 
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import PAPER_USES, Procedure
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.known.levels import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
+from vcfbench.procedures.shared.known.v_vc import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
+from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.shared.sweep import agreement
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy, sweep_words
 from vcfbench.procedures.turntable import table_sweep
+from vcfbench.procedures.virtual_coriolis import results
 from vcfbench.procedures.virtual_coriolis.matching import Matching
-from vcfbench.procedures.virtual_coriolis.report import virtual_coriolis_report
-from vcfbench.procedures.virtual_coriolis.results import null_results, virtual_coriolis_results
+from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import V_VC_RANGE_V
 from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.steps.step import Routine
 
-if TYPE_CHECKING:
-    from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
 
-
+@routines.framed(routines.powered, watched)
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
     """Calibrate on the rate table and by the virtual Coriolis force, and compare."""
-
-    def four_steps() -> Routine[Outcome]:
-        yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
-        if settings.k_vc_by is KvcBy.ONE_POINT:
-            yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
-            points = yield from _table_reference(settings)
-            yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
-            driven, matching = yield from _match(settings, points)
-            rates: Matching | NullMatching = matching
-        else:
-            points, driven, rates = yield from _null_match(settings)
-        yield Note("Step 3: the table turns at each rate, generator off")
-        yield DisableVvc()
-        yield from table_sweep(settings, 3, points)
-        yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {rates.k_vc:.6g} (deg/s)/V")
-        yield from _virtual_sweep(settings, rates, driven)
-        return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
-
-    return (yield from routines.powered(settings, watched(settings, four_steps())))
+    yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
+    if settings.k_vc_by is KvcBy.ONE_POINT:
+        yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
+        points = yield from _table_reference(settings)
+        yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
+        driven, matching = yield from _match(settings, points)
+        rates: Matching | NullMatching = matching
+    else:
+        points, driven, rates = yield from _null_match(settings)
+    yield Note("Step 3: the table turns at each rate, generator off")
+    yield DisableVvc()
+    yield from table_sweep(settings, 3, points)
+    yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {rates.k_vc:.6g} (deg/s)/V")
+    yield from _virtual_sweep(settings, rates, driven)
+    return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
 
 
 def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point], list[Point], NullMatching]]:
     """Do steps 1 and 2 at rates of both signs, in turn; return the points of both, and their match."""
-    from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled  # noqa: PLC0415  # numpy comes with it
-    from vcfbench.procedures.virtual_coriolis.null_matching import null_matching  # noqa: PLC0415  # as above
-
     yield Note("Steps 1 and 2: at each rate of both signs V_Vc is matched to the output on the table")
     yield Settle(settings.settle_s, "gyro settles, table at rest")
     found = yield from nulled(
@@ -85,20 +74,15 @@ def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point],
 
 def _table_reference(settings: VirtualCoriolisSettings) -> Routine[list[Point]]:
     """Step 1: the zero output and the output at the matching rate, in turn."""
-    yield Settle(settings.settle_s, "gyro settles, table at rest")
-    points: list[Point] = []
-    previous_deg_s = 0.0
-    for turning in _in_turn(settings.match_windows):
-        rate_deg_s = settings.match_rate_deg_s if turning else 0.0
-        if rate_deg_s != previous_deg_s:
-            yield from routines.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-        points.append(
-            (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s))
-        )
+
+    def look(points: list[Point]) -> None:
         if len(points) > 1:
             agreement.require_expected_column(points, settings.expected)
-        previous_deg_s = rate_deg_s
-    yield from routines.ramp_to(settings, 0.0, previous_deg_s=previous_deg_s)
+
+    yield Settle(settings.settle_s, "gyro settles, table at rest")
+    rates_deg_s = [settings.match_rate_deg_s if turning else 0.0 for turning in _in_turn(settings.match_windows)]
+    points = yield from routines.at_rates(settings, 1, rates_deg_s, look)
+    yield from routines.ramp_to(settings, 0.0, previous_deg_s=rates_deg_s[-1])
     return points
 
 
@@ -207,11 +191,11 @@ VIRTUAL_CORIOLIS = Procedure(
     settings=VirtualCoriolisSettings,
     plan=virtual_coriolis,
     results=lambda given, points: (
-        virtual_coriolis_results(points, given.match, given.match_rate_deg_s, given.meter_resolution_v, given)
+        results.virtual_coriolis_results(points, given.match, given.match_rate_deg_s, given.meter_resolution_v, given)
         if given.k_vc_by is KvcBy.ONE_POINT
-        else null_results(points, given)
+        else results.null_results(points, given)
     ),
-    report=virtual_coriolis_report,
+    report=results.virtual_coriolis_report,
     uses={**PAPER_USES, "v_vc_meter": ReadsVoltage},
 )
 """The virtual Coriolis calibration."""

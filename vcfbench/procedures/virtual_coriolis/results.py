@@ -1,27 +1,27 @@
-"""From the points of a four-step calibration to its results: pure arithmetic, the same again from a record."""
-
-from __future__ import annotations
+"""Results of a four-step calibration: pure arithmetic on its points, the same again from a record; their report."""
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
+from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, compare
+from vcfbench.procedures.shared.budget.statement import Statement
+from vcfbench.procedures.shared.column import report
 from vcfbench.procedures.shared.column import results as columns
-from vcfbench.procedures.shared.known.levels import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
+from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
+from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found
 from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
+from vcfbench.procedures.shared.sweep.windows import sweep_of
+from vcfbench.procedures.virtual_coriolis.budget import four_step_statement, null_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
+from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
+from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.station.settings import Match, ProcedureSettings
-
-if TYPE_CHECKING:
-    from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult
-    from vcfbench.procedures.shared.budget.statement import Statement
-    from vcfbench.procedures.shared.sweep.found import SweepFound
-    from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
 
 
 class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
@@ -129,8 +129,6 @@ def virtual_coriolis_results(
 
 def null_results(points: Sequence[Point], settings: VirtualCoriolisSettings) -> NullVirtualCoriolisResult:
     """Return the results of a four-step calibration whose K_Vc is from null comparisons at both signs."""
-    from vcfbench.procedures.virtual_coriolis.null_matching import null_matching  # noqa: PLC0415  # numpy comes with it
-
     points = at_measured_levels(points)
     matching = null_matching(settings, points)
     curve = matching.curve
@@ -150,9 +148,6 @@ def null_results(points: Sequence[Point], settings: VirtualCoriolisSettings) -> 
 
 
 def _sweeps(settings: SweepSettings, points: Sequence[Point]) -> dict[str, Any]:
-    from vcfbench.procedures.shared.sweep.found import sweep_found  # noqa: PLC0415  # as above
-    from vcfbench.procedures.shared.sweep.windows import sweep_of  # noqa: PLC0415  # numpy comes with it
-
     turntable, virtual = (sweep_found(settings, points, sweep_of(settings, points, step)) for step in (3, 4))
     return {"turntable_sweep": turntable, "virtual_sweep": virtual}
 
@@ -164,15 +159,10 @@ def _four_steps(
     settings: ProcedureSettings | None,
 ) -> dict[str, Any]:
     """Return K_Vc, both columns and how they differ, from points at the V_Vc that they are known to have."""
-    from vcfbench.analysis.scale_factor import compare  # noqa: PLC0415  # numpy comes with it
-    from vcfbench.procedures.shared.sweep.windows import sweep_of  # noqa: PLC0415  # as above
-
     measured = any(point.v_vc_measured_v is not None for point in points)
     generator = generator_sheet(settings or ProcedureSettings())
-    u_v, u_level = (
-        columns.u_output_v(points, meter_resolution_v),
-        0.0 if measured else (math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)),
-    )
+    u_v = columns.u_output_v(points, meter_resolution_v)
+    u_level = 0.0 if measured else math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)
     points = standing_for(points, 4, matching.rate_of)
     noise_k_vc = matching.u_k_vc(columns.noise_std_v(points), columns.u_resolution_v(meter_resolution_v))
     u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
@@ -185,12 +175,8 @@ def _four_steps(
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
     stated = None
     if settings is not None and isinstance(matching, Matching):
-        from vcfbench.procedures.virtual_coriolis.budget import four_step_statement  # noqa: PLC0415  # numpy comes with it
-
         stated = four_step_statement(settings, points, matching)
-    elif settings is not None and not isinstance(matching, Matching):
-        from vcfbench.procedures.virtual_coriolis.null_budget import null_statement  # noqa: PLC0415  # as above
-
+    elif settings is not None and isinstance(matching, NullMatching):
         stated = null_statement(settings, points, matching)
     set_v = matching.v_vc_equal_v if isinstance(matching, Matching) else math.inf  # an offset cancels in pairs
     # Of a level that is known by its setting alone: relative, rectangular limits
@@ -215,3 +201,70 @@ def _four_steps(
 def _relative_u(column: ScaleFactorResult) -> float:
     """Return the relative standard uncertainty of a slope from noise alone."""
     return 0.0 if column.type_a is None else column.type_a.u_scale_factor / column.line.scale_factor
+
+
+def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: VirtualCoriolisResult) -> Report:
+    """Report a four-step calibration: steps 3 and 4 like the paper's Table 1, both lines, and how they differ."""
+    k_vc, rounded = found.k_vc, found.comparison.scale_factor_error_percent_rounded
+    by_curve = found.rate_of if isinstance(found, NullVirtualCoriolisResult) else None
+    points = standing_for(at_measured_levels(points), 4, by_curve or (lambda v_vc_v: k_vc.value * v_vc_v))
+    table = [point for point in points if point.step == 3]
+    virtual = [point for point in points if point.step == 4]
+    lines = [("turntable", table, found.turntable), ("virtual Coriolis", virtual, found.virtual)]
+    # Lay out steps 3 and 4 with the V_Vc that stood for each rate
+    columns = (
+        *(Column("Omega_z", "deg/s", "g"), Column("turntable", "V", ".5f")),
+        *(Column("virtual Coriolis", "V", ".5f"), Column("V_Vc", "V", ".5f")),
+    )
+    pairs = list(zip(table, virtual, strict=True))
+    noise = found.turntable.type_a, found.virtual.type_a
+    u_v = None if None in noise else math.hypot(*(each.u_output_v for each in noise if each is not None))
+    difference = Series(
+        "virtual Coriolis minus turntable",
+        [left.rate_deg_s for left, _ in pairs],
+        [1e3 * (right.output_v - left.output_v) for left, right in pairs],
+        None if u_v is None else [1e3 * u_v] * len(pairs),
+    )
+    axes, sweeps = (report.RATE, Axis("difference of the outputs", "mV")), {}
+    if isinstance(found, SweptVirtualCoriolisResult):
+        sweeps = {"turntable": found.turntable_sweep, "virtual Coriolis": found.virtual_sweep}
+    as_printed = "" if rounded is None else f", {rounded:.3f} % from slopes rounded as the paper prints them"
+    k_vc_line = (
+        f"K_Vc = {k_vc.value:.6g} {k_vc.unit}, u of noise and resolution {k_vc.u_fit or 0.0:.2g}; "
+        f"V_Vc at {found.match_rate_deg_s:g} deg/s {found.v_vc10_v:.6g} V (match: {found.match.value})"
+    )
+    u_line = (
+        f"  u from noise and resolution {found.scale_factor_error_u_readings_percent:.2g} %, "
+        f"from scatter about the lines {found.scale_factor_error_u_fit_percent:.2g} %"
+    )
+    error_line = f"scale factor error {found.scale_factor_error_percent:.4f} %{as_printed}"
+    fits = (report.line_words("turntable", found.turntable), report.line_words("virtual Coriolis", found.virtual))
+    return Report(
+        [
+            Table(columns, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs]),
+            Text("\n".join([k_vc_line, *fits, error_line, u_line])),
+            *_nulls(found),
+            *(report.sweep_text(name, sweep) for name, sweep in sweeps.items()),
+            *report.statement_tables(found.uncertainty),
+            report.outputs_figure("Output against rate, real and virtual", lines),
+            report.residuals_figure(lines),
+            Figure("Virtual Coriolis minus turntable", *axes, [difference]),
+        ]
+    )
+
+
+def _nulls(found: VirtualCoriolisResult) -> list[Table | Text]:
+    """Lay out the matches where K_Vc is from null comparisons, and the curve through them."""
+    if not isinstance(found, NullVirtualCoriolisResult):
+        return []
+    columns = (
+        *(Column("rate", "deg/s", "g"), Column("V_Vc", "V", ".6f")),
+        *(Column("rate - K_Vc", "deg/s", ".1e"), Column("left", "V", ".1e")),
+    )
+    rows = [(p.rate_deg_s, p.v_vc_v, p.residual_deg_s, p.left_v) for p in found.pairs]
+    matches = Table(columns, rows, f"V_Vc with the same zero-subtracted output as the table ({found.k_vc_by.value})")
+    if found.lack_of_fit_p is None:
+        return [matches]
+    terms = " ".join(f"{each:+.8g} V^{place}" for place, each in enumerate(found.coefficients, start=1))
+    lack = f"lack of fit {found.lack_of_fit_deg_s:.1e} deg/s rms (p = {found.lack_of_fit_p:.2g}); in no uncertainty"
+    return [matches, Text(f"rate = {terms}\n  {lack}")]

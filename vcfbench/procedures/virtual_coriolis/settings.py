@@ -1,15 +1,15 @@
 """Settings of the virtual Coriolis calibration."""
 
-import math
 from collections.abc import Iterator
 from typing import Annotated
 
 from msgspec import Meta
 
+from vcfbench.procedures.shared.null_comparison.plan import invalid_guess, invalid_match, invalid_match_rates
 from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
-from vcfbench.station.bounds import LEAST_V_VC_V, Rate
+from vcfbench.station.bounds import Rate
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.settings import Match, rate_words
+from vcfbench.station.settings import Match
 
 
 class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
@@ -52,31 +52,16 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
 
     @property
     def fastest_deg_s(self) -> float:
-        """The fastest that the table is asked to turn, deg/s, either way."""
         return max(super().fastest_deg_s, abs(self.match_rate_deg_s), *self.magnitudes_deg_s)
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges; every V_Vc, |rate| / |K_Vc|, must be within limits."""
         yield from super().contradictions()
-        limits, guess, match_deg_s = self.station.limits, self.k_vc_guess_deg_s_per_v, abs(self.match_rate_deg_s)
-        most_deg_s = math.inf if limits.max_rate_deg_s is None else limits.max_rate_deg_s
-        if not self.rate_tolerance_deg_s < match_deg_s <= most_deg_s:
-            at_rest = f"above {self.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s): less is at rest"
-            yield InvalidValue("match_rate_deg_s", f"{rate_words(most_deg_s)}, and {at_rest}", self.match_rate_deg_s)
-        limit_v, largest = limits.max_v_vc_v, max(map(abs, self.rates_deg_s))
-        if limit_v is not None and abs(guess) * limit_v < largest:
-            expected = f"at least {largest / limit_v:g}, so that {largest:g} deg/s needs at most {limit_v:g} V of V_Vc"
-            yield InvalidValue("k_vc_guess_deg_s_per_v", f"{expected} (limits.max_v_vc_v)", guess)
-        if abs(guess) * LEAST_V_VC_V > match_deg_s:
-            needs = f"{match_deg_s:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
-            yield InvalidValue(
-                "k_vc_guess_deg_s_per_v", f"at most {match_deg_s / LEAST_V_VC_V:g}, so that {needs}", guess
-            )
+        largest = max(map(abs, self.rates_deg_s))
+        yield from invalid_match(self, "match_rate_deg_s", self.match_rate_deg_s)
+        yield from invalid_guess(self, abs(self.match_rate_deg_s), largest, self.k_vc_guess_deg_s_per_v)
         if self.k_vc_by is not KvcBy.ONE_POINT and self.match is Match.ABSOLUTE:
             yield InvalidValue("match", f"zero, by which {self.k_vc_by.value} compares", "absolute")
         if self.k_vc_by is KvcBy.CURVE:
-            from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates  # noqa: PLC0415  # numpy comes with it
-
             yield from invalid_match_rates(self, self.match_rates_deg_s, 3)
             if self.magnitudes_deg_s[-1] < largest:
                 expected = f"at least one of {largest:g} deg/s or more: a curve tells nothing beyond its rates"

@@ -103,12 +103,28 @@ def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_
             low, high = allan.confidence_interval(edf, _CONFIDENCE)
             points.append(allan.AllanPoint(tau_s, deviation, edf, low * deviation, high * deviation))
         curve = points
-    # Whether it is known how much white noise a reading lets through, or nobody wants to correct for it
+    # In the units of data sheets; where the noise bandwidth of a reading is not known, but corrected for, N is a bound
     passed = not corrected or sampling.gapless or sampling.noise_bandwidth_hz is not None
+    coefficients = []
+    for term, each in ({} if fit is None else fit.terms).items():
+        factor, unit = _UNITS[term]
+        known = passed or term is not Term.ANGLE_RANDOM_WALK
+        value, u = (factor * each.value if known else None), (factor * each.u if known and each.u is not None else None)
+        coefficients.append(NoiseCoefficient(term.value, value, u, factor * each.upper_95, unit))
+    rows = []
+    for point in curve:
+        observed, low, high = (_DEG_H * each for each in (point.deviation, point.low, point.high))
+        without = fit_deg_h = None
+        if fit is not None:
+            gapless_deg_s = math.sqrt(float(fit.coefficients.variance(point.tau_s)[0]))
+            seen = math.sqrt(fit.variance(fitted, round(point.tau_s / fitted.interval_s))[0])
+            without = _DEG_H * point.deviation * gapless_deg_s / seen if corrected else None
+            fit_deg_h = _DEG_H * gapless_deg_s
+        rows.append(AllanRow(point.tau_s, observed, low, high, point.edf, without, fit_deg_h))
     return RecordNoise(
         fit,
-        tuple(_row(point, fitted, fit, corrected=corrected) for point in curve),
-        () if fit is None else _coefficients(fit, passed=passed),
+        tuple(rows),
+        tuple(coefficients),
         bias_stability(rates_deg_s, sampling, curve, _DEG_H),
         _DEG_RTH * walk,
         follows[0].tau_s,
@@ -165,27 +181,6 @@ def _follows(
         if fit is None or not any(misses(point, fit) for point in rest[:_FIRST]):
             return rest
     return curve
-
-
-def _row(point: allan.AllanPoint, sampling: Sampling, fit: NoiseFit | None, *, corrected: bool) -> AllanRow:
-    observed, low, high = _DEG_H * point.deviation, _DEG_H * point.low, _DEG_H * point.high
-    if fit is None:
-        return AllanRow(point.tau_s, observed, low, high, point.edf, None, None)
-    gapless = math.sqrt(float(fit.coefficients.variance(point.tau_s)[0]))
-    seen = math.sqrt(fit.variance(sampling, round(point.tau_s / sampling.interval_s))[0])
-    without = _DEG_H * point.deviation * gapless / seen if corrected else None
-    return AllanRow(point.tau_s, observed, low, high, point.edf, without, _DEG_H * gapless)
-
-
-def _coefficients(fit: NoiseFit, *, passed: bool) -> tuple[NoiseCoefficient, ...]:
-    """Return them in the units of data sheets; where the noise bandwidth of a reading is unknown, N is a bound."""
-    found = []
-    for term, each in fit.terms.items():
-        factor, unit = _UNITS[term]
-        known = passed or term is not Term.ANGLE_RANDOM_WALK
-        value, u = (factor * each.value if known else None), (factor * each.u if known and each.u is not None else None)
-        found.append(NoiseCoefficient(term.value, value, u, factor * each.upper_95, unit))
-    return tuple(found)
 
 
 def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:

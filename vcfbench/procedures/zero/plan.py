@@ -20,9 +20,8 @@ from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Ro
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, Provenance
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.framed import framed, scale_factor_read
 from vcfbench.procedures.shared.kept_characteristics import KeptSettings, conditions_of
-from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
+from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_read, scale_factor_used
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
 from vcfbench.records import devices
 from vcfbench.station.invalid_value import InvalidValue
@@ -147,12 +146,12 @@ def _warm(settings: ZeroSettings, work: steps.Plan) -> steps.Plan:
     yield steps.Note("Start-up")
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield from routines.source_off(settings)
-    yield from routines.rails_on(settings)
+    yield from routines.rails_on(settings, settings.start_up_s)
     yield from routines.look_at_drive(settings)
     return (yield from work)
 
 
-@framed(scale_factor_read, routines.off_afterwards, _warm, routines.held_at_rest)
+@routines.framed(scale_factor_read, routines.off_afterwards, _warm, routines.held_at_rest)
 def zero(settings: ZeroSettings) -> steps.Plan:
     """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
     yield steps.Note(f"The output at rest for {settings.duration_s:g} s")
@@ -170,7 +169,8 @@ def zero(settings: ZeroSettings) -> steps.Plan:
     return steps.Outcome(f"static record of {settings.duration_s:g} s")
 
 
-def _results(settings: ZeroSettings, measured: Measured) -> Any:
+def results(settings: ZeroSettings, measured: Measured) -> Any:
+    """Return the results of the record, or what a dry run expects of it."""
     (window,) = measured.readings.windows
     scale = scale_factor_used(settings, measured)
     if isinstance(measured, Foreseen):
@@ -178,36 +178,27 @@ def _results(settings: ZeroSettings, measured: Measured) -> Any:
             return ForeseenZero()
         gapless = settings.mode is Mode.GAPLESS
         foreseen = Sampling(settings.sample_interval_s, settings.sample_interval_s if gapless else settings.aperture_s)
-        return foreseen_zero(
-            measured[0].output_v,
-            settings.duration_s,
-            measured.white_v_sqrt_s,
-            sampling=foreseen,
-            scale=scale,
-            settings=settings,
-        )
+        expected = measured[0].output_v, settings.duration_s, measured.white_v_sqrt_s
+        return foreseen_zero(*expected, sampling=foreseen, scale=scale, settings=settings)
+    mode, volts = settings.mode.value, window.voltage_v
     if settings.mode is Mode.GAPLESS:
-        volts = block_means(window.voltage_v, settings.readings_a_mean)
-        sampling, raw = Sampling.without_gaps(settings.sample_interval_s), (window.voltage_v, settings.readings_a_mean)
-        return zero_results(volts, window.t_s, sampling, scale, settings.mode.value, settings=settings, raw=raw)
+        sampling, raw = Sampling.without_gaps(settings.sample_interval_s), (volts, settings.readings_a_mean)
+        return zero_results(block_means(*raw), window.t_s, sampling, scale, mode, settings=settings, raw=raw)
     bandwidth_hz = settings.passed_hz if settings.mode is Mode.CORRECTED else None
     sampling = Sampling(settings.sample_interval_s, settings.aperture_s, bandwidth_hz)
     u_hz = 0.0 if bandwidth_hz is None else settings.u_passed_hz
-    return zero_results(
-        window.voltage_v, window.t_s, sampling, scale, settings.mode.value, settings=settings, u_bandwidth_hz=u_hz
-    )
+    return zero_results(volts, window.t_s, sampling, scale, mode, settings=settings, u_bandwidth_hz=u_hz)
 
 
-def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> devices.NewEntry | None:
+def entry(settings: ZeroSettings, found: ZeroResult, made: Provenance) -> devices.NewEntry | None:
     """Return the entry of the device that was named; None where the record shows no flicker.
 
     The degrees of freedom of B squared are those that its u stands for: 2 / dof is the relative variance of the square.
     """
-    flicker = results.flicker
-    if settings.dut is None or flicker is None:
+    if settings.dut is None or found.flicker is None:
         return None
-    value, u = flicker
-    scale_factor = results.scale_factor_v_per_deg_s
+    value, u = found.flicker
+    scale_factor = found.scale_factor_v_per_deg_s
     record = devices.StaticNoise(
         serial=settings.dut,
         done=made.finished,
@@ -216,7 +207,7 @@ def _entry(settings: ZeroSettings, results: ZeroResult, made: Provenance) -> dev
         bias_instability_deg_h=devices.Measured(value=value, u=u, dof=0.5 * (value / u) ** 2),
         duration_s=settings.duration_s,
         conditions=conditions_of(settings, made),
-        remarks=(f"mode {results.mode}", f"scale factor {scale_factor.value:.6g} V/(deg/s): {scale_factor.source}"),
+        remarks=(f"mode {found.mode}", f"scale factor {scale_factor.value:.6g} V/(deg/s): {scale_factor.source}"),
     )
     return devices.NewEntry(record, Path(settings.devices))
 
@@ -231,9 +222,9 @@ ZERO = Procedure(
     ),
     settings=ZeroSettings,
     plan=zero,
-    results=_results,
+    results=results,
     report=lambda own, _, results: zero_report(results, bandwidth_stated=own.passed_hz is not None),
-    entry=_entry,
+    entry=entry,
     needs={"power": PowersRails, "multimeter": ReadsVoltage},
     uses={"oscilloscope": MeasuresWaveforms, "rate_source": SetsVoltage, "rate_table": Rotates},
 )

@@ -11,27 +11,13 @@ from msgspec import Struct
 from vcfbench.analysis import allan
 from vcfbench.analysis.allan import BiasStability, Sampling, deviation_factor
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.noise_fit import (
-    Coefficients,
-    NoiseFit,
-    NoiseTerm,
-    Term,
-    u_of_combination,
-)
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term, u_of_combination
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
-from vcfbench.procedures.shared.sweep.window_noise import Flicker
-from vcfbench.procedures.zero.noise import (
-    AllanRow,
-    NoiseCoefficient,
-    allan_figure,
-    allan_table,
-    noise_table,
-    record_noise,
-    stability_table,
-)
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand
+from vcfbench.procedures.shared.sweep.windows import Flicker
+from vcfbench.procedures.zero import noise as noises
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Column, Report, Table, Text
 from vcfbench.station.settings import ProcedureSettings
@@ -57,8 +43,8 @@ class ZeroResult(Struct, frozen=True):
     white_noise_seen: float
     """By how much the record's white noise is larger than that of a gapless one."""
     scale_factor_v_per_deg_s: ScaleFactor
-    allan_deg_h: tuple[AllanRow, ...]
-    noise: tuple[NoiseCoefficient, ...]
+    allan_deg_h: tuple[noises.AllanRow, ...]
+    noise: tuple[noises.NoiseCoefficient, ...]
     """The fitted coefficients; none where the record scatters by less than the meter resolves."""
     angle_random_walk_as_read: float
     """N of the record as it stands, deg/sqrt(h): noise folded in by dead time is in it."""
@@ -87,7 +73,7 @@ class ZeroResult(Struct, frozen=True):
             return None
         return found.value, found.u
 
-    def coefficient(self, name: str) -> NoiseCoefficient:
+    def coefficient(self, name: str) -> noises.NoiseCoefficient:
         """Return the coefficient of that name, ``"angle random walk"``; KeyError where it was not found."""
         return {each.name: each for each in self.noise}[name]
 
@@ -146,7 +132,7 @@ def zero_results(
     """
     rates = volts / scale.value
     fitted = Sampling.without_gaps(sampling.interval_s) if mode == "dead-time" else sampling
-    noise = record_noise(rates, sampling, corrected=mode != "dead-time", u_bandwidth_hz=u_bandwidth_hz)
+    noise = noises.record_noise(rates, sampling, corrected=mode != "dead-time", u_bandwidth_hz=u_bandwidth_hz)
     fit = noise.fit
     dead_share = 1.0 - sampling.aperture_s / sampling.interval_s
     if sampling.gapless:  # between bursts without gaps the times tell it
@@ -251,23 +237,35 @@ def _noise_parts(
         alone[place, place] = fit.covariance_of_squares[place, place]
         values = [math.sqrt(square) if place == n else 0.0 for n, square in enumerate(fit.coefficients.squares())]
         found = u_of_combination(NoiseFit(Coefficients(*values), {}, alone), sampling, *windows)
-        yield UncertaintyPart(term.value, factor * found.u, found.dof if math.isfinite(found.dof) else None)
+        yield UncertaintyPart(term.value, factor * found.u, finite(found.dof))
 
 
 def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
     """Report a static record: its sampling, its results, the Allan table and its figure."""
-    found = results.flicker  # as the key of the bench file
-    for_budgets = [f"for [uncertainty] of the bench file: bias_instability_deg_h = {found[0]:.3g}"] if found else []
+    flicker = results.flicker  # as the key of the bench file
+    said = [f"for [uncertainty] of the bench file: bias_instability_deg_h = {flicker[0]:.3g}"] if flicker else []
+    columns = [Column("", align="left"), Column("value", format=".6g"), Column("u", format=".2g")]
+    columns += [Column("dof", format=".3g"), Column("U95", format=".2g"), Column("unit", align="left")]
+    rows: list[Any] = [
+        ("output, mean", results.bias_v, None, None, None, "V"),
+        ("bias, mean", results.bias_deg_s, None, None, None, "deg/s"),
+    ]
+    stated = (("output, mean", results.output_v), ("bias, mean", results.bias), ("trend", results.trend))
+    for place, (name, found) in enumerate(stated):
+        if found is not None:
+            value, u, u95 = found.printed()
+            rows[place : place + 1] = [(name, value, u, found.dof, u95, found.unit)]
+    lacks = incomplete(() if results.bias is None else results.bias.missing).removeprefix("; ")
     return Report(
         [
             Text(_taken(results, bandwidth_stated=bandwidth_stated)),
-            noise_table(results.noise),
-            _bias_table(results),
+            noises.noise_table(results.noise),
+            Table(columns, rows, lacks),
             *([] if results.output_v is None else [budget_table("the output's mean", results.output_v)]),
-            stability_table(results.stability_deg_h),
-            allan_table(results.allan_deg_h),
-            Text("\n".join([*for_budgets, _WHAT_U_HOLDS])),
-            allan_figure(results.allan_deg_h, results.white_noise_seen),
+            noises.stability_table(results.stability_deg_h),
+            noises.allan_table(results.allan_deg_h),
+            Text("\n".join([*said, _WHAT_U_HOLDS])),
+            noises.allan_figure(results.allan_deg_h, results.white_noise_seen),
         ]
     )
 
@@ -308,19 +306,3 @@ def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
         shorter = "shorter averages follow no power of the time"
         lines.append(f"fitted from {results.fitted_from_s:g} s on: {swings}, and {shorter}")
     return "\n".join(lines)
-
-
-def _bias_table(results: ZeroResult) -> Table:
-    columns = [Column("", align="left"), Column("value", format=".6g"), Column("u", format=".2g")]
-    columns += [Column("dof", format=".3g"), Column("U95", format=".2g"), Column("unit", align="left")]
-    rows: list[Any] = [
-        ("output, mean", results.bias_v, None, None, None, "V"),
-        ("bias, mean", results.bias_deg_s, None, None, None, "deg/s"),
-    ]
-    for place, (name, found) in enumerate(
-        (("output, mean", results.output_v), ("bias, mean", results.bias), ("trend", results.trend))
-    ):
-        if found is not None:
-            value, u, u95 = found.printed()
-            rows[place : place + 1] = [(name, value, u, found.dof, u95, found.unit)]
-    return Table(columns, rows, incomplete(() if results.bias is None else results.bias.missing).removeprefix("; "))

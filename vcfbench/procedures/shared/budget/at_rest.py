@@ -6,28 +6,20 @@ so a short run tells little of that mean however well it is read; how little fol
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, METER_OFFSET, away_from_warm_k, meter_error
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.shared.sweep.window_noise import ENOUGH_DOF, Flicker
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand
+from vcfbench.procedures.shared.sweep.windows import ENOUGH_DOF, Flicker
 from vcfbench.station.settings import ProcedureSettings, Sources
 
 _CONTRADICTS = 1.645
 """Excess of the observed flicker, in its own uncertainties, from which it replaces the stated one."""
-
-
-def flicker_stated(known: Sources) -> Flicker | None:
-    """Return the flicker that static record or bench file tell; None where nothing does."""
-    if known.bias_instability_deg_h is None:
-        return None
-    dof = math.inf if known.bias_instability_dof is None else known.bias_instability_dof
-    return Flicker(known.bias_instability_deg_h, dof, known.bias_instability_from)
 
 
 def flicker_counted(stated: Flicker | None, square: float, u_square: float, where: str) -> Flicker:
@@ -44,7 +36,7 @@ def flicker_counted(stated: Flicker | None, square: float, u_square: float, wher
 def flicker_found(known: Sources, square: float, u_square: float) -> Flicker:
     """Return the flicker that counts where a record has found it, (deg/h)^2: its own, if that is known well enough."""
     expected, dof = _not_negative(square, u_square)
-    own, stated = Flicker(math.sqrt(expected), dof, f"this record, dof {dof:.1f}"), flicker_stated(known)
+    own, stated = Flicker(math.sqrt(expected), dof, f"this record, dof {dof:.1f}"), Flicker.stated(known)
     assumed = "bias_instability_deg_h" in known.assumed
     return own if stated is None or assumed or dof >= ENOUGH_DOF or own.deg_h > stated.deg_h else stated
 
@@ -64,8 +56,8 @@ def _not_negative(square: float, u: float) -> tuple[float, float]:
 
 def flicker_part(flicker: Flicker, per_deg_h: float) -> UncertaintyPart:
     """Return the contribution of a flicker to a value that 1 deg/h of it makes uncertain by `per_deg_h`."""
-    dof = flicker.dof if math.isfinite(flicker.dof) else None
-    return UncertaintyPart(f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})", per_deg_h * flicker.deg_h, dof)
+    source = f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})"
+    return UncertaintyPart(source, per_deg_h * flicker.deg_h, finite(flicker.dof))
 
 
 def as_rate(output: Measurand, scale_factor: float, u_scale_factor: float | None) -> Measurand:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
@@ -60,10 +61,8 @@ class KnownLevels(Struct, frozen=True):
             return [(f"{self.ranges_v[n]:g} V range", own == n, limit(lows[n])) for n in sorted(set(own.tolist()))]
         found = []
         # The levels without their sign; those within 2 % of one another have the same
-        sizes = np.abs(volts)
-        order = np.argsort(sizes)
-        first = 0.0
-        for place in order:
+        sizes, first = np.abs(volts), 0.0
+        for place in np.argsort(sizes):
             first = first if sizes[place] <= (1.0 + _ONE_LEVEL) * first else float(sizes[place])
             sizes[place] = first
         for here in _worst_ranges(sizes, weights, limit):
@@ -114,6 +113,18 @@ class KnownLevels(Struct, frozen=True):
     def u_mean_v(self, level_v: float, per_reading: float) -> float:
         """Return the standard uncertainty of a level's own error, V, the mean of 1 / `per_reading` readings."""
         return self.u_besides_v(level_v) if self.reading_v is None else self.reading_v * math.sqrt(per_reading)
+
+
+class LevelEffects(Struct, frozen=True):
+    """Errors of V_Vc, which is known `by` meter or generator, and the effect of a unit of each on each value."""
+
+    sources: tuple[Source, ...]
+    by: str
+    effects: Mapping[str, Mapping[str, float]]
+
+    def through(self, value: str, q: Mapping[str, Any]) -> Any:
+        """Return the effect of the errors of V_Vc on a value."""
+        return sum(size * q[name] for name, size in self.effects[value].items())
 
 
 def known_levels(points: Sequence[Point], known: Sources) -> KnownLevels:

@@ -9,8 +9,7 @@ from msgspec import Struct
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
-from vcfbench.procedures.shared.sweep.window_noise import OutputSum
-from vcfbench.procedures.shared.sweep.windows import Sweep
+from vcfbench.procedures.shared.sweep.windows import OutputSum, Sweep
 from vcfbench.station.settings import ProcedureSettings, Sources
 
 TILT = "Earth's rate by the axis' tilt"
@@ -69,6 +68,14 @@ def limited(name: str, limit: float | None, unit: str, sigmas: float | None = No
     if limit is None or sigmas is not None:
         return Source(name, 0.0, (limit or 0.0) / (sigmas or 1.0), unit)
     return Source.within(name, 0.0, limit, unit)
+
+
+def table_values(line: Line, q: Mapping[str, Any]) -> dict[str, Any]:
+    """Return scale factor and bias of the line on the table as the sources `q` move them."""
+    gain = 1.0 + q["meter gain"]
+    slope = (line.scale_factor - noises_of("table slope", q)) / gain / (1.0 + q["table rate"])
+    bias = (line.bias_v - noises_of("table bias", q) - q["meter offset"] - q.get(TILT, 0.0)) / gain
+    return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope}
 
 
 def instrument_sources(known: Sources) -> list[Source]:

@@ -11,9 +11,9 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Distribution, Model, Source, evaluate
 from vcfbench.procedures.shared.budget.known_levels import KnownLevels
 from vcfbench.procedures.shared.budget.line import Line, noises_of
-from vcfbench.procedures.shared.budget.statement import Circumstances, StatedValue, Statement, stated_value
+from vcfbench.procedures.shared.budget.statement import Circumstances, StatedValue, Statement, stated_value, statement
 from vcfbench.procedures.shared.budget.worst_residual import LargestResidual, Residuals, ResidualSpread
-from vcfbench.procedures.shared.sweep.window_noise import OutputSum, WindowNoise
+from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise
 from vcfbench.station.settings import ProcedureSettings
 
 _RANGES_UNKNOWN = "nobody knows where the generator's ranges end, whose steps stand out of a line too"
@@ -68,7 +68,7 @@ class CurvedLine(Struct, frozen=True):
 
 
 class ValueModel(Struct, frozen=True):
-    """Inputs of the values of a statement."""
+    """Inputs of the values of a statement: `sources` are those beside the noise of the windows."""
 
     sources: Sequence[Source]
     sums: Sequence[OutputSum]
@@ -76,25 +76,37 @@ class ValueModel(Struct, frozen=True):
     noise: WindowNoise
 
 
-def with_nonlinearity(
-    settings: ProcedureSettings, stated: Statement, budget: ValueModel, curved: Sequence[CurvedLine]
+def line_statement(
+    settings: ProcedureSettings,
+    budget: ValueModel,
+    meanings: Mapping[str, tuple[str, str]],
+    curved: Sequence[CurvedLine],
+    *,
+    difference: str | None = None,
+    levels_by: str = "",
 ) -> Statement:
-    """Return the statement with the non-linearities that stand above errors, and a bound for the others.
+    """Return the statement of lines with the non-linearities that stand above errors, and a bound for the others.
 
-    The budget is done a second time with one more sum each, so that what stood there keeps its last digit.
+    `meanings`, `difference` and `levels_by` are those of :func:`.statement`. The budget is done a second time with one
+    more sum for each non-linearity, so that what stood there keeps its last digit.
     """
+    noise, correlations = budget.noise.sources(budget.sums)
+    stated = statement(
+        *(settings, [*noise, *budget.sources], budget.model, correlations, meanings),
+        difference=difference,
+        levels_by=levels_by,
+        flicker=budget.noise.flicker,
+    )
     curved = [each for each in curved if each.residuals.ppm.size > 2]  # two points lie on any line
     around, known = Circumstances.of(settings), {source.name: source for source in budget.sources}
     worst = [WorstResidual.of(each, known, budget.noise) for each in curved]
     noise, correlations = budget.noise.sources([*budget.sums, *(each.sum for each in worst)])
-    again = {source.name for source in noise}
-    others = [source for source in budget.sources if source.name not in again]
     own = [source for each in worst for source in each.own]
 
     def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
         return {**around.applied(budget.model(q), q), **{each.sum.name: each.value(q) for each in worst}}
 
-    every = evaluate([*noise, *others, *own, *around.sources], model, correlations)
+    every = evaluate([*noise, *budget.sources, *own, *around.sources], model, correlations)
     values, said, kept = list(stated.values), list(stated.not_in_u), list(range(len(stated.values)))
     for number, each in enumerate(worst, len(stated.values)):
         value = each.moved(stated_value(every.results[number], every, "ppm", _LARGEST))

@@ -6,16 +6,17 @@ the rest is a model for :mod:`~vcfbench.analysis.budget`.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 from msgspec import Struct
 
 from vcfbench.analysis.budget import Budget, Distribution, Model, Result, Source, convolved_coverage_factor, evaluate
 from vcfbench.procedures.shared.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
+from vcfbench.procedures.shared.measurand import finite
 from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
-from vcfbench.procedures.shared.sweep.window_noise import Flicker
-from vcfbench.station.settings import ProcedureSettings, Sources
+from vcfbench.procedures.shared.sweep.windows import Flicker
+from vcfbench.station.settings import ProcedureSettings
 
 _NEARLY_NORMAL = 0.05
 """Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""
@@ -113,8 +114,17 @@ def statement(
     not_in_u = [*(f"MISSING {gap.words}" for gap in known.gaps()), *_OUTSIDE]
     if earth_left_deg_s(settings) is None:
         not_in_u.append("Earth's rate: it is in the bias")
-    known_from = tuple(_known_from(known, levels_by, flicker))
-    return Statement(values, correlation, ratio, tuple(not_in_u), known_from, not missing, missing)
+    known_from = [f"multimeter: {known.meter_age_days:g} days after calibration ({known.meter_age_from})"]
+    if levels_by == "V_Vc meter":
+        age_days, whence = known.v_vc_meter_age_days, known.v_vc_meter_age_from
+        known_from.append(f"meter on V_Vc: {age_days:g} days after calibration ({whence})")
+    if levels_by == "generator" and known.generator_gain is not None and not known.generator_ranges_v:
+        known_from.append("ranges of the generator: not known, those that make each value least certain are assumed")
+    if flicker is not None:
+        known_from.append(f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})")
+    apart = {"bias_instability_deg_h", "k_vc_drift_ppm_per_year"}  # said above; of what rests on an older K_Vc
+    known_from += [words for key, words in known.assumed.items() if key not in apart]
+    return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from), not missing, missing)
 
 
 class Circumstances(Struct, frozen=True):
@@ -191,19 +201,15 @@ def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tu
     lines = tuple(
         StatedContribution(
             *(line.source, sources[line.source].distribution.value, line.u_source, sources[line.source].unit),
-            *(_finite(line.dof), line.sensitivity, abs(line.u), line.share),
+            *(finite(line.dof), line.sensitivity, abs(line.u), line.share),
         )
         for line in result.contributions
         if line.u
     )
     return StatedValue(
-        *(result.name, result.value, unit, result.u, _finite(result.dof), factor, factor * result.u),
+        *(result.name, result.value, unit, result.u, finite(result.dof), factor, factor * result.u),
         *(of, lines, not missing, missing),
     )
-
-
-def _finite(dof: float) -> float | None:
-    return dof if math.isfinite(dof) else None
 
 
 _OUTSIDE = (
@@ -213,17 +219,3 @@ _OUTSIDE = (
     "acceleration (g), vibration, magnetic fields: those of the run",
     "any change of the gyroscope after the run",
 )
-
-
-def _known_from(known: Sources, levels_by: str, flicker: Flicker | None) -> Iterable[str]:
-    """Name the origin of quantities taken for known."""
-    yield f"multimeter: {known.meter_age_days:g} days after calibration ({known.meter_age_from})"
-    if levels_by == "V_Vc meter":
-        age_days, whence = known.v_vc_meter_age_days, known.v_vc_meter_age_from
-        yield f"meter on V_Vc: {age_days:g} days after calibration ({whence})"
-    if levels_by == "generator" and known.generator_gain is not None and not known.generator_ranges_v:
-        yield "ranges of the generator: not known, those that make each value least certain are assumed"
-    if flicker is not None:
-        yield f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})"
-    apart = {"bias_instability_deg_h", "k_vc_drift_ppm_per_year"}  # said above; of what rests on an older K_Vc
-    yield from (words for key, words in known.assumed.items() if key not in apart)

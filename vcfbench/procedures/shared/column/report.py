@@ -1,19 +1,13 @@
 """Tables and figures of a column: its line, its uncertainties, its residuals."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from vcfbench.analysis.column import CalibrationColumn
+from vcfbench.procedures.shared.budget.statement import Statement
+from vcfbench.procedures.shared.sweep.found import SweepFound
 from vcfbench.records.schema import Point
 from vcfbench.reports.digits import incomplete, stated_cells
 from vcfbench.reports.document import Axis, Column, Figure, Series, Table, Text
-
-if TYPE_CHECKING:
-    from vcfbench.procedures.shared.budget.statement import Statement
-    from vcfbench.procedures.shared.sweep.found import SweepFound
-
 
 RATE = Axis("Omega_z", "deg/s")
 

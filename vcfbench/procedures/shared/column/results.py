@@ -1,22 +1,18 @@
 """Common results of the columns of table and virtual Coriolis force: noise, line, accepted values."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeGuard
+from typing import TypeGuard
 
 from msgspec.structs import replace
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
+from vcfbench.analysis.scale_factor import ScaleFactorResult, characterise
+from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.station.settings import ProcedureSettings
-
-if TYPE_CHECKING:
-    from vcfbench.analysis.scale_factor import ScaleFactorResult
-    from vcfbench.procedures.shared.budget.statement import Statement
 
 
 def acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
@@ -111,6 +107,4 @@ def u_resolution_v(meter_resolution_v: float) -> float:
 
 def fitted_column(points: Sequence[Point], u_v: float | Sequence[float]) -> ScaleFactorResult:
     """Return the line through the outputs of a column, with its residuals."""
-    from vcfbench.analysis.scale_factor import characterise  # noqa: PLC0415  # numpy comes with it
-
     return characterise([point.rate_deg_s for point in points], [point.output_v for point in points], u_v)

@@ -6,25 +6,26 @@ run hides in its noise by the cumulative sum over all entries.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.control_chart import cusum, recursive_residuals
-from vcfbench.procedures.shared.known.device import KnownDevice, Reference
+from vcfbench.procedures.shared.known.device import KnownDevice, KnownDeviceSettings, Reference
+from vcfbench.procedures.shared.known.v_vc import v_vc_error
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.records.devices import KvcCurve, Measured
+from vcfbench.records.devices import Measured
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Text
 from vcfbench.station.acceptance import Acceptance, Verdict
 from vcfbench.station.settings import Limit
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
+class Change(Struct, frozen=True):
     """Change of the scale factor since one earlier entry."""
 
     since: str
@@ -37,8 +38,7 @@ class Change:
     """Change over its expanded uncertainty: above 1 it is seen."""
 
 
-@dataclass(frozen=True, slots=True)
-class Drift(Change):
+class Drift(Change, frozen=True):
     """Change of the scale factor since the certificate, and its drift over the entries since then."""
 
     last: Change | None
@@ -58,11 +58,22 @@ class Drift(Change):
         return {**values, "failed_before": float(len(self.failed_before))}
 
 
-def shares_of(curve: KvcCurve) -> list[tuple[str, str | None, float | None, Floats]]:
-    """Return the contributions to the covariance of a curve: source, its owner, degrees of freedom, its covariance."""
-    if not curve.shares:
-        return [("its covariance", None, None, np.array(curve.covariance))]
-    return [(share.source, share.of, share.dof, np.array(share.covariance)) for share in curve.shares]
+def curve_parts(settings: KnownDeviceSettings) -> tuple[list[tuple[str, Floats, float | None, str]], bool]:
+    """Return the contributions to the covariance of K_Vc's curve: source, covariance, degrees of freedom, its owner.
+
+    And whether V_Vc is measured by the meter of the certificate: then its volts are those of the certificate, its
+    errors are in the curve already, and they are none of the contributions.
+    """
+    curve, source, by = settings.known.k_vc, settings.known.source, v_vc_error(settings).owner
+    shares = [(share.source, share.of, share.dof, np.array(share.covariance)) for share in curve.shares]
+    shares = shares or [("its covariance", None, None, np.array(curve.covariance))]
+    same_meter = settings.v_vc_role is not None and any(of == by for _, of, _, _ in shares)
+    found = [
+        (f"certificate: {name}", covariance, dof, of or f"{source}: {name}")
+        for name, of, dof, covariance in shares
+        if not (same_meter and of == by)
+    ]
+    return found, same_meter
 
 
 def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit]) -> Drift | None:

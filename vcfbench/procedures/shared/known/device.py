@@ -143,7 +143,19 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         ConfigError: no K_Vc is known, its certificate is out of date, or the V_Vc of a rate is beyond the curve, the
         bench's limit or the range of the meter on V_Vc.
         """
-        known = _known(self)
+        now, entries = utc_now(), () if self.dut is None else self.store.entries(self.dut)
+        if self.k_vc is not None:
+            known = _given(self, self.k_vc, entries, now)
+        elif self.dut is not None:
+            found = self.store.certificate(self.dut)
+            record = cast("devices.Certificate", found.record)
+            _require_valid(record, shown(found.path), self, now)
+            known = _of_certificate(record, found.name, entries, now)
+        else:
+            raise ConfigError(
+                "K_Vc is not known: --dut SERIAL takes that of the device's certificate, --k-vc FILE or VALUE any",
+                hint="vcfbench run kvc --dut SERIAL makes a certificate on a rate table",
+            )
         require_characterised(known.characteristics, self.temperature_c)
         station = structs.asdict(with_flicker(self, outdated=self.outdated).station)
         recalled = structs.replace(self, station=DeviceStation(**{**station, "known": known}))
@@ -158,22 +170,6 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
             for wrong in recalled.beyond_range(level_v, rate_deg_s):
                 raise refusal(wrong.path, wrong.expected, words(wrong.came))
         return recalled
-
-
-def _known(settings: KnownDeviceSettings) -> KnownDevice:
-    """Look up the known device, now."""
-    now, entries = utc_now(), () if settings.dut is None else settings.store.entries(settings.dut)
-    if settings.k_vc is not None:
-        return _given(settings, settings.k_vc, entries, now)
-    if settings.dut is None:
-        raise ConfigError(
-            "K_Vc is not known: --dut SERIAL takes that of the device's certificate, --k-vc FILE or VALUE any",
-            hint="vcfbench run kvc --dut SERIAL makes a certificate on a rate table",
-        )
-    found = settings.store.certificate(settings.dut)
-    record = cast("devices.Certificate", found.record)
-    _require_valid(record, shown(found.path), settings, now)
-    return _of_certificate(record, found.name, entries, now)
 
 
 def _of_certificate(

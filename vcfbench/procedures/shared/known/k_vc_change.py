@@ -6,9 +6,8 @@ assumed as wide as the class of silicon tuning forks has it, and named; what is 
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 
-from msgspec import structs
+from msgspec import Struct, structs
 
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
 from vcfbench.errors import ConfigError
@@ -55,8 +54,7 @@ ASSUMED_PPM_V = Measured(value=0.0, u=200.0 / math.sqrt(3.0))
 """Coefficient of K_Vc by the rails, where nobody measured it: the drive may follow them and the carrier not."""
 
 
-@dataclass(frozen=True, slots=True)
-class KvcPart:
+class KvcPart(Struct, frozen=True):
     """Effect of the change of one quantity on K_Vc, the others as they were."""
 
     quantity: str
@@ -67,8 +65,7 @@ class KvcPart:
     u_ppm: float
 
 
-@dataclass(frozen=True, slots=True)
-class KvcChange:
+class KvcChange(Struct, frozen=True):
     """By how much K_Vc is larger than it was, ppm; `parts` are those of each quantity alone, the largest first.
 
     `together_ppm` is what they do beyond their sum. What was not measured both times is in no part.

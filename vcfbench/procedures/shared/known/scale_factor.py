@@ -1,7 +1,6 @@
 """The scale factor that turns the output at rest into a rate: told, read from a record, or expected."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +15,7 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import DeviceSettings
 from vcfbench.steps.measured import Measured
-from vcfbench.steps.step import Context, Routine, Step, StepResult
+from vcfbench.steps.step import Context, Plan, Step, StepResult
 
 
 class ScaleFactorBy(Enum):
@@ -43,7 +42,6 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
     ] = "none"
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.scale_factor_v_per_deg_s == 0.0:
             expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not told"
@@ -67,7 +65,6 @@ class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
         return self.level_deg_s / self.k_vc_guess_deg_s_per_v
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges: the table is needed, and not faster than it may turn."""
         yield from super().contradictions()
         most_deg_s = self.station.limits.max_rate_deg_s
         if self.by is ScaleFactorBy.TABLE and most_deg_s is None:
@@ -76,8 +73,7 @@ class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
             yield InvalidValue("level_deg_s", f"at most {most_deg_s:g} deg/s (limits)", self.level_deg_s)
 
 
-@dataclass(frozen=True, slots=True)
-class ScaleFactor:
+class ScaleFactor(Struct, frozen=True):
     """Scale factor of volts to rates, V/(deg/s); `u` None where nobody tells it; `source` names its source."""
 
     value: float
@@ -85,15 +81,10 @@ class ScaleFactor:
     source: str
 
 
-class ScaleFactorRead(StepResult, Struct, frozen=True):
-    """A scale factor, V/(deg/s), with its standard uncertainty (None where it was not told), and its source."""
-
-    value: float
-    u: float | None
-    source: str
+class ScaleFactorRead(StepResult, ScaleFactor, frozen=True):
+    """The scale factor of a record."""
 
     def describe(self) -> str:
-        """Name value and source."""
         return f"{self.value:.6g} V/(deg/s), {self.source}"
 
 
@@ -103,7 +94,6 @@ class ReadScaleFactor(Step, Struct, frozen=True):
     record: str
 
     def describe(self) -> str:
-        """Name the record."""
         return f"the scale factor is that of {self.record}"
 
     def perform(self, context: Context) -> ScaleFactorRead:
@@ -132,10 +122,11 @@ def scale_factor_of(record: Path) -> ScaleFactorRead:
         raise ConfigError(f"{shown(path)}: expected a calibration's scale factor, found none: {error!r}") from None
 
 
-def read_scale_factor(settings: AtRestSettings) -> Routine[None]:
-    """Read the scale factor where a record tells it."""
+def scale_factor_read(settings: AtRestSettings, work: Plan) -> Plan:
+    """Read the scale factor where a record tells it, then do `work`."""
     if settings.scale_factor_v_per_deg_s is None and settings.scale_factor_from != "none":
         yield ReadScaleFactor(settings.scale_factor_from)
+    return (yield from work)
 
 
 def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFactor:

@@ -5,25 +5,27 @@ says that the setting is believed, and then the generator's accuracy is the unce
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from msgspec import Meta
+from msgspec import Meta, Struct
+from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
+from vcfbench.models import data_sheet_of
 from vcfbench.procedures.shared.flicker import with_flicker
-from vcfbench.procedures.shared.known.levels import ready_v_vc_meter, take_driven, v_vc_tolerance_v
-from vcfbench.procedures.shared.routines import set_v_vc, take
+from vcfbench.procedures.shared.routines import set_v_vc, take, v_vc_on, window_of
+from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.records.devices import DeviceStore
 from vcfbench.records.schema import Point
+from vcfbench.specifications import AGILENT_33220A, LevelSpecification
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import DeviceSettings, ProcedureSettings
-from vcfbench.steps import MeasureVvc, VvcMeasured, move_leads
+from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter, MeasureVvc, Note, VvcMeasured, Window, move_leads
 from vcfbench.steps.measured import Measured
-from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine, answer
 
 READINGS = "readings"
 METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
@@ -32,9 +34,94 @@ V_VC_NOISE = "V_Vc's scatter"
 RESOLUTION = "steps of the generator"
 """Sources of uncertainty that several procedures name, so that common errors cancel in differences."""
 
-
+K_VC_UNIT = "(deg/s)/V"
+"""Unit of the rate that a volt of V_Vc stands for."""
 _OVER_RANGE = 1.2
 """A meter's range measures so much of itself."""
+
+
+def has_v_vc_meter(settings: ProcedureSettings) -> bool:
+    """Tell whether the bench has a meter of its own on V_Vc."""
+    return "v_vc_meter" in settings.station.instruments
+
+
+def ready_v_vc_meter(settings: ProcedureSettings, range_v: float) -> Routine[None]:
+    """Set up the meter on V_Vc, where the bench has one."""
+    if has_v_vc_meter(settings):
+        yield ConfigureVvcMeter(range_v, float(settings.nplc))
+
+
+def take_driven(
+    settings: ProcedureSettings,
+    step: int,
+    *,
+    rate_deg_s: float,
+    v_vc_v: float,
+    table_deg_s: float | None,
+    tolerance_v: float | None = None,
+) -> Routine[Point]:
+    """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that.
+
+    It must be within `tolerance_v` of its setting; by default that of :func:`v_vc_tolerance_v`.
+    """
+    if not has_v_vc_meter(settings):
+        return (yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
+    within_v = v_vc_tolerance_v(settings, v_vc_v) if tolerance_v is None else tolerance_v
+    common = window_of(settings)
+    acquire = AcquireWithVvc(step, rate_deg_s, v_vc_v, table_deg_s, v_vc_tolerance_v=within_v, **common)
+    return answer((yield acquire), Window).point
+
+
+def both_signs(
+    settings: ProcedureSettings, step: int, level_v: float, *, tolerance_v: float | None = None
+) -> Routine[list[Point]]:
+    """Average a window at V_Vc of both signs, +, -, -, +, with the table at rest; `tolerance_v` as `take_driven`."""
+    points: list[Point] = []
+    asked_v = set_v = 0.0
+    for sign in ABBA_SIGNS:
+        if asked_v != sign * level_v:
+            asked_v = sign * level_v
+            set_v = yield from set_v_vc(settings, asked_v)
+        taken = take_driven(settings, step, rate_deg_s=0.0, v_vc_v=set_v, table_deg_s=None, tolerance_v=tolerance_v)
+        points.append((yield from taken))
+    return points
+
+
+def generator_sheet(settings: ProcedureSettings) -> LevelSpecification:
+    """Return the data sheet of the bench's generator, that of a 33220A where it has none."""
+    placed = settings.station.instruments.get("rate_source")
+    sheet = None if placed is None else data_sheet_of(placed.model)
+    return sheet if isinstance(sheet, LevelSpecification) else AGILENT_33220A
+
+
+def v_vc_tolerance_v(settings: ProcedureSettings, v_vc_v: float) -> float:
+    """Return the tolerance of V_Vc about its setting: the generator's accuracy and a quarter more, V."""
+    return 1.25 * generator_sheet(settings).limit_v(v_vc_v)
+
+
+def at_measured_levels(points: Sequence[Point]) -> Sequence[Point]:
+    """Return the points at the V_Vc that was measured; those at which it was not stay as they are.
+
+    All windows of one step at one setting have one level, the mean of what was measured at them.
+    """
+    seen: dict[tuple[int, float], list[float]] = {}
+    for point in points:
+        if point.v_vc_measured_v is not None:
+            seen.setdefault((point.step, point.v_vc_v), []).append(point.v_vc_measured_v)
+    if not seen:
+        return points
+    levels_v = {key: math.fsum(volts) / len(volts) for key, volts in seen.items()}
+    return [replace(point, v_vc_v=levels_v.get((point.step, point.v_vc_v), point.v_vc_v)) for point in points]
+
+
+def standing_for(points: Sequence[Point], step: int, rate_of: Callable[[float], float]) -> Sequence[Point]:
+    """Return the points, those of `step` at the rates that their measured V_Vc stands for."""
+    return [
+        replace(point, rate_deg_s=rate_of(point.v_vc_v))
+        if point.step == step and point.v_vc_measured_v is not None
+        else point
+        for point in points
+    ]
 
 
 class VvcKnown(Enum):
@@ -88,8 +175,7 @@ class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
             yield InvalidValue("v_vc_range_v", expected, self.v_vc_range_v)
 
 
-@dataclass(frozen=True, slots=True)
-class InstrumentAccuracy:
+class InstrumentAccuracy(Struct, frozen=True):
     """Accuracy of an instrument, as standard uncertainties, and its identity.
 
     `owner` is what two results must share for the error to be the same in both.
@@ -191,7 +277,8 @@ def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Ro
     """
     if settings.v_vc_role != "multimeter":
         return
-
+    yield Note("V_Vc by the one multimeter, at every level that was used")
+    yield from v_vc_on()
     yield move_leads("multimeter", "v_vc")
     for level_v in levels_v:
         v_vc_v = yield from set_v_vc(settings, level_v)

@@ -8,17 +8,10 @@ import numpy as np
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, polynomial_through_zero
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.budget.at_rest import (
-    about_horizon,
-    flicker_counted,
-    flicker_part,
-    flicker_stated,
-    parts_at_rest,
-)
+from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings, levels_by_hand, measured_level
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.procedures.shared.sweep.window_noise import Flicker
-from vcfbench.procedures.shared.sweep.windows import window_times
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand
+from vcfbench.procedures.shared.sweep.windows import Flicker, window_times
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.station.settings import ProcedureSettings
 
@@ -45,29 +38,25 @@ def derivative_of(from_first: Floats) -> Floats:
     return np.asarray(np.polynomial.polynomial.polyder(np.array([0.0, *from_first])))
 
 
-def dof_of(noise: BlockNoise) -> float | None:
-    """Return the degrees of freedom of the noise, None where they are as many as one likes."""
-    return noise.dof if math.isfinite(noise.dof) else None
-
-
 def bias_at_rest(
-    settings: KnownVvcSettings, points: Sequence[Point], places: Sequence[int], noise: BlockNoise, scale_factor: float
+    settings: KnownVvcSettings, points: Sequence[Point], step: int, noise: BlockNoise, scale_factor: float
 ) -> Measurand:
-    """Return the mean output of the windows at `places`, at rest with the generator off, V, as that of the horizon.
+    """Return the mean output of the windows of `step` at rest, the generator off, V, as that of the horizon.
 
     `points` are all of the run, in the order of time; the `scale_factor` is in V/(deg/s).
     """
-    begin, end = (each[list(places)] for each in window_times(settings, points))
+    places = [place for place, point in enumerate(points) if point.step == step and point.rate_deg_s == 0.0]
+    begin, end = (each[places] for each in window_times(settings, points))
     zeros = np.array([points[place].output_v for place in places])
     # The flicker that counts in a run whose own blocks know it badly; the density is B^2 / (pi f)
     per_v2 = math.pi * (3600.0 / scale_factor) ** 2
     known = settings.station.sources
-    stated = None if "bias_instability_deg_h" in known.assumed else flicker_stated(known)  # a guess tells nothing
+    stated = None if "bias_instability_deg_h" in known.assumed else Flicker.stated(known)  # a guess tells nothing
     flicker = flicker_counted(stated, per_v2 * noise.flicker_v2, per_v2 * noise.u_flicker_v2, "blocks of this run")
     per_b = abs(scale_factor) / 3600.0 * about_horizon(begin, end, settings.station.sources.horizon_h)
     mean_v = float(zeros.mean())
     parts = [
-        UncertaintyPart("readings at rest", noise.white_v / math.sqrt(zeros.size), dof_of(noise)),
+        UncertaintyPart("readings at rest", noise.white_v / math.sqrt(zeros.size), finite(noise.dof)),
         flicker_part(flicker, per_b),
         *parts_at_rest(settings, mean_v, scale_factor, float(end[-1] - begin[0])),
     ]
@@ -118,7 +107,7 @@ def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Seque
     resolved_v = settings.meter_resolution_v / math.sqrt(12.0)  # as all readings of a window, where noise is small
     std_v = math.hypot(pooled_std_v(points), math.sqrt(readings) * resolved_v)
     per_deg_s = float(np.polyfit([p.rate_deg_s for p in points], [p.output_v for p in points], 1)[0])
-    stated = flicker_stated(settings.station.sources) or Flicker(0.0, math.inf, "nothing known")
+    stated = Flicker.stated(settings.station.sources) or Flicker(0.0, math.inf, "nothing known")
     return block_noise(
         blocks,
         std_v,

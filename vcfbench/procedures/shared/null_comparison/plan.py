@@ -6,13 +6,13 @@ zeros.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from msgspec import Struct
 
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.shared.routines import go_to_rate, set_v_vc, take, v_vc_on
+from vcfbench.procedures.shared.routines import at_rates, set_v_vc, v_vc_on
 from vcfbench.procedures.shared.sweep.agreement import require_expected_k_vc
 from vcfbench.records.schema import Point
 from vcfbench.station.bounds import LEAST_V_VC_V
@@ -27,33 +27,23 @@ _USABLE = 0.1
 """Largest residual of a usable null: more than the distance of the ends of two ranges of a generator."""
 
 
-class TakesLevel(Protocol):
-    """Averages one window with the table at rest and V_Vc on."""
-
-    def __call__(self, step: int, *, rate_deg_s: float, v_vc_v: float) -> Routine[Point]:
-        """Return its point."""
-        ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NullTerms:
+class NullTerms(Struct, frozen=True, kw_only=True):
     """Terms of the match of V_Vc: rates without sign, rising; cycles; settings of a search at most.
 
     `table`, `search` and `driven` are the numbers that its points carry: the table's blocks, the search for V_Vc, the
-    blocks of V_Vc, whose windows `take` takes.
+    blocks of V_Vc. `take` averages a window at rest with V_Vc on: its step, `rate_deg_s` and `v_vc_v` by name.
     """
 
     magnitudes_deg_s: tuple[float, ...]
     cycles: int
     iterations: int
-    take: TakesLevel
+    take: Callable[..., Routine[Point]]
     table: int
     search: int
     driven: int
 
 
-@dataclass(frozen=True, slots=True)
-class Nulled:
+class Nulled(Struct, frozen=True):
     """Result of the match: the points of all blocks in order, and the setting of V_Vc for each rate and sign."""
 
     table: tuple[Point, ...]
@@ -70,7 +60,7 @@ def nulled(settings: ProcedureSettings, terms: NullTerms) -> Routine[Nulled]:
         per_deg_s = 1.0 / settings.k_vc_guess_deg_s_per_v, 1.0 / settings.k_vc_guess_deg_s_per_v
         for rate_deg_s in terms.magnitudes_deg_s:
             yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: on the table, generator off")
-            table += yield from _table_block(settings, terms, rate_deg_s)
+            table += yield from at_rates(settings, terms.table, [sign * rate_deg_s for sign in CHOPPED])
             real = block(table[-len(CHOPPED) :])
             yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: table at rest, V_Vc on")
             yield from v_vc_on()
@@ -95,37 +85,32 @@ def invalid_match_rates(
 ) -> Iterator[InvalidValue]:
     """Yield the faults of rates at which V_Vc is matched for a curve of `order`, the key `match_rates_deg_s`."""
     magnitudes = sorted({abs(rate) for rate in rates_deg_s})
-    limits, guess = settings.station.limits, abs(settings.k_vc_guess_deg_s_per_v)
     if 2 * len(magnitudes) < order + 2:
         expected = f"at least {order // 2 + 1} different rates for a curve of order {order}"
         yield InvalidValue("match_rates_deg_s", expected, list(rates_deg_s))
-    most_deg_s = math.inf if limits.max_rate_deg_s is None else limits.max_rate_deg_s
     for index, rate_deg_s in enumerate(rates_deg_s):
-        if not settings.rate_tolerance_deg_s < abs(rate_deg_s) <= most_deg_s:
-            at_rest = f"above {settings.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s): less is at rest"
-            yield InvalidValue(f"match_rates_deg_s[{index}]", f"{rate_words(most_deg_s)}, and {at_rest}", rate_deg_s)
-    largest, least = magnitudes[-1], magnitudes[0]
-    if limits.max_v_vc_v is not None and guess * limits.max_v_vc_v < largest:
-        expected = f"at least {largest / limits.max_v_vc_v:g}, so that {largest:g} deg/s needs at most "
-        yield InvalidValue(
-            "k_vc_guess_deg_s_per_v", f"{expected}{limits.max_v_vc_v:g} V of V_Vc (limits.max_v_vc_v)", guess
-        )
-    if guess * LEAST_V_VC_V > least:
+        yield from invalid_match(settings, f"match_rates_deg_s[{index}]", rate_deg_s)
+    yield from invalid_guess(settings, magnitudes[0], magnitudes[-1], abs(settings.k_vc_guess_deg_s_per_v))
+
+
+def invalid_match(settings: ProcedureSettings, key: str, rate_deg_s: float) -> Iterator[InvalidValue]:
+    """Yield the fault of a rate at which V_Vc is matched, if it has one: beyond the table's, or nearly rest."""
+    limit_deg_s = settings.station.limits.max_rate_deg_s
+    most_deg_s = math.inf if limit_deg_s is None else limit_deg_s
+    if not settings.rate_tolerance_deg_s < abs(rate_deg_s) <= most_deg_s:
+        at_rest = f"above {settings.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s): less is at rest"
+        yield InvalidValue(key, f"{rate_words(most_deg_s)}, and {at_rest}", rate_deg_s)
+
+
+def invalid_guess(settings: ProcedureSettings, least: float, largest: float, guess: float) -> Iterator[InvalidValue]:
+    """Yield the faults of a guess of K_Vc: V_Vc of the largest rate is beyond the limit, of the least too small."""
+    key, limit_v = "k_vc_guess_deg_s_per_v", settings.station.limits.max_v_vc_v
+    if limit_v is not None and abs(guess) * limit_v < largest:
+        expected = f"at least {largest / limit_v:g}, so that {largest:g} deg/s needs at most {limit_v:g} V of V_Vc"
+        yield InvalidValue(key, f"{expected} (limits.max_v_vc_v)", guess)
+    if abs(guess) * LEAST_V_VC_V > least:
         needs = f"{least:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
-        yield InvalidValue("k_vc_guess_deg_s_per_v", f"at most {least / LEAST_V_VC_V:g}, so that {needs}", guess)
-
-
-def _table_block(settings: ProcedureSettings, terms: NullTerms, rate_deg_s: float) -> Routine[list[Point]]:
-    """Take a chopped block on the table."""
-    points: list[Point] = []
-    previous_deg_s = 0.0
-    for sign in CHOPPED:
-        now_deg_s = sign * rate_deg_s
-        if now_deg_s != previous_deg_s:
-            yield from go_to_rate(settings, now_deg_s, previous_deg_s=previous_deg_s)
-        points.append((yield from take(settings, terms.table, rate_deg_s=now_deg_s, v_vc_v=0.0, table_deg_s=now_deg_s)))
-        previous_deg_s = now_deg_s
-    return points
+        yield InvalidValue(key, f"at most {least / LEAST_V_VC_V:g}, so that {needs}", guess)
 
 
 def _driven_block(

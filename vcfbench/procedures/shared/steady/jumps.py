@@ -17,7 +17,7 @@ from msgspec import Struct
 from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.budget.known_levels import known_levels
-from vcfbench.procedures.shared.known.levels import has_v_vc_meter
+from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
 from vcfbench.procedures.shared.steady.walk import Seen, Walk, sigmas
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
 
@@ -145,7 +145,15 @@ def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) ->
     coefficients = np.linalg.lstsq(free, output, rcond=None)[0]
     span_v = float(np.ptp(output))
     slope_v = abs(float(coefficients[1])) if free.shape[1] > 1 else 0.5 * span_v
-    total = np.diag(_own_variances(walk, windows, slope_v * np.abs(x)))
+    # The variance of each window's mean by its readings, the meter's digit and the table
+    by_rate: dict[float, list[float]] = {}
+    for each in windows:
+        by_rate.setdefault(abs(each.table_deg_s), []).append(each.point.std_v**2)
+    scatter = [max(walk.variance_v2, math.fsum(v := by_rate[abs(each.table_deg_s)]) / len(v)) for each in windows]
+    own = np.array([variance / each.point.n for variance, each in zip(scatter, windows, strict=True)])
+    at_rate = np.array([float(each.table_deg_s != 0.0) for each in windows])
+    of_table = (at_rate * limits.table_rate * (slope_v * np.abs(x))) ** 2 / 3.0
+    total = np.diag(own + limits.resolution_v**2 / 12.0 + of_table)
     orders = _free_orders(windows)
     sizes = [min(abs(float(each)), _MOST_BENT * span_v) for each in coefficients[: orders + 1]]
     for order in range(orders + 1, _HIGHEST + 1):
@@ -164,30 +172,15 @@ def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) ->
     wandered = np.minimum.outer(at_s - at_s[0], at_s - at_s[0]) / max(float(at_s[-1] - at_s[0]), 1e-9)
     total += wandered * (limits.wander_v**2 + limits.wander_share**2 * np.outer(moved_v, moved_v))
     if windows[0].driven:
-        total += _level_covariance(walk, windows, slope_v)
+        # By errors of V_Vc: of each setting its own, and of a range in common
+        points, settings = [each.point for each in windows], walk.settings
+        level_v = np.array([point.v_vc_v for point in points])
+        if has_v_vc_meter(settings) and any(point.v_vc_measured_v is not None for point in points):
+            total += (level_v[:, None] == level_v) * (1e-5 * slope_v) ** 2
+        else:
+            per_v = slope_v / max(1e-9, float(np.abs(level_v).max()))
+            total += per_v**2 * known_levels(points, settings.station.sources).covariance_v2(level_v)
     return np.asarray(total + np.eye(count) * 1e-18)
-
-
-def _own_variances(walk: Walk, windows: Sequence[Seen], moved_v: Floats) -> Floats:
-    """Return the variance of each window's mean by its readings, the meter's digit and the table, V^2."""
-    limits = walk.limits
-    by_rate: dict[float, list[float]] = {}
-    for each in windows:
-        by_rate.setdefault(abs(each.table_deg_s), []).append(each.point.std_v**2)
-    scatter = [max(walk.variance_v2, math.fsum(v := by_rate[abs(each.table_deg_s)]) / len(v)) for each in windows]
-    own = np.array([variance / each.point.n for variance, each in zip(scatter, windows, strict=True)])
-    at_rate = np.array([float(each.table_deg_s != 0.0) for each in windows])
-    return np.asarray(own + limits.resolution_v**2 / 12.0 + (at_rate * limits.table_rate * moved_v) ** 2 / 3.0)
-
-
-def _level_covariance(walk: Walk, windows: Sequence[Seen], slope_v: float) -> Floats:
-    """Return the covariance by errors of V_Vc, of each setting its own and of a range in common, V^2 of the output."""
-    points, settings = [each.point for each in windows], walk.settings
-    level_v = np.array([point.v_vc_v for point in points])
-    per_v = slope_v / max(1e-9, float(np.abs(level_v).max()))
-    if has_v_vc_meter(settings) and any(point.v_vc_measured_v is not None for point in points):
-        return np.asarray((level_v[:, None] == level_v) * (1e-5 * slope_v) ** 2)
-    return np.asarray(per_v**2 * known_levels(points, settings.station.sources).covariance_v2(level_v))
 
 
 def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
@@ -228,9 +221,7 @@ def _require_straight(windows: Sequence[Seen], bound_ppm: float) -> None:
         return
     x, output = _abscissa(swept), np.array([each.point.output_v for each in swept])
     line = np.polynomial.Polynomial.fit(x, output, 1)
-    means_v: dict[float, float] = {}
-    for level in set(x.tolist()):
-        means_v[level] = float(np.mean((output - line(x))[x == level]))
+    means_v = {level: float(np.mean((output - line(x))[x == level])) for level in set(x.tolist())}
     worst = max(means_v, key=lambda level: abs(means_v[level]))
     ends_v = line(np.array([x.min(), x.max()]))
     found_ppm = 1e6 * abs(means_v[worst]) / max(1e-12, abs(float(ends_v[1] - ends_v[0])))

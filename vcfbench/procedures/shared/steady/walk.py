@@ -120,18 +120,15 @@ class Walk(Struct):
     limits: Limits
     windows: list[Seen] = field(default_factory=list)
     driven: bool = False
-    _squares_v2: float = 0.0
-    _dof: int = 0
+    dof: int = 0
+    """Degrees of freedom of the scatter of readings."""
+    squares_v2: float = 0.0
+    """Squares of that scatter, all windows together."""
 
     @property
     def variance_v2(self) -> float:
         """Variance of one reading, pooled over all windows."""
-        return self._squares_v2 / max(1, self._dof)
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom of that."""
-        return self._dof
+        return self.squares_v2 / max(1, self.dof)
 
     def note(self, step: Step, result: StepResult) -> None:
         """Take notice of a performed step; MeasurementError: a setting did not give what it gave before."""
@@ -151,8 +148,8 @@ class Walk(Struct):
             begin_s,
             begin_s + step.physical_s,
         )
-        self._squares_v2 += (point.n - 1) * point.std_v**2
-        self._dof += point.n - 1
+        self.squares_v2 += (point.n - 1) * point.std_v**2
+        self.dof += point.n - 1
         self.windows.append(seen)
         for earlier in [each for each in self.windows[:-1] if each.setting == seen.setting]:
             was_v, allowed_v = earlier.point.output_v, self._allowed_v(earlier, seen)
@@ -190,7 +187,7 @@ class Walk(Struct):
         if isinstance(self.settings, SweepSettings) and self.settings.order is Order.LOOP:
             outputs = [each.point.output_v for each in self.windows]
             drift_v += _LOOP_DRIFT * (max(outputs) - min(outputs))
-        return max(sigmas(self._dof) * math.sqrt(variance) + drift_v, 2.0 * limits.resolution_v)
+        return max(sigmas(self.dof) * math.sqrt(variance) + drift_v, 2.0 * limits.resolution_v)
 
     @property
     def measured(self) -> bool:

@@ -2,6 +2,7 @@
 
 from typing import TypeVar
 
+from vcfbench.procedures.shared.steady.jumps import require_no_jump
 from vcfbench.procedures.shared.steady.walk import Limits, Walk
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.step import Routine
@@ -29,7 +30,5 @@ def watched(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     except StopIteration as ended:
         done: T = ended.value
     if walk.measured:
-        from vcfbench.procedures.shared.steady.jumps import require_no_jump  # noqa: PLC0415  # numpy comes with it
-
         require_no_jump(walk)
     return done

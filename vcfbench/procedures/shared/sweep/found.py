@@ -2,21 +2,19 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.tails import t_of_largest
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand
 from vcfbench.procedures.shared.sweep import schedule
-from vcfbench.procedures.shared.sweep.window_noise import WindowNoise
-from vcfbench.procedures.shared.sweep.windows import Sweep, zero_places
+from vcfbench.procedures.shared.sweep.windows import Sweep, WindowNoise, zero_places
 from vcfbench.records.schema import Point
 
 
-@dataclass(frozen=True, slots=True)
-class Repeatability:
+class Repeatability(Struct, frozen=True):
     """Scatter of a value from series to series, within one run: standard deviation `sd` with `dof`, and its `u`.
 
     `noise` is the standard deviation that the readings and the flicker of the zero record alone explain.
@@ -31,8 +29,7 @@ class Repeatability:
     values: tuple[float, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Hysteresis:
+class Hysteresis(Struct, frozen=True):
     """The largest difference of the output between the ways up and down at one rate, of all in the loop."""
 
     difference: Measurand
@@ -47,8 +44,7 @@ class Hysteresis:
     holds_not: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SweepFound:
+class SweepFound(Struct, frozen=True, kw_only=True):
     """Results of the order in which the rates were visited; None where it does not tell them."""
 
     order: schedule.Order
@@ -130,10 +126,9 @@ def _hysteresis(settings: schedule.SweepSettings, points: Sequence[Point], sweep
     differences = percent * (weights @ outputs)
     u = percent * np.sqrt(np.diag(white + flicker))
     most = int(np.abs(differences).argmax())
-    flicker_dof = None if math.isinf(noise.flicker_dof) else noise.flicker_dof
     parts = [
         UncertaintyPart("readings", percent * math.sqrt(white[most, most]), noise.dof),
-        UncertaintyPart("flicker", percent * math.sqrt(flicker[most, most]), flicker_dof),
+        UncertaintyPart("flicker", percent * math.sqrt(flicker[most, most]), finite(noise.flicker_dof)),
     ]
     largest = measurand(float(differences[most]), "%", parts)
     by_noise = t_of_largest(len(rates), math.inf) * float(u.max())

@@ -121,7 +121,6 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
         return EARTH_DEG_S * math.sin(math.radians(self.station.latitude_deg))
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions beyond the ranges."""
         yield from super().contradictions()
         if self.order is Order.ABBA and sorted(self.rates_deg_s) != sorted(-rate for rate in self.rates_deg_s):
             expected = "each rate with both signs, equally often (order abba takes pairs)"
