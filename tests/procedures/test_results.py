@@ -13,7 +13,7 @@ from simrack_tests.cells import few
 from vcfbench.analysis.column import Nonlinearity
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.column.results import repeat_std_v, u_output_v
+from vcfbench.procedures.shared.columns import repeat_std_v, u_output_v
 from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
 from vcfbench.records.plain import plain

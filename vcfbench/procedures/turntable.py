@@ -9,11 +9,10 @@ from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.interfaces import PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import PAPER_USES, Procedure
+from vcfbench.procedures.shared import columns
 from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, line_statement
 from vcfbench.procedures.shared.budget.statement import Statement
-from vcfbench.procedures.shared.column import report
-from vcfbench.procedures.shared.column import results as columns
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, ramp_to, take, take_reference
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.shared.sweep import schedule
@@ -127,17 +126,17 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point]) ->
 def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:
     """Report a turntable calibration: its column, its line, and its residuals."""
     points = [point for point in points if point.step == STEP]
-    columns = (Column("Omega_z", "deg/s", "g"), Column("output", "V", ".5f"), Column("s", "V", ".1e"))
+    heads = (Column("Omega_z", "deg/s", "g"), Column("output", "V", ".5f"), Column("s", "V", ".1e"))
     rows = [(p.rate_deg_s, p.output_v, p.std_v) for p in points]
     drawn = [("turntable", points, results)]
     return Report(
         [
-            Table(columns, rows),
-            Text(report.line_words("turntable", results)),
-            *([report.sweep_text("turntable", results.sweep)] if isinstance(results, SweptTurntableResult) else []),
-            *report.statement_tables(results.uncertainty),
-            report.outputs_figure("Output against the table's rate", drawn),
-            report.residuals_figure(drawn),
+            Table(heads, rows),
+            Text(columns.line_words("turntable", results)),
+            *([columns.sweep_text("turntable", results.sweep)] if isinstance(results, SweptTurntableResult) else []),
+            *columns.statement_tables(results.uncertainty),
+            columns.outputs_figure("Output against the table's rate", drawn),
+            columns.residuals_figure(drawn),
         ]
     )
 

@@ -8,9 +8,8 @@ from msgspec import Struct
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, compare
+from vcfbench.procedures.shared import columns
 from vcfbench.procedures.shared.budget.statement import Statement
-from vcfbench.procedures.shared.column import report
-from vcfbench.procedures.shared.column import results as columns
 from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
 from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found
 from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
@@ -132,7 +131,7 @@ def null_results(points: Sequence[Point], settings: VirtualCoriolisSettings) -> 
     points = at_measured_levels(points)
     matching = null_matching(settings, points)
     curve = matching.curve
-    columns = (matching.rate_deg_s, matching.v_vc_v, matching.residuals_deg_s, matching.left_v)
+    pairs = (matching.rate_deg_s, matching.v_vc_v, matching.residuals_deg_s, matching.left_v)
     return NullVirtualCoriolisResult(
         **_four_steps(points, matching, settings.meter_resolution_v, settings),
         **_sweeps(settings, standing_for(points, 4, matching.rate_of)),
@@ -141,7 +140,7 @@ def null_results(points: Sequence[Point], settings: VirtualCoriolisSettings) -> 
         meter_resolution_v=settings.meter_resolution_v,
         k_vc_by=settings.k_vc_by,
         coefficients=tuple(matching.coefficients.tolist()),
-        pairs=tuple(NullPair(*map(float, each)) for each in zip(*columns, strict=True)),
+        pairs=tuple(NullPair(*map(float, each)) for each in zip(*pairs, strict=True)),
         lack_of_fit_p=None if curve is None else curve.lack_of_fit_p,
         lack_of_fit_deg_s=None if curve is None else curve.lack_of_fit_deg_s,
     )
@@ -212,7 +211,7 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
     virtual = [point for point in points if point.step == 4]
     lines = [("turntable", table, found.turntable), ("virtual Coriolis", virtual, found.virtual)]
     # Lay out steps 3 and 4 with the V_Vc that stood for each rate
-    columns = (
+    heads = (
         *(Column("Omega_z", "deg/s", "g"), Column("turntable", "V", ".5f")),
         *(Column("virtual Coriolis", "V", ".5f"), Column("V_Vc", "V", ".5f")),
     )
@@ -225,7 +224,7 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
         [1e3 * (right.output_v - left.output_v) for left, right in pairs],
         None if u_v is None else [1e3 * u_v] * len(pairs),
     )
-    axes, sweeps = (report.RATE, Axis("difference of the outputs", "mV")), {}
+    axes, sweeps = (columns.RATE, Axis("difference of the outputs", "mV")), {}
     if isinstance(found, SweptVirtualCoriolisResult):
         sweeps = {"turntable": found.turntable_sweep, "virtual Coriolis": found.virtual_sweep}
     as_printed = "" if rounded is None else f", {rounded:.3f} % from slopes rounded as the paper prints them"
@@ -238,16 +237,16 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
         f"from scatter about the lines {found.scale_factor_error_u_fit_percent:.2g} %"
     )
     error_line = f"scale factor error {found.scale_factor_error_percent:.4f} %{as_printed}"
-    fits = (report.line_words("turntable", found.turntable), report.line_words("virtual Coriolis", found.virtual))
+    fits = (columns.line_words("turntable", found.turntable), columns.line_words("virtual Coriolis", found.virtual))
     return Report(
         [
-            Table(columns, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs]),
+            Table(heads, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs]),
             Text("\n".join([k_vc_line, *fits, error_line, u_line])),
             *_nulls(found),
-            *(report.sweep_text(name, sweep) for name, sweep in sweeps.items()),
-            *report.statement_tables(found.uncertainty),
-            report.outputs_figure("Output against rate, real and virtual", lines),
-            report.residuals_figure(lines),
+            *(columns.sweep_text(name, sweep) for name, sweep in sweeps.items()),
+            *columns.statement_tables(found.uncertainty),
+            columns.outputs_figure("Output against rate, real and virtual", lines),
+            columns.residuals_figure(lines),
             Figure("Virtual Coriolis minus turntable", *axes, [difference]),
         ]
     )
@@ -257,12 +256,12 @@ def _nulls(found: VirtualCoriolisResult) -> list[Table | Text]:
     """Lay out the matches where K_Vc is from null comparisons, and the curve through them."""
     if not isinstance(found, NullVirtualCoriolisResult):
         return []
-    columns = (
+    heads = (
         *(Column("rate", "deg/s", "g"), Column("V_Vc", "V", ".6f")),
         *(Column("rate - K_Vc", "deg/s", ".1e"), Column("left", "V", ".1e")),
     )
     rows = [(p.rate_deg_s, p.v_vc_v, p.residual_deg_s, p.left_v) for p in found.pairs]
-    matches = Table(columns, rows, f"V_Vc with the same zero-subtracted output as the table ({found.k_vc_by.value})")
+    matches = Table(heads, rows, f"V_Vc with the same zero-subtracted output as the table ({found.k_vc_by.value})")
     if found.lack_of_fit_p is None:
         return [matches]
     terms = " ".join(f"{each:+.8g} V^{place}" for place, each in enumerate(found.coefficients, start=1))

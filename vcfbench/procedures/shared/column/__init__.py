@@ -1,1 +1,0 @@
-"""One column of a calibration: outputs against rates, real or virtual."""
