@@ -124,7 +124,10 @@ def take(
 
 
 def at_rates(
-    settings: ProcedureSettings, step: int, rates_deg_s: Iterable[float], look: Callable[[list[Point]], None] = list
+    settings: ProcedureSettings,
+    step: int,
+    rates_deg_s: Iterable[float],
+    look: Callable[[list[Point]], None] | None = None,
 ) -> Routine[list[Point]]:
     """Average one window at each rate of the table in turn, the first from rest; `look` at the points after each."""
     points: list[Point] = []
@@ -133,7 +136,8 @@ def at_rates(
         if rate_deg_s != previous_deg_s:
             yield from go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
         points.append((yield from take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)))
-        look(points)
+        if look:
+            look(points)
         previous_deg_s = rate_deg_s
     return points
 
