@@ -51,18 +51,40 @@ def test_where_no_signal_is_watched_each_wait_looks_for_it() -> None:
     assert clock.now() < 30.0
 
 
-def test_what_is_attended_is_stopped_at_once_also_after_a_wait_in_it() -> None:
+@pytest.mark.parametrize("simulated", [False, True])
+def test_what_is_attended_is_stopped_at_once_also_after_a_wait_in_it(*, simulated: bool) -> None:
     """A person's command waits and asks in turn; a stop shall not wait for an answer that does not come."""
     went_on: list[str] = []
+    clock = AttendedClock(VirtualClock() if simulated else WallClock())
 
     def command(signals: StopSignals) -> None:
-        signals.wait(WallClock(), 0.0)
+        signals.wait(clock, 0.0)
         signal.raise_signal(signal.SIGINT)
         went_on.append("to the next safe point")
 
-    with StopSignals() as signals, pytest.raises(Aborted, match=r"^stopped by SIGINT$"):
-        signals.attend(lambda: command(signals))
+    with StopSignals() as signals:
+        clock.asleep = signals.asleep if simulated else nullcontext()
+        with pytest.raises(Aborted, match=r"^stopped by SIGINT$"):
+            signals.attend(lambda: command(signals))
     assert went_on == []
+
+
+@pytest.mark.parametrize(("pace", "instants_s"), [(1.0, [10.1, 10.2, 10.25]), (2.0, [10.2, 10.25]), (None, [10.25])])
+def test_a_wait_looks_ten_times_a_second_of_wall_time_whether_it_is_to_end(
+    pace: float | None, instants_s: list[float]
+) -> None:
+    class Noting(VirtualClock):
+        def sleep_until(self, instant_s: float) -> None:
+            waited.append(round(instant_s, 6))
+            super().sleep_until(instant_s)
+
+    waited: list[float] = []
+    clock = Noting()
+    VirtualClock.sleep_until(clock, 10.0)
+    if pace is not None:
+        clock.pace = pace  # type: ignore[attr-defined]
+    StopSignals().wait(clock, 10.25)
+    assert waited == instants_s
 
 
 def test_what_is_undivided_is_done_before_the_second_signal_stops_the_bench() -> None:
