@@ -231,6 +231,7 @@ def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callab
 
 def test_it_is_told_bench_journal_and_steps_and_is_let_go(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
     dog, process = listener()
+    assert [each.daemon for each in threading.enumerate() if each.name == "watchdog beat"][-1:] == [True]  # Python ends
     dog.require_ready()
     dog.keep_in(Path("runs/journal.jsonl"))
     dog.step("ramp", 2.5)
