@@ -97,6 +97,9 @@ def test_the_bench_rests_warm_and_goes_on_as_it_was(whole: Run, tmp_path: Path) 
     assert again == [10.0]
     assert not {"DisableSupply", "EnableSupply"} & {kind for kind, _ in steps}
     assert went_on > paused
+    (told,) = (event for event in presser.events if isinstance(event, vcfbench.Paused))
+    assert told.number == 36
+    assert lines[paused]["t_s"] < told.t_s <= lines[went_on]["t_s"]
     values = lines[went_on]["moved"]
     assert abs(values["after_v"] - values["before_v"]) < 5 * values["u_v"]
     (said,) = run.pauses

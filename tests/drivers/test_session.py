@@ -361,6 +361,32 @@ def test_a_deadline_of_one_s_own_bounds_the_search_for_the_place() -> None:
     assert session.closed
 
 
+def test_what_comes_twice_is_answered_once_however_late_the_second_comes() -> None:
+    class Doubling(SlowWire):
+        def send(self, data: bytes, deadline: Deadline) -> None:
+            super().send(data, deadline)
+            at_s, answer = self._coming[-1]
+            self._coming.append((at_s + 0.05, answer))
+
+    session = on(Doubling(VirtualClock(), []))
+    session._identity = IDENTITY
+    session.dirty = True
+    assert session.query("Q1?") == "Q1"
+
+
+def test_a_device_clear_has_the_deadline_of_its_caller() -> None:
+    class Clearing(PieceWire):
+        def clear(self, deadline: Deadline) -> None:
+            self.left = f"{deadline.remaining():g}".encode()
+
+    wire = Clearing(VirtualClock(), b"", 1)
+    session = on(wire)
+    session.clear(Deadline.after(session.clock, 0.25))
+    assert wire.left == b"0.25"
+    session.clear()
+    assert wire.left == b"1"
+
+
 def test_an_instrument_that_has_gone_is_named_before_anything_is_sent() -> None:
     class Gone(PieceWire):
         def pending(self) -> bytes:

@@ -100,6 +100,12 @@ def test_what_comes_after_a_torn_line_proves_nothing(tmp_path: Path) -> None:
     assert len(record.points) == 2
 
 
+def test_a_line_nested_deeper_than_any_is_none(tmp_path: Path) -> None:
+    deep = b'{"a":' + b"[" * 100_000 + b"]" * 100_000 + b"}\n"
+    (tmp_path / "j").write_bytes(write(tmp_path / "whole").splitlines(keepends=True)[0] + deep)
+    assert read_journal(tmp_path / "j").damage == "line 2 is no JSON object"
+
+
 def test_a_line_without_end_is_not_read_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(journal_module, "_LONGEST_LINE", 200)
     (tmp_path / "j").write_bytes(write(tmp_path / "whole").splitlines(keepends=True)[0] + b"[" * 1000)

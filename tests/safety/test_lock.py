@@ -167,6 +167,20 @@ def test_a_file_that_is_taken_away_while_it_is_locked_is_made_anew(
 
 
 @posix
+def test_a_link_that_is_laid_there_while_it_is_locked_is_not_followed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def slow(file: int) -> bool:
+        lock_path(METER).rename(tmp_path / "elsewhere")
+        lock_path(METER).symlink_to(tmp_path / "elsewhere")
+        return try_lock(file)
+
+    monkeypatch.setattr("vcfbench.safety.lock.try_lock", slow)
+    with pytest.raises(LockUnusable, match="cannot be opened"):
+        instrument_locks("lab-1", {"multimeter": METER}).__enter__()
+
+
+@posix
 def test_who_is_still_dying_is_waited_for(holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """Its lock is free before its wires are."""
     signed = lock_path(METER).read_text("utf-8")
@@ -224,6 +238,8 @@ def test_what_may_be_read_and_not_written_is_locked_and_not_signed(monkeypatch: 
     def guarded(path: Path, flags: int, mode: int = 0o777) -> int:
         if flags & os.O_RDWR and not flags & os.O_CREAT:
             raise PermissionError
+        assert flags & os.O_NOFOLLOW
+        assert flags & os.O_CLOEXEC
         return opened(path, flags, mode)
 
     lock_path(METER).parent.mkdir()

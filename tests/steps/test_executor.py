@@ -234,11 +234,13 @@ def test_a_phase_window_may_hold_180_degrees(phase_deg: float, *, fits: bool) ->
 
 
 def test_a_window_that_fails_leaves_its_readings_in_the_journal() -> None:
-    bench, journal = FakeBench(), MemoryJournal()
+    bench, journal, watcher = FakeBench(), MemoryJournal(), Watcher()
     bench.multimeter.overload_at = 6
-    run("turntable", bench, journal)
+    Executor(bench, journal, [watcher]).execute(PROCEDURES["turntable"].plan(make_settings()))
     error = next(line for line in journal.lines if line["type"] == "error")
     assert len(error["readings"]) == 5
+    (failed,) = (event for event in watcher.events if isinstance(event, StepFailed))
+    assert (failed.number, failed.t_s) == (error["n"], error["t_s"])
     assert error["error_kind"] == "MeasurementError"
     assert error["step"]["rate_deg_s"] == 0.0
 

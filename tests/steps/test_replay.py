@@ -6,6 +6,7 @@ import contextlib
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any
+from unittest.mock import Mock
 
 import msgspec
 import pytest
@@ -33,7 +34,8 @@ from vcfbench.steps import (
     SetVvc,
     move_leads,
 )
-from vcfbench.steps.executor import Execution, Executor
+from vcfbench.steps.drive_check import check_drive
+from vcfbench.steps.executor import Execution, Executor, StepFinished, StepStarted
 from vcfbench.steps.replay import is_left, rest_of, start_up_again, taken_over
 from vcfbench.steps.step import Effect, Outcome, abandon
 
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.station.settings import ProcedureSettings
+    from vcfbench.steps.executor import Event
     from vcfbench.steps.step import Plan, Routine, Step
 
 BEFORE = "20260821T142530Z-before-0a1b2c"
@@ -352,6 +355,31 @@ def test_chunks_of_long_windows_are_taken_over_with_their_step() -> None:
     assert not any(each.chunks for each in taken if each.line["n"] != window)
 
 
+def test_what_is_taken_over_is_written_down_and_counted_and_what_is_done_beside_it_is_told() -> None:
+    lines = unbroken("turntable").steps
+    window = next(line["n"] for line in lines if line["result_kind"] == "Window")
+    doubtful = [line | {"asked_again": ["late"]} if line["n"] == window else line for line in lines[:window]]
+    chunk = {"type": "readings", "n": window, "readings": [{"voltage_v": 0.1}]}
+    watched: list[Event] = []
+    watcher = Mock(handle=watched.append)
+    journal = MemoryJournal()
+    executor = Executor(FakeBench(), journal, [watcher])
+    executor.take_over(taken_over(record_of([chunk, *doubtful]), BEFORE))
+    assert [line["type"] for line in journal.lines] == [*["step"] * (window - 1), "readings", "step"]
+    assert executor.so_far().asked_again == (f"step {window}: late",)
+    executor.restore(step for step in (POSITIVE, SUPPLY_ON))
+    assert [type(event) for event in watched] == [StepStarted, StepFinished] * 2
+    assert [line["type"] for line in journal.lines[window + 1 :]] == ["restored"] * 2
+
+
+def test_the_rest_of_a_plan_ends_with_the_outcome_of_the_plan() -> None:
+    plan = PROCEDURES["turntable"].plan(settings_of("turntable"))
+    rest = rest_of(plan, taken_over(record_of(unbroken("turntable").steps), BEFORE))
+    with pytest.raises(StopIteration) as end:
+        next(rest)
+    assert isinstance(end.value.value, Outcome)
+
+
 def test_a_look_at_the_drive_right_after_the_last_window_is_not_believed() -> None:
     lines = unbroken("turntable").steps
     window = next(number for number, line in enumerate(lines) if line["result_kind"] == "Window")
@@ -380,6 +408,12 @@ SUPPLY_ON = EnableSupply()
 
 def test_the_plans_first_step_is_repeated_too() -> None:
     assert repeated(POSITIVE, NEGATIVE, SUPPLY_ON) == [POSITIVE, NEGATIVE, SUPPLY_ON]
+
+
+def test_of_the_looks_at_the_drive_signal_the_first_after_power_on_stands_for_all() -> None:
+    look = list(drained(check_drive(make_settings())))
+    _, find, measure = look
+    assert repeated(find, SUPPLY_ON, find, measure, find, measure) == [SUPPLY_ON, *look]
 
 
 def test_checks_before_power_are_not_repeated_and_those_of_other_rails_neither() -> None:
