@@ -282,6 +282,20 @@ def test_one_whose_words_raise_keeps_nothing_from_the_others(log: list[str]) -> 
     assert not dumb.energised
 
 
+def test_one_that_is_slow_to_hear_is_waited_for_while_the_next_are_told(
+    log: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Slow(FakeInstrument):
+        def command_safe(self) -> UnprovedCommand:
+            sleep(WallClock(), 0.05)
+            return super().command_safe()
+
+    monkeypatch.setattr("vcfbench.safety.stack._TURN_S", 0.001)
+    monkeypatch.setattr("vcfbench.safety.stack._TELLING_S", PLENTY_S)
+    reports = stack_of(action(Slow("table", log, "dumb")), action(FakeInstrument("power", log, "dumb"))).make_safe()
+    assert all(report.unproved is not None for report in reports)
+
+
 def test_what_a_driver_knew_itself_is_kept_where_it_cannot_be_told_again(log: list[str]) -> None:
     words = UnprovedCommand("to stop", sent=True)
 
