@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vcfbench.procedures.shared.measurand import UncertaintyPart, budget_table, measurand, said_of
+from vcfbench.procedures.shared.measurand import UncertaintyPart, budget_table, mean_of_records, measurand, said_of
 from vcfbench.reports.text import table_text
 
 
@@ -33,3 +33,21 @@ def test_what_rounding_leaves_of_a_part_that_cancels_is_shown_as_none() -> None:
     shown = table_text(budget_table("K_Vc", measurand(150.0, "(deg/s)/V", parts)))
     assert "e-21" not in shown
     assert "5e-08" in shown
+
+
+def test_each_part_is_told_with_its_share_of_the_variance() -> None:
+    parts = [UncertaintyPart("readings", 0.4), UncertaintyPart("table", -0.3)]
+    table = budget_table("K_Vc", measurand(200.0, "(deg/s)/V", parts))
+    assert [row[:4] for row in table.rows] == [
+        ("readings", 0.4, pytest.approx(2000.0), pytest.approx(64.0)),
+        ("table", 0.3, pytest.approx(1500.0), pytest.approx(36.0)),
+    ]
+
+
+def test_the_mean_of_records_has_their_scatter_and_what_they_share() -> None:
+    found = mean_of_records([1.0, 2.0, 3.0, 4.0], "V", UncertaintyPart("meter", 0.5))
+    scatter = (5.0 / 3.0) ** 0.5 / 2.0
+    assert found.value == 2.5
+    assert found.u == pytest.approx((scatter**2 + 0.25) ** 0.5)
+    records = next(part for part in found.parts if part.source == "records")
+    assert (records.u, records.dof) == (pytest.approx(scatter), 3)
