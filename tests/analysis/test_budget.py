@@ -308,6 +308,11 @@ def test_what_cannot_be_is_refused(sources: list[Source], pairs: dict[tuple[str,
         evaluate(sources, lambda x: {"a": x["a"]}, pairs)
 
 
+def test_one_degree_of_freedom_is_enough() -> None:
+    result = evaluate([Source("a", 0.0, 1.0, dof=1.0)], lambda x: {"a": x["a"]}).result("a")
+    assert result.coverage_factor == pytest.approx(math.tan(math.pi * 0.475))  # Cauchy's
+
+
 @pytest.mark.parametrize(("coefficient", "u"), [(1.0, 0.7), (-1.0, 0.1), (0.0, 0.5)])
 def test_what_is_fully_correlated_adds_up_or_cancels(coefficient: float, u: float) -> None:
     sources = [Source("a", 1.0, 0.3), Source("b", 1.0, 0.4), Source("exact", 1.0, 0.0)]

@@ -387,6 +387,12 @@ def test_a_device_clear_has_the_deadline_of_its_caller() -> None:
     assert wire.left == b"1"
 
 
+def test_the_error_queue_is_read_before_the_deadline_of_its_caller() -> None:
+    session = on(PieceWire(VirtualClock(), b"", 1))
+    with pytest.raises(DeadlineExceeded, match=r"after 0\.25 s"):
+        session.check_errors(Deadline.after(session.clock, 0.25))
+
+
 def test_an_instrument_that_has_gone_is_named_before_anything_is_sent() -> None:
     class Gone(PieceWire):
         def pending(self) -> bytes:

@@ -80,7 +80,9 @@ def test_curvature_and_noise_are_no_fault() -> None:
 
 def test_v_vc_with_an_offset_moves_the_zero_as_the_generator_comes_on() -> None:
     zero, turning = point(1, 0.0, BIAS_V), point(1, 10.0, BIAS_V + 10 * K)
-    require_same_zero(zero, point(2, 0.0, BIAS_V + 0.0517), turning)
+    for bias_v in (BIAS_V, -3.0):
+        both = point(1, 0.0, bias_v), point(2, 0.0, bias_v + 0.0517)
+        require_same_zero(*both, point(1, 10.0, bias_v + 10 * K))
     with pytest.raises(MeasurementError, match="V_Vc has an offset"):
         require_same_zero(zero, point(2, 0.0, BIAS_V + 150 * 0.5 * K), turning)
 

@@ -30,7 +30,9 @@ def test_what_rounding_leaves_of_a_part_that_cancels_is_shown_as_none() -> None:
         UncertaintyPart("small", 5e-8),
         UncertaintyPart("the Earth's rate", 4.7e-21),
     ]
-    shown = table_text(budget_table("K_Vc", measurand(150.0, "(deg/s)/V", parts)))
+    table = budget_table("K_Vc", measurand(150.0, "(deg/s)/V", parts))
+    assert [row[1] for row in table.rows] == [1.8e-3, 5e-8, 0.0]
+    shown = table_text(table)
     assert "e-21" not in shown
     assert "5e-08" in shown
 
