@@ -107,6 +107,8 @@ def test_command_prints_the_coefficients_and_writes_the_report(tmp_path: Path) -
     done = CliRunner().invoke(app, ["analyze", str(file), "--rate", "100", "-o", str(tmp_path / "zero.html")])
     assert done.exit_code == 0
     assert "angle random walk" in done.stdout
+    assert "Allan deviation / (deg/h)" in done.stdout
+    assert "without dead time" not in done.stdout  # of which a gapless record has none
     assert "Allan deviation of the output at rest" in (tmp_path / "zero.html").read_text()
     plain = CliRunner().invoke(app, ["analyze", str(file), "--rate", "100", "--json"])
     assert json.loads(plain.stdout)["interval_s"] == 0.01

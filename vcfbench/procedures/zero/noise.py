@@ -193,12 +193,20 @@ def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
 
 
 def allan_table(rows: Sequence[AllanRow]) -> Table:
-    """Return the Allan curve as a table."""
-    columns = [Column("tau", "s", "g"), Column("Allan deviation", "deg/h", ".3f"), Column("low 95 %", "deg/h", ".3f")]
-    columns += [Column("high 95 %", "deg/h", ".3f"), Column("edf", format=".3g")]
-    columns += [Column("without dead time", "deg/h", ".3f"), Column("fit", "deg/h", ".3f")]
-    cells = [(r.tau_s, r.observed, r.low, r.high, r.edf, r.corrected, r.fit) for r in rows]
-    return Table(columns, [tuple(Cell(None) if value is None else value for value in row) for row in cells])
+    """Return the Allan curve as a table, without a column that says nothing: a gapless record has no dead time."""
+    columns = [
+        (Column("tau", "s", "g"), [row.tau_s for row in rows]),
+        (Column("Allan deviation", "deg/h", ".3f"), [row.observed for row in rows]),
+        (Column("low 95 %", "deg/h", ".3f"), [row.low for row in rows]),
+        (Column("high 95 %", "deg/h", ".3f"), [row.high for row in rows]),
+        (Column("edf", format=".3g"), [row.edf for row in rows]),
+        (Column("without dead time", "deg/h", ".3f"), [row.corrected for row in rows]),
+        (Column("fit", "deg/h", ".3f"), [row.fit for row in rows]),
+    ]
+    heads, values = zip(*((head, column) for head, column in columns if set(column) != {None}), strict=True)
+    return Table(
+        heads, [tuple(Cell(None) if value is None else value for value in row) for row in zip(*values, strict=True)]
+    )
 
 
 def stability_table(found: BiasStability) -> Table:
