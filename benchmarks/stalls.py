@@ -10,6 +10,7 @@ asks for first while nobody else does.
 
 from __future__ import annotations
 
+import gc
 import json
 import subprocess
 import sys
@@ -137,8 +138,9 @@ class Watched:
 
 def cells(words: tuple[str, ...] = ()) -> Iterator[tuple[str, float, bytes]]:
     """Yield the name of each cell, its longest piece, s, and its answer."""
-    for module in NEEDED_LATER:
+    for module in NEEDED_LATER:  # as a server does before it begins
         import_module(module)
+    gc.freeze()
     for generator, made in GENERATORS.items():
         for shape, apply in SHAPES.items():
             for modulation, modulate in MODULATIONS.items():

@@ -133,9 +133,14 @@ class Record:
         clipped = bool((volts < low - unit / 2).any() or (volts > high + unit / 2).any())
         return Digitised(volts, clipped, self._step_v(view))
 
-    def blocks(self, channel: int, points: int, block_points: int = _BLOCK_POINTS) -> Iterator[NDArray[np.float64]]:
+    def _at_once(self, channel: int) -> int:
+        """Return how many samples are one slice: of a node of which nothing tells, each costs most."""
+        node = self.views[channel].node
+        return _BLOCK_POINTS if node is None or self._capture.finest_s(node) else _BLOCK_POINTS >> 4
+
+    def blocks(self, channel: int, points: int, block_points: int = 0) -> Iterator[NDArray[np.float64]]:
         """Yield the samples in blocks: eight million at once would take hundreds of megabytes."""
-        view = self.views[channel]
+        view, block_points = self.views[channel], block_points or self._at_once(channel)
         step, noise = self._step_v(view), self._noise(channel, points)
         share = self._averaged(channel, points) if self.kept.kind == "HRES" else 1
         block_points = max(1, min(block_points, _AVERAGED_AT_ONCE // share))
@@ -149,7 +154,7 @@ class Record:
     def peak_blocks(self, channel: int, points: int) -> Iterator[NDArray[np.float64]]:
         """Yield alternately the smallest and the largest of the samples behind each pair of points (peak detect)."""
         samples = 2 * self._peak_samples(channel, points)
-        pairs = max(1, _BLOCK_POINTS // samples)
+        pairs = max(1, self._at_once(channel) // samples)
         for volts in self.blocks(channel, points * samples // 2, pairs * samples):
             rows = volts.reshape(-1, samples)
             yield np.stack((rows.min(axis=1), rows.max(axis=1)), axis=1).reshape(-1)

@@ -31,6 +31,7 @@ _BLOCK_POINTS = 1 << 16
 _MOST_POINTS = 1 << 20
 """How often one search looks at most: a microsecond's pulse in a second."""
 _CHANGES_AT_ONCE = 1 << 7
+_UNKNOWN_AT_ONCE = 1 << 12
 _REFINE_POINTS = 33
 _REFINE_ROUNDS = 2
 _CORNER_HZ = 50e3
@@ -104,9 +105,9 @@ class _Follower:
         """Return the voltage before the filter."""
         return signals.volts(self._channel, times, ac=self.comparator.ac)
 
-    def changes(self, signals: Signals, times: NDArray[np.float64]) -> Iterator[Change]:
-        """Return the changes in a block of evenly spaced samples, each made when it is asked for."""
-        heights, settled_s = self._heights(signals, times)
+    def changes(self, signals: Signals, times: NDArray[np.float64]) -> Generator[None, None, Iterator[Change]]:
+        """Return, after slices of work, the changes in a block of evenly spaced samples, each made when asked for."""
+        heights, settled_s = yield from self._heights(signals, times)
         comparator, new = self.comparator, self.began_high is None
         if new:
             self._high = self.began_high = bool(heights[0] >= comparator.level_v)
@@ -141,18 +142,31 @@ class _Follower:
             return _REJECTED_STEP_S
         return min(finest or math.inf, _FILTER_STEP_S)
 
+    def _limited(self, signals: Signals) -> bool:
+        view = signals.views.get(self._channel)
+        return view is not None and math.isfinite(view.limit_hz)
+
     def _blocked(self, signals: Signals) -> bool:
         view = signals.views.get(self._channel)
         return self.comparator.ac or (view is not None and view.ac)
 
-    def _heights(self, signals: Signals, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-        """Return the compared signal, and for how long it is not settled."""
+    def _heights(
+        self, signals: Signals, times: NDArray[np.float64]
+    ) -> Generator[None, None, tuple[NDArray[np.float64], float]]:
+        """Return, after slices of work, the compared signal, and for how long it is not settled."""
         known = self.sines(signals, float(times[0]), float(times[-1]))
         if known is not None:
             heights = known.at(times)
             slow = self.comparator.filter == "HF" and self._blocked(signals)
             return (heights - signals.slow(self._channel, times) if slow else heights), 0.0
-        volts = self.volts(signals, times)
+        if signals.finest_s(self._channel) or self._limited(signals):
+            volts = self.volts(signals, times)
+        else:  # of what nothing tells, a sample costs most
+            parts = []
+            for first in range(0, len(times), _UNKNOWN_AT_ONCE):
+                parts.append(self.volts(signals, times[first : first + _UNKNOWN_AT_ONCE]))
+                yield
+            volts = np.concatenate(parts)
         if not self.comparator.filter:
             return volts, 0.0
         self._filter = self._filter or LowPass(float(volts[0]), _TIME_CONSTANT_S)
@@ -235,7 +249,8 @@ class TriggerSearch:
     def _look(self, signals: Signals, times: NDArray[np.float64]) -> Generator[None, None, float | None]:
         new, changes = self._reached_s is None, []
         for follower in self._followers.values():
-            changes.append(follower.changes(signals, times))
+            found = yield from follower.changes(signals, times)
+            changes.append(found)
             yield
         if new:
             highs = {channel: bool(follower.began_high) for channel, follower in self._followers.items()}
