@@ -194,7 +194,7 @@ def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
 
 def allan_table(rows: Sequence[AllanRow]) -> Table:
     """Return the Allan curve as a table, without a column that says nothing: a gapless record has no dead time."""
-    columns = [
+    columns: list[tuple[Column, list[float | None]]] = [
         (Column("tau", "s", "g"), [row.tau_s for row in rows]),
         (Column("Allan deviation", "deg/h", ".3f"), [row.observed for row in rows]),
         (Column("low 95 %", "deg/h", ".3f"), [row.low for row in rows]),
@@ -203,10 +203,9 @@ def allan_table(rows: Sequence[AllanRow]) -> Table:
         (Column("without dead time", "deg/h", ".3f"), [row.corrected for row in rows]),
         (Column("fit", "deg/h", ".3f"), [row.fit for row in rows]),
     ]
-    heads, values = zip(*((head, column) for head, column in columns if set(column) != {None}), strict=True)
-    return Table(
-        heads, [tuple(Cell(None) if value is None else value for value in row) for row in zip(*values, strict=True)]
-    )
+    told = [(head, column) for head, column in columns if any(value is not None for value in column)]
+    rows_told = zip(*(column for _, column in told), strict=True)
+    return Table([head for head, _ in told], [[Cell(None) if v is None else v for v in row] for row in rows_told])
 
 
 def stability_table(found: BiasStability) -> Table:
