@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 from msgspec import Struct, structs
@@ -95,7 +95,20 @@ class RunIndex:
                 rows = database.execute("SELECT run, summary FROM runs").fetchall()
         except _Unusable as unusable:
             raise ConfigError(f"index {self.path}: {unusable}", hint="vcfbench runs index --rebuild") from unusable
-        summaries = (_summary(self._runs / os.fsdecode(run), msgspec.json.decode(kept)) for run, kept in rows)
+        summaries = []
+        for run, data in rows:
+            kept, directory = msgspec.json.decode(data), self._runs / os.fsdecode(run)
+            found = {
+                key: KeyResult(**{**each, "missing": tuple(each["missing"])}) for key, each in kept["results"].items()
+            }
+            read = {
+                "started": datetime.fromisoformat(kept["started"]),
+                "status": Status(kept["status"]),
+                "amended": tuple(kept["amended"]),
+                "tags": ReadOnly(kept["tags"]),
+                "results": ReadOnly(found),
+            }
+            summaries.append(RunSummary(run=directory.name, directory=directory, **{**kept, **read}))
         return ordered(each for each in summaries if selection.takes(each))
 
     @contextmanager
@@ -161,15 +174,3 @@ def _seen(path: str) -> str | None:
     except OSError:
         return None
     return f"{found.st_size}:{found.st_mtime_ns}:{found.st_ctime_ns}"
-
-
-def _summary(directory: Path, kept: dict[str, Any]) -> RunSummary:
-    results = {name: KeyResult(**{**each, "missing": tuple(each["missing"])}) for name, each in kept["results"].items()}
-    read = {
-        "started": datetime.fromisoformat(kept["started"]),
-        "status": Status(kept["status"]),
-        "amended": tuple(kept["amended"]),
-        "tags": ReadOnly(kept["tags"]),
-        "results": ReadOnly(results),
-    }
-    return RunSummary(run=directory.name, directory=directory, **{**kept, **read})

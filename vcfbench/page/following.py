@@ -107,7 +107,8 @@ class JournalFollower:
             case "header":
                 self._begin(values)
             case "step":
-                self._read(typed(_readings(values), list[_Reading]))
+                own = values["result"].get("readings") if isinstance(values.get("result"), dict) else None
+                self._read(typed(own if isinstance(own, list) else [], list[_Reading]))
                 step, result = step_of(values), result_of(values)
                 self.view.finish(values["n"], values["end_s"], step, result, values.get("asked_again", ()))
             case "paused":
@@ -139,12 +140,6 @@ class JournalFollower:
             "began_utc": header.get("utc"),
         }
         self.view.version += 1
-
-
-def _readings(line: Mapping[str, Any]) -> list[Any]:
-    result = line.get("result")
-    found = result.get("readings") if isinstance(result, dict) else None
-    return found if isinstance(found, list) else []
 
 
 def _limits(limits: Mapping[str, Any]) -> list[list[str]]:

@@ -132,18 +132,16 @@ def _filled_block(table: str, block: list[str], keys: dict[str, Any] | None) -> 
         elif key is None:
             lines.append(line)
         else:
-            name = key["key"]
-            lines.append(_with_note(name, left.pop(name), key["note"]) if name in left else _switched(line, on=False))
+            if key["key"] in left:
+                setting, note = f"{key['key']} = {value_text(left.pop(key['key']))}", key["note"].strip()
+                if note == "# put yours":  # it is not the template's proposal any more
+                    note = ""
+                lines.append(f"{setting:<{_NOTE_COLUMN}}{note}" if note else setting)
+            else:
+                lines.append(_switched(line, on=False))
             last_key = len(lines)
     lines[last_key:last_key] = [f"{key} = {value_text(value)}" for key, value in left.items()]
     return lines
-
-
-def _with_note(key: str, value: Any, note: str) -> str:
-    """Return a key with its value; that it is a proposal of the template's is not said any more."""
-    said = note.strip()
-    setting = f"{key} = {value_text(value)}"
-    return f"{setting:<{_NOTE_COLUMN}}{said}" if said and said != "# put yours" else setting
 
 
 def _switched(line: str, *, on: bool) -> str:

@@ -238,7 +238,9 @@ class Acquire(Step, Struct, frozen=True):
         tally = self._new_tally()
         self._read(start_s, tally, context)
         rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in self.rails)
-        table_deg_s = self._table_rate(context)
+        table_deg_s = self.table_deg_s  # read back, where the point stands on one
+        if table_deg_s is not None:
+            table_deg_s = read_rate(context, table_deg_s, self.tolerance_deg_s)
         last = context.rest()
         self._add(tally, last)
         # Raise MeasurementError unless the readings scatter as the bench file expects, apart from drift
@@ -277,10 +279,6 @@ class Acquire(Step, Struct, frozen=True):
         if context.noise is None:
             context.noise = NoiseSeen(self.resolution_v)
         context.noise.doubt(readings_v, turning=bool(self.table_deg_s))  # nothing is wrong with them: the run went on
-
-    def _table_rate(self, context: Context) -> float | None:
-        """Read back the table that the point stands on, deg/s; None where it stands on none."""
-        return None if self.table_deg_s is None else read_rate(context, self.table_deg_s, self.tolerance_deg_s)
 
     def _window(
         self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]

@@ -127,7 +127,11 @@ def read_rail(context: Context, rail: ConfigureRail, tolerance_v: float) -> Rail
         )
 
     reading = context.believable(lambda: _read(power, rail.output), off)
-    _require_regulated(power, reading)
+    if reading.regulation is Regulation.CONSTANT_CURRENT:
+        raise problem(power, _limited(reading))
+    if reading.regulation is not Regulation.CONSTANT_VOLTAGE:
+        state = f"{reading.regulation.value}, {reading.voltage_v:+.4g} V"
+        raise problem(power, f"{reading.rail} is not regulated: {state}")
     if said := off(reading):
         raise problem(power, said)
     return reading
@@ -161,13 +165,3 @@ def _read(power: PowerSupply, output: str) -> RailReading:
     return RailReading(
         output, power.measure_voltage_v(output), power.measure_current_a(output), power.regulation(output)
     )
-
-
-def _require_regulated(power: PowerSupply, reading: RailReading) -> None:
-    if reading.regulation is Regulation.CONSTANT_VOLTAGE:
-        return
-    if reading.regulation is Regulation.CONSTANT_CURRENT:
-        what = _limited(reading)
-    else:
-        what = f"{reading.rail} is not regulated: {reading.regulation.value}, {reading.voltage_v:+.4g} V"
-    raise problem(power, what)
