@@ -198,7 +198,7 @@ def test_few_private_functions_are_called_once() -> None:
         names = [node.name for node in nodes(module) if isinstance(node, FUNCTIONS)]
         once += sum(uses[name] == 1 for name in names if name.startswith("_") and not name.startswith("__"))
         count += len(names)
-    assert once <= 0.2 * count
+    assert once <= 0.14 * count
 
 
 def test_lists_of_public_names_stand_where_names_are_passed_on() -> None:
@@ -207,14 +207,14 @@ def test_lists_of_public_names_stand_where_names_are_passed_on() -> None:
 
 
 def test_imports_within_functions_are_few() -> None:
-    """At most three in a thousand lines: they keep the start quick where a library or a module is large."""
+    """At most three in two thousand lines: they keep the start quick where a library or a module is large."""
     lines, within = 0, 0
     for name in of_vcfbench():
         spans = [(node.lineno, int(node.end_lineno or 0)) for node in nodes(name) if isinstance(node, FUNCTIONS)]
         found = [node.lineno for node in nodes(name) if isinstance(node, ast.Import | ast.ImportFrom)]
         within += sum(any(first < line <= last for first, last in spans) for line in found)
         lines += int(modules()[name].body[-1].end_lineno or 0)
-    assert 1000.0 * within <= 3.0 * lines
+    assert 1000.0 * within <= 1.5 * lines
 
 
 def test_every_module_explains_itself() -> None:

@@ -2,6 +2,7 @@
 
 import sys
 from enum import StrEnum
+from functools import partial
 from pathlib import Path  # typer reads the annotations when it runs
 from typing import Annotated, Any
 
@@ -94,7 +95,7 @@ def new(
         proposed = (_PAPERS if real else {}).get(key, usual)
         if key == "k_vc_deg_s_per_v":
             proposed = f"{0.75 * figures['range_deg_s']:g}"
-        interview.ask(option, words, proposed, lambda answer, key=key: _take(answer, key, figures))  # type: ignore[misc]
+        interview.ask(option, words, proposed, partial(_take, key=key, figures=figures))
     text = own_gyro_bench(data_sheet(**figures), name or path.stem, imperfections=real)
     written_anew(path, text)
     typer.echo(f"{path} is written; next: vcfbench run turntable --bench {path}")

@@ -174,8 +174,7 @@ def conformance_problems(case: ConformanceCase) -> list[str]:
     return [
         *_contract_problems(case),
         *_documentation_problems(case),
-        *_identity_problems(case),
-        *_error_queue_problems(case),
+        *_answer_problems(case),
         *_wire_problems(case),
         *_safety_problems(case),
         *_telling_problems(case),
@@ -212,15 +211,13 @@ def _opened(case: ConformanceCase) -> tuple[Any, _AnsweringWire, VirtualClock]:
     return case.open_on(wire, clock), wire, clock
 
 
-def _identity_problems(case: ConformanceCase) -> Iterator[str]:
+def _answer_problems(case: ConformanceCase) -> Iterator[str]:
+    """Yield what is wrong with the identity, and with the errors that the instrument's queue tells of."""
     driver, _, _ = _opened(case)
     if not isinstance(driver.identify(), Identity):
         yield "identify() does not return an Identity"
     if driver.name != "under test" or not driver.resource:
         yield "name or resource is not what it was opened with"
-
-
-def _error_queue_problems(case: ConformanceCase) -> Iterator[str]:
     driver, wire, _ = _opened(case)
     driver.check_errors()
     wire.queue = list(case.refusal)
