@@ -203,9 +203,9 @@ def allan_table(rows: Sequence[AllanRow]) -> Table:
         (Column("without dead time", "deg/h", ".3f"), [row.corrected for row in rows]),
         (Column("fit", "deg/h", ".3f"), [row.fit for row in rows]),
     ]
-    told = [(head, column) for head, column in columns if any(value is not None for value in column)]
-    rows_told = zip(*(column for _, column in told), strict=True)
-    return Table([head for head, _ in told], [[Cell(None) if v is None else v for v in row] for row in rows_told])
+    filled = [(head, column) for head, column in columns if any(value is not None for value in column)]
+    cells = zip(*(column for _, column in filled), strict=True)
+    return Table([head for head, _ in filled], [[Cell(None) if v is None else v for v in row] for row in cells])
 
 
 def stability_table(found: BiasStability) -> Table:
