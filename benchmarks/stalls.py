@@ -196,7 +196,7 @@ def served(times: int = 3) -> list[Figure]:
         found = figures_of("nobody else", waits([(wires["power"], b"*IDN?\n")], 10.0))
         for signal, role, question in SERVED:
             wires["generator"].sendall(f"*RST;:{signal};:OUTP ON\n".encode())
-            message, took = b"*RST;:" + question.encode() + b"\n", list[Any]()
+            message, took = f"*RST;:{question.removeprefix(':')}\n".encode(), list[Any]()
 
             def ask(wire: Any = wires[role], message: bytes = message) -> None:
                 for _ in range(times):
