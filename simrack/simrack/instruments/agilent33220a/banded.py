@@ -215,7 +215,9 @@ class Banded(Struct, frozen=True):
         count, passed = min(max(math.ceil(_HIGHEST_HZ / hertz), 1), most), 0.0
         for first in range(1, count + 1, _LINES_AT_ONCE):
             some = min(_LINES_AT_ONCE, count + 1 - first)
-            lines = waveform.spectrum(some, duty, first) * path(_harmonics_hz(hertz, some, first))
+            lines = waveform.spectrum(some, duty, first)
+            yield
+            lines = lines * path(_harmonics_hz(hertz, some, first))
             passed += float(np.vdot(lines, lines).real)
             yield
         return whole - 2.0 * passed

@@ -187,8 +187,11 @@ def _banded(
     edges = np.linspace(start_s, stop_s, _WINDOW_POINTS + 1)
     parts, means, squares, peak = yield from _in_parts(merged(pieces), edges, response.fast)
     widths, firsts = np.diff(parts), np.searchsorted(parts, edges[:-1])
+    yield
     means, squares = (np.add.reduceat(each * widths, firsts) / np.diff(edges) for each in (means, squares))
+    yield
     whole = _Spectrum.of(means, stop_s - start_s)
+    yield
     power = whole.weighted(squares) - whole.mean**2 + whole.change(response.slow)
     peak = max(peak, float(np.abs(means - whole.mean).max()))
     return Detected(response.gain * math.sqrt(max(power, 0.0)), peak)
@@ -207,6 +210,7 @@ def _in_parts(
         if first < last:
             components = piece.components()
             for each in components:
+                yield
                 yield from each.preparing(path)
             for begun in range(first, last, _SLICE):
                 held = slice(begun, min(begun + _SLICE, last))
