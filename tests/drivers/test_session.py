@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vcfbench.clock import Deadline, VirtualClock, sleep
-from vcfbench.drivers.session import Session
+from vcfbench.drivers.session import Session, open_session
 from vcfbench.errors import (
     BenchError,
     DeadlineExceeded,
@@ -284,6 +284,16 @@ def test_after_every_command_there_is_the_pause_that_the_instrument_needs() -> N
         assert session.clock.now() == pytest.approx(0.8)
         session.query("C?")
         assert session.clock.now() == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(("asked", "pause_s"), [({}, 0.0), ({"write_pause_s": 0.5}, 0.5)])
+def test_a_session_has_the_pauses_that_are_asked_for(
+    asked: dict[str, float], pause_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = VirtualClock()
+    monkeypatch.setattr("vcfbench.drivers.visa_wire.open_wire", lambda *_: PieceWire(clock, b"", 1))
+    open_session("X", library="@py", clock=clock, name="device", timeout_s=1.0, **asked).send("A")
+    assert clock.now() == pause_s
 
 
 def test_a_session_that_was_closed_says_so_whatever_is_asked_of_it() -> None:
