@@ -282,6 +282,17 @@ def test_a_stop_does_not_come_amid_what_a_simulated_device_does() -> None:
     assert done == [0.0, 0.5]
 
 
+@pytest.mark.parametrize("simulated", [False, True])
+def test_after_a_signal_no_wait_begins(*, simulated: bool) -> None:
+    clock = AttendedClock(VirtualClock())
+    with StopSignals() as signals:
+        clock.asleep = signals.asleep if simulated else nullcontext()
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Aborted, match="SIGINT"):
+            ControlClock(clock, signals).sleep_until(100.0)
+    assert clock.now() == 0.0
+
+
 def test_what_a_simulated_instrument_waits_for_in_an_exchange_is_not_broken_off() -> None:
     clock = AttendedClock(VirtualClock())
     with StopSignals() as signals:
