@@ -181,9 +181,10 @@ def test_a_link_that_is_laid_there_while_it_is_locked_is_not_followed(
 
 
 @posix
-def test_who_is_still_dying_is_waited_for(holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_is_still_dying_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its lock is free before its wires are."""
-    signed = lock_path(METER).read_text("utf-8")
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        signed = json.loads(lock_path(METER).read_text("utf-8"))
     waits: list[float] = []
 
     def wait(clock: Clock, wait_s: float) -> None:
@@ -191,10 +192,8 @@ def test_who_is_still_dying_is_waited_for(holder: subprocess.Popen[str], monkeyp
         sleep(clock, wait_s)
 
     monkeypatch.setattr("vcfbench.safety.lock.sleep", wait)
-    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(0.4)"]) as dying:
-        holder.kill()
-        holder.wait()
-        owner = {**json.loads(signed), "pid": dying.pid, "mark": mark_of(dying.pid)}
+    with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(0.2)"]) as dying:
+        owner = {**signed, "pid": dying.pid, "mark": mark_of(dying.pid)}
         lock_path(METER).write_text(json.dumps(owner), encoding="utf-8")
         with instrument_locks("lab-1", {"multimeter": METER}) as left_by:
             assert mark_of(dying.pid) is None
