@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vcfbench.errors import LimitError
-from vcfbench.station.limits import LimitChecks, LimitedChamber, LimitedGenerator, LimitedRateTable, LimitedSupply
+from vcfbench.station.limits import (
+    LimitChecks,
+    LimitedChamber,
+    LimitedGenerator,
+    LimitedRateTable,
+    LimitedSupply,
+    driver_of,
+)
 from vcfbench.station.parts import Limits, RailWiring
 
 LIMITS = Limits(
@@ -156,6 +163,11 @@ def test_no_setting_passes_by_the_limits() -> None:
     setting = {name for name in passed_on if name.startswith(("set_", "configure_"))}
     assert setting == {"set_settled"}
     assert {"enable", "disable", "make_safe", "command_safe", "name", "resource"} <= passed_on
+
+
+def test_who_judges_messages_itself_finds_the_driver_behind() -> None:
+    supply = driver("power")
+    assert driver_of(LimitedSupply(supply, CHECKS)) is driver_of(supply) is supply
 
 
 def test_what_no_protocol_has_is_not_passed_on() -> None:
