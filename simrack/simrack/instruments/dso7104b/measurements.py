@@ -274,17 +274,19 @@ class MeasuredTrace:
         converter is the level.
         """
         firsts, lasts = ends
-        numbers, count = np.arange(len(self.volts)), len(self.volts)
         last_near, first_beyond = (np.empty(len(lasts), dtype=int) for _ in range(2))
         for up in (True, False):
             these = rising == up
             if these.any():
                 passed = self.volts > level if up else self.volts < level
-                last_near[these] = np.maximum.accumulate(np.where(passed, 0, numbers))[lasts[these]]
+                near = np.append(0, np.flatnonzero(~passed))
+                yield
+                last_near[these] = near[np.searchsorted(near, lasts[these], side="right") - 1]
                 yield
                 reached = self.volts >= level if up else self.volts <= level
-                after = np.minimum.accumulate(np.where(reached, numbers, count - 1)[::-1])[::-1]
-                first_beyond[these] = after[firsts[these]]
+                beyond = np.append(np.flatnonzero(reached), len(self.volts) - 1)
+                yield
+                first_beyond[these] = beyond[np.searchsorted(beyond, firsts[these])]
                 yield
         late = self._straight(np.minimum(last_near, lasts - 1), level)
         yield
