@@ -293,15 +293,17 @@ def test_a_persons_stop_keeps_the_points_and_leaves_the_rest_to_the_safety_stack
 
 
 def test_an_observer_whose_terminal_is_gone_does_not_stop_the_run() -> None:
-    class Gone:
+    class Gone(Watcher):
         def handle(self, event: Event) -> None:
+            super().handle(event)
             raise BrokenPipeError(event)
 
-    watcher = Watcher()
-    execution = Executor(FakeBench(), MemoryJournal(), [Gone(), watcher]).execute(
+    gone, watcher = Gone(), Watcher()
+    execution = Executor(FakeBench(), MemoryJournal(), [gone, watcher]).execute(
         PROCEDURES["turntable"].plan(make_settings())
     )
     assert execution.status is Status.COMPLETE
+    assert len(gone.events) == 1
     kinds = [type(event) for event in watcher.events]
     assert kinds.count(StepStarted) == kinds.count(StepFinished) == execution_steps(watcher)
     assert kinds.count(ReadingTaken) == 190  # 17 windows and the zero before and after

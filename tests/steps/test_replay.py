@@ -26,17 +26,19 @@ from vcfbench.station.settings import PlacedInstrument
 from vcfbench.steps import (
     Acquire,
     CheckRails,
+    ConfigureGenerator,
     ConfigureMeter,
     ConfigureRail,
     DisableVvc,
     EnableSupply,
+    Note,
     Settle,
     SetVvc,
     move_leads,
 )
 from vcfbench.steps.drive_check import check_drive
 from vcfbench.steps.executor import Execution, Executor, StepFinished, StepStarted
-from vcfbench.steps.replay import is_left, rest_of, start_up_again, taken_over
+from vcfbench.steps.replay import is_left, rest_of, set_again, start_up_again, taken_over
 from vcfbench.steps.step import Effect, Outcome, abandon
 
 if TYPE_CHECKING:
@@ -408,6 +410,15 @@ SUPPLY_ON = EnableSupply()
 
 def test_the_plans_first_step_is_repeated_too() -> None:
     assert repeated(POSITIVE, NEGATIVE, SUPPLY_ON) == [POSITIVE, NEGATIVE, SUPPLY_ON]
+
+
+@pytest.mark.parametrize(
+    ("disturbed", "again"), [({"generator"}, (0, 1, 2)), ({"V_Vc"}, (1, 2)), ({"table rate"}, ()), (set(), ())]
+)
+def test_what_was_disturbed_is_set_again_with_what_that_disturbs(disturbed: set[str], again: tuple[int, ...]) -> None:
+    """To select DC sets the level of long ago too."""
+    steps = (ConfigureGenerator(0.1), SetVvc(0.4), Settle(2.0, "V_Vc"), Note("measured"))
+    assert list(drained(set_again(steps, disturbed))) == [steps[number] for number in again]
 
 
 def test_of_the_looks_at_the_drive_signal_the_first_after_power_on_stands_for_all() -> None:
