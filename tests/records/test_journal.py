@@ -438,6 +438,7 @@ def test_a_signature_is_that_of_the_line_before(tmp_path: Path) -> None:
     assert record.damage is None
     assert [line["type"] for line in record.lines] == ["header", "signature", "watchdog", "signature"]
     assert [line["signed"] for line in record.lines[1::2]] == [*record.seals[::2]]
+    assert record.seal == record.seals[-1]
     (tmp_path / "old").write_text(HEADER)
     append_line(tmp_path / "old", {"type": "watchdog"}, key)
     assert [line["type"] for line in read_journal(tmp_path / "old").lines] == ["header", "watchdog"]
