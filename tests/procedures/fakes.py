@@ -11,8 +11,8 @@ from vcfbench.clock import VirtualClock, sleep
 from vcfbench.errors import LinkLost, MeasurementError
 from vcfbench.interfaces import Identity, Regulation, SafeReport, UnprovedCommand, Waveform
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
-from vcfbench.station.parts import Expected, Limits
-from vcfbench.station.settings import DriveWindow, Station
+from vcfbench.station.parts import Expected
+from vcfbench.station.settings import DriveWindow, PlacedInstrument, Station
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline
@@ -27,8 +27,11 @@ def make_settings(*, expected: Expected | None = None, **changes: Any) -> Virtua
     values: dict[str, Any] = {
         "drive": DriveWindow(frequency_hz=(3480.0, 3498.0), amplitude_v=(0.5, 4.0), phase_deg=(-10.0, 10.0)),
         "k_vc_guess_deg_s_per_v": 36.0,
-        # the limit of a generator: there is one
-        "station": Station(meter_resolution_v=1e-5, expected=expected or Expected(), limits=Limits(max_v_vc_v=10.0)),
+        "station": Station(
+            instruments={"rate_source": PlacedInstrument(model="33220A", where="FAKE")},
+            meter_resolution_v=1e-5,
+            expected=expected or Expected(),
+        ),
     }
     return VirtualCoriolisSettings(**{**values, **changes})
 

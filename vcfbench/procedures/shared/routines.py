@@ -172,7 +172,7 @@ def require_answer(settings: ProcedureSettings) -> Routine[None]:
     MeasurementError: it stands where it stood at rest.
     """
     limits = settings.station.limits
-    if limits.max_rate_deg_s is None and limits.max_v_vc_v is None:
+    if limits.max_rate_deg_s is None and not _has_source(settings):
         yield steps.NotChecked("whether the output answers", "the bench has neither table nor generator")
         return
     yield steps.Note("Does the output answer?")
@@ -273,7 +273,7 @@ def source_off(settings: ProcedureSettings) -> Routine[None]:
 
 
 def _has_source(settings: ProcedureSettings) -> bool:
-    return settings.station.limits.max_v_vc_v is not None
+    return "rate_source" in settings.station.instruments
 
 
 def held_at_rest(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
