@@ -352,7 +352,7 @@ def test_without_being_told_all_users_look_in_one_place(monkeypatch: pytest.Monk
     assert lock_directory() == found
     assert found.stat().st_mode & stat.S_ISVTX
     assert re.fullmatch(r"vcfbench-gpib-0-22-[0-9a-f]{8}\.lock", lock_path(METER).name)
-    assert re.fullmatch(r"vcfbench-[a-z0-9-]{80}-[0-9a-f]{8}\.lock", lock_path(f"ASRL{'x' * 200}::INSTR").name)
+    assert re.fullmatch(r"vcfbench-[a-z0-9-]{80}-[0-9a-f]{8}\.lock", lock_path(f"ASRL/{'x' * 200}::INSTR").name)
 
 
 def test_windows_has_a_place_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
