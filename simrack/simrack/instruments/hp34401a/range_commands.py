@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from simrack.instruments.hp34401a.functions import APERTURES_S, BY_NAME
@@ -17,14 +18,17 @@ if TYPE_CHECKING:
 _RANGE_CHANGE_S = 1 / 50
 """Range changes a second over the bus (p. 217)."""
 _NR3 = real(8)
-_RANGED = {
-    "VOLT": "VOLTage[:DC]",
-    "VOLT:AC": "VOLTage:AC",
-    "CURR": "CURRent[:DC]",
-    "CURR:AC": "CURRent:AC",
-    "RES": "RESistance",
-    "FRES": "FRESistance",
-}
+RANGED = MappingProxyType(
+    {
+        "VOLT": "VOLTage[:DC]",
+        "VOLT:AC": "VOLTage:AC",
+        "CURR": "CURRent[:DC]",
+        "CURR:AC": "CURRent:AC",
+        "RES": "RESistance",
+        "FRES": "FRESistance",
+    }
+)
+"""The functions with ranges, and their headers."""
 _INTEGRATING = ("VOLT", "CURR", "RES", "FRES")
 
 
@@ -133,11 +137,11 @@ def impedance_command(header: str) -> Command:
 
 
 COMMANDS = (
-    *(command for name, header in _RANGED.items() for command in range_commands(BY_NAME[name], header)),
+    *(command for name, header in RANGED.items() for command in range_commands(BY_NAME[name], header)),
     *range_commands(BY_NAME["FREQ"], "FREQuency:VOLTage"),
     *range_commands(BY_NAME["PER"], "PERiod:VOLTage"),
-    *(resolution_command(BY_NAME[name], header) for name, header in _RANGED.items()),
-    *(nplc_command(BY_NAME[name], _RANGED[name]) for name in _INTEGRATING),
+    *(resolution_command(BY_NAME[name], header) for name, header in RANGED.items()),
+    *(nplc_command(BY_NAME[name], RANGED[name]) for name in _INTEGRATING),
     gate_command("FREQ", "FREQuency"),
     gate_command("PER", "PERiod"),
     bandwidth_command("[SENSe:]DETector:BANDwidth"),

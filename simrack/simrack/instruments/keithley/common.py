@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from simrack.instruments.hp34401a.functions import BY_NAME
 from simrack.instruments.hp34401a.imperfections import MeterErrors
-from simrack.instruments.hp34401a.range_commands import range_commands
+from simrack.instruments.hp34401a.range_commands import RANGED, range_commands
 from simrack.scpi import (
     Boolean,
     Choice,
@@ -52,16 +52,6 @@ NAMES = MappingProxyType(
     }
 )
 """The functions that are simulated, and what the makers call them in replies; nothing is wired to the current input."""
-_HEADERS = MappingProxyType(
-    {
-        "VOLT": "VOLTage[:DC]",
-        "VOLT:AC": "VOLTage:AC",
-        "CURR": "CURRent[:DC]",
-        "CURR:AC": "CURRent:AC",
-        "RES": "RESistance",
-        "FRES": "FRESistance",
-    }
-)
 _SHORT = {
     "VOLTAGE": "VOLT",
     "CURRENT": "CURR",
@@ -173,7 +163,7 @@ def settings_of_functions(
 ) -> tuple[Command, ...]:
     """Declare ranges, integration, averaging and relative values of every function; `relative` is their word for it."""
     commands: list[Command] = []
-    for name, header in _HEADERS.items():
+    for name, header in RANGED.items():
         fixed, automatic = range_commands(functions[name], header)
         commands += [fixed, automatic]
         if functions[name].integrating:
