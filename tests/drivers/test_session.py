@@ -414,6 +414,43 @@ def test_an_instrument_that_has_gone_is_named_before_anything_is_sent() -> None:
     assert session.closed
 
 
+def test_what_is_said_after_the_place_was_found_is_no_answer_and_who_goes_then_is_named() -> None:
+    """A second answer or noise, in the library's buffer when all questions have been answered."""
+
+    class Late(SlowWire):
+        goes = False
+
+        def pending(self) -> bytes:
+            if self.goes and not self._coming:
+                raise LinkLost("the other end has closed the connection")
+            return super().pending()
+
+        def send(self, data: bytes, deadline: Deadline) -> None:
+            super().send(data, deadline)
+            if data == b"SYST:ERR?\n" and not self.goes:
+                self._coming.append((self._clock.now(), b"noise\n"))
+
+    wire = Late(VirtualClock(), [])
+    session = on(wire)
+    session._identity, session.dirty = IDENTITY, True
+    assert session.query("Q1?") == "Q1"
+    wire.goes, session.dirty = True, True
+    session._wire.clear = lambda _: None  # type: ignore[method-assign]
+    with pytest.raises(LinkLost, match="device at X: the other end has closed") as lost:
+        session.query("Q2?")
+    assert lost.value.elapsed_s == 0.0
+    assert session.closed
+
+
+@pytest.mark.parametrize(("end", "brought_into_step"), [(b"\n", False), (b"\r\n", False), (b"\n2\n", True)])
+def test_what_follows_a_block_is_nobody_s_answer(end: bytes, *, brought_into_step: bool) -> None:
+    sync = SYNC if brought_into_step else []
+    with expected_exchange(OPEN, [("*IDN?", IDENTITY), ("D?", b"#13abc" + end), *sync, ("A?", "5")]) as session:
+        session.identify()
+        assert session.query_block("D?") == b"abc"
+        assert session.query("A?") == "5"
+
+
 def test_refusals_of_an_instrument_without_an_error_queue_are_read_from_its_event_status() -> None:
     """Bits 2 to 5 of it (IEEE 488.2, 11.5.1): power on and operation complete are no refusals."""
     with expected_exchange(OPEN, [("*ESR?", "+48"), ("*ESR?", "0"), ("*ESR?", "+129")]) as session:

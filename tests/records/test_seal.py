@@ -9,8 +9,10 @@ import pytest
 from tests.records.test_journal import write
 from tests.seals import sealed
 from vcfbench.errors import ConfigError
+from vcfbench.records import journal as journal_module
 from vcfbench.records.journal import append_line, read_journal
 from vcfbench.records.schema import Status
+from vcfbench.records.seal import Sealer
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,6 +52,16 @@ def test_the_first_line_that_is_another_is_named(change: object, line: int, tmp_
     lines = write(tmp_path / "j").splitlines(keepends=True)
     assert callable(change)
     assert damage_of(tmp_path / "j", b"".join(change(lines))) == f"line {line} {NOT_THERE}"
+
+
+@pytest.mark.parametrize("end", [b"[", b"[\n", b"[" * 3000, None])
+def test_of_two_damages_the_first_is_named(end: bytes | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also before a last line that is sealed over the first, and whose end is another."""
+    monkeypatch.setattr(journal_module, "_LONGEST_LINE", 1000)
+    header, line, *_ = write(tmp_path / "j").splitlines(keepends=True)
+    forged = header + line[:-4] + b'-"}\n'
+    sealed_over = Sealer(forged).sealed(b'{"type":"note"}')[:-1] + b" "
+    assert damage_of(tmp_path / "j", forged + (sealed_over if end is None else end)) == f"line 2 {NOT_THERE}"
 
 
 def test_a_line_that_is_added_later_is_sealed(tmp_path: Path) -> None:

@@ -14,14 +14,27 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.schema import Status
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import PAPER_RATES_DEG_S, Match
+from vcfbench.steps import Acquire, NotChecked, Note, SetVvc, Settle
 from vcfbench.steps.dry_run import walk
-from vcfbench.steps.executor import Execution, Executor, ReadingTaken, StepFailed, StepFinished, StepStarted
+from vcfbench.steps.executor import (
+    Execution,
+    Executor,
+    Moved,
+    ReadingTaken,
+    StepFailed,
+    StepFinished,
+    StepStarted,
+    WentOn,
+)
 from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Outcome
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
+    from collections.abc import Set as AbstractSet
 
     from vcfbench.steps.executor import Event
+    from vcfbench.steps.step import Plan, Routine, Step
 
 WINDOW_S, SETTLE_S = 10.0, 2.0
 
@@ -332,3 +345,115 @@ def test_a_disk_that_is_full_ends_the_run_but_not_the_shut_down() -> None:
 def test_same_seed_gives_the_same_points() -> None:
     first, second = (run("virtual-coriolis", FakeBench(Gyro(noise_v=1e-4))) for _ in range(2))
     assert first == second
+
+
+def plan_of(*steps: Step) -> Plan:
+    for step in steps:
+        yield step
+    return Outcome("done")
+
+
+class Pausing:
+    """Wants a pause after some steps; `found` by their numbers: how far the output moved in it, V, its u, the limit."""
+
+    def __init__(self, found: dict[int, tuple[float, float, float | None] | None]) -> None:
+        self.found, self.by = found, ""
+        self.told: list[Event] = []
+        self.done: Sequence[Step] = ()
+        self.disturbed: list[AbstractSet[str]] = []
+        self.stopped: BenchError | None = None
+
+    def handle(self, event: Event) -> None:
+        self.told.append(event)
+        if isinstance(event, StepFinished) and event.number in self.found:
+            self.by = "somebody"
+
+    def wait(self) -> tuple[str, float]:
+        if self.stopped is not None:
+            raise self.stopped
+        return "another", 7.0
+
+    def to_rest(self, done: Sequence[Step]) -> Routine[Any]:
+        self.done = tuple(done)
+        yield Settle(3.0, "at rest")
+        yield SetVvc(0.0)
+        return self.found[len(done)]
+
+    def looked_at(self, done: Sequence[Step]) -> Routine[Any]:
+        yield Settle(1.0, "looked at")
+        return tuple(done)
+
+    def moved(self, done: Sequence[Step], before: Any, after: Any) -> Moved:
+        assert tuple(done) == after == self.done
+        moved_v, u_v, allowed_v = before
+        return Moved(1.0, 1.0 + moved_v, u_v, allowed_v)
+
+    def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
+        self.disturbed.append(disturbed)
+        yield SetVvc(0.5)
+        assert tuple(done) == self.done
+        self.by = ""
+
+
+WINDOW = Acquire(1, 0.0, 0.0, None, 1e-3, (), 0.1, 2, 1.0, 1e-6)
+
+
+def paused(pausing: Pausing, *steps: Step) -> tuple[Execution, list[dict[str, Any]], FakeBench]:
+    bench, journal = FakeBench(), MemoryJournal()
+    executor = Executor(bench, journal, [pausing], pausing=pausing)
+    return executor.execute(plan_of(*steps)), journal.lines, bench
+
+
+def test_points_after_pauses_count_from_where_the_output_was_and_bench_time_has_no_pause_in_it() -> None:
+    """Two moves add up, their uncertainties in squares; of drift that is measured itself nothing is counted off."""
+    pausing = Pausing({1: (0.375, 3e-3, 0.5), 2: (-0.125, 4e-3, 0.125), 3: (5.0, 1.0, None), 4: None})
+    execution, lines, bench = paused(pausing, *[WINDOW] * 5)
+    assert execution.status is Status.COMPLETE
+    counted = [(point.moved_v, point.moved_u_v) for point in execution.points]
+    two = pytest.approx((0.25, 5e-3))
+    assert counted == [(0.0, 0.0), (0.375, 3e-3), two, two, two]
+    assert execution.physical_minimum_s == 10.0
+    assert execution.bench_seconds == pytest.approx(10.0)
+    assert bench.clock.now() == pytest.approx(10.0 + 3 * 4.0 + 3.0)
+    restored = [(line["n"], line["step_kind"], line["why"]) for line in lines if line["type"] == "restored"]
+    why = [f"pause after step {number}" for number in (1, 2, 3, 4)]
+    kinds = ["Settle", "SetVvc", "Settle", "SetVvc"]
+    assert restored[:4] == [(1, kind, why[0]) for kind in kinds]
+    assert [each[2] for each in restored] == [each for each in why[:3] for _ in kinds] + [why[3]] * 3
+    went_on = [line for line in lines if line["type"] == "went_on"]
+    assert [(line["n"], line["by"], line["waited_s"], "moved" in line) for line in went_on] == [
+        (number, "another", 7.0, number < 4) for number in (1, 2, 3, 4)
+    ]
+    assert went_on[0]["t_s"] == 2.0 + 4.0
+    assert [line["by"] for line in lines if line["type"] == "paused"] == ["somebody"] * 4
+    assert pausing.disturbed == [{"V_Vc"}] * 4  # anew in each pause
+    told = [event for event in pausing.told if isinstance(event, WentOn)]
+    assert [(event.number, event.pause_s) for event in told] == [(1, 4.0), (2, 4.0), (3, 4.0), (4, 3.0)]
+    assert execution.pauses == tuple(f"after step {event.number}: {event.describe()}" for event in told)
+
+
+def test_an_output_that_moved_by_more_than_is_allowed_ends_the_run_in_the_pause() -> None:
+    for moved_v in (0.0101, -0.0101):
+        execution, lines, _ = paused(Pausing({1: (moved_v, 1e-3, 0.01)}), WINDOW, WINDOW)
+        assert isinstance(execution.error, MeasurementError)
+        assert execution.error.step == "1, in the pause after it"
+        assert (execution.status, len(execution.points)) == (Status.ABORTED, 1)
+        assert lines[-1]["type"] == "error"
+        assert lines[-1]["n"] == 2  # the step that was to come
+
+
+def test_a_stop_in_a_pause_says_after_which_step() -> None:
+    pausing = Pausing({1: None})
+    pausing.stopped = Aborted("stopped by a signal")
+    execution, lines, _ = paused(pausing, WINDOW, WINDOW)
+    assert execution.error is pausing.stopped
+    assert execution.error.step == "1, in the pause after it"
+    assert "went_on" not in [line["type"] for line in lines]
+
+
+def test_what_a_plan_leaves_unchecked_is_said_once() -> None:
+    journal = MemoryJournal()
+    one, other = NotChecked("the drive signal", "no oscilloscope"), NotChecked("the rails", "no supply")
+    execution = Executor(FakeBench(), journal).execute(plan_of(one, other, one))
+    assert execution.not_checked == ("the drive signal: no oscilloscope", "the rails: no supply")
+    assert [line["not_checked"] for line in journal.lines] == [each.not_checked for each in (one, other, one)]

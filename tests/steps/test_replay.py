@@ -410,6 +410,7 @@ SUPPLY_ON = EnableSupply()
 
 def test_the_plans_first_step_is_repeated_too() -> None:
     assert repeated(POSITIVE, NEGATIVE, SUPPLY_ON) == [POSITIVE, NEGATIVE, SUPPLY_ON]
+    assert repeated(POSITIVE, Note("a heading"), NEGATIVE, SUPPLY_ON) == [POSITIVE, NEGATIVE, SUPPLY_ON]
 
 
 @pytest.mark.parametrize(
