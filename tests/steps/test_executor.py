@@ -14,7 +14,7 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.schema import Status
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import PAPER_RATES_DEG_S, Match
-from vcfbench.steps import Acquire, NotChecked, Note, SetVvc, Settle
+from vcfbench.steps import Acquire, NotChecked, Settle, SetVvc
 from vcfbench.steps.dry_run import walk
 from vcfbench.steps.executor import (
     Execution,
@@ -348,8 +348,7 @@ def test_same_seed_gives_the_same_points() -> None:
 
 
 def plan_of(*steps: Step) -> Plan:
-    for step in steps:
-        yield step
+    yield from steps
     return Outcome("done")
 
 

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from vcfbench.procedures.shared.measurand import UncertaintyPart, budget_table, mean_of_records, measurand, said_of
+from vcfbench.procedures.shared.measurand import (
+    UncertaintyPart,
+    budget_table,
+    mean_of_records,
+    measurand,
+    quantity_table,
+    said_of,
+)
 from vcfbench.reports.text import table_text
 
 
@@ -53,3 +60,59 @@ def test_the_mean_of_records_has_their_scatter_and_what_they_share() -> None:
     assert found.u == pytest.approx((scatter**2 + 0.25) ** 0.5)
     records = next(part for part in found.parts if part.source == "records")
     assert (records.u, records.dof) == (pytest.approx(scatter), 3)
+
+
+@pytest.mark.parametrize(
+    ("parts", "u", "dof", "factor"),
+    [
+        ([UncertaintyPart("a", 3.0), UncertaintyPart("b", -4.0)], 5.0, None, 1.95996),
+        ([UncertaintyPart("a", 2.0, 4.0)], 2.0, 4.0, 2.77645),  # Student's t
+        ([UncertaintyPart("a", 2.0, 4.0), UncertaintyPart("b", 2.0)], 8.0**0.5, 16.0, 2.11991),
+        ([UncertaintyPart("a", 2.0, rectangular=True)], 2.0, None, 0.95 * 3.0**0.5),
+        (  # a triangle
+            *([UncertaintyPart(name, 2.0, rectangular=True) for name in "ab"], 8.0**0.5, None),
+            6.0**0.5 * (1.0 - 0.05**0.5),
+        ),
+        ([UncertaintyPart("a", 1.0, rectangular=True), UncertaintyPart("b", 5.0)], 26.0**0.5, None, 1.95996),
+        ([], 0.0, None, 1.95996),
+    ],
+)
+def test_u95_is_that_of_the_distributions_that_prevail(
+    parts: list[UncertaintyPart], u: float, dof: float | None, factor: float
+) -> None:
+    """A rectangle with up to a twentieth of the variance does not show."""
+    found = measurand(7.0, "V", parts, ["flicker", "table", "flicker"])
+    assert (found.u, found.dof) == (pytest.approx(u), dof if dof is None else pytest.approx(dof))
+    assert found.coverage_factor == pytest.approx(factor, rel=2e-3)
+    assert found.expanded_u == pytest.approx(found.coverage_factor * u)
+    assert list(found.parts) == sorted(parts, key=lambda part: -abs(part.u))
+    assert (found.value, found.complete, found.missing) == (7.0, False, ("flicker", "table"))
+    assert measurand(7.0, "V", parts).complete
+
+
+def test_a_twentieth_of_the_variance_is_where_a_rectangle_shows() -> None:
+    def factor(share: float) -> float:
+        parts = [UncertaintyPart("a", share**0.5, rectangular=True), UncertaintyPart("b", (1.0 - share) ** 0.5)]
+        return measurand(0.0, "V", parts).coverage_factor
+
+    assert factor(0.049) == measurand(0.0, "V", [UncertaintyPart("b", 1.0)]).coverage_factor != factor(0.051)
+
+
+def test_a_value_is_kept_with_its_parts_as_shares() -> None:
+    kept = measurand(7.0, "V", [UncertaintyPart("meter", 3.0, 9.0, "M1")], ["flicker"]).kept()
+    assert (kept.value, kept.u, kept.dof, kept.missing) == (7.0, 3.0, 9.0, ("flicker",))
+    assert [(each.source, each.u, each.of, each.dof) for each in kept.shares] == [("meter", 3.0, "M1", 9.0)]
+
+
+def test_a_budget_has_a_row_for_each_part_with_degrees_of_freedom_and_what_it_is_shared_with() -> None:
+    found = measurand(0.0, "V", [UncertaintyPart("meter", 3.0, 9.0, "M1"), UncertaintyPart("readings", -4.0)], ["tilt"])
+    table = budget_table("bias", found)
+    assert [row[2:] for row in table.rows] == [
+        (None, pytest.approx(64.0), None, ""),  # of nothing, no ppm
+        (None, pytest.approx(36.0), 9.0, "M1"),
+    ]
+    assert table.title.startswith("uncertainty of bias: u 5 V, U95 ")
+    assert "tilt" in table.title
+    assert budget_table("exact", measurand(1.0, "V", [UncertaintyPart("none", 0.0)])).rows[0][1:4] == (0.0, 0.0, None)
+    (row,) = quantity_table({"bias": found}).rows
+    assert (row[0], row[4], row[5]) == ("bias", "V", "readings -4, meter 3")

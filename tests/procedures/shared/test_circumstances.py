@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from tests.procedures.fakes import make_settings
+from vcfbench.analysis.budget import Source, evaluate
 from vcfbench.procedures.shared.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
-from vcfbench.procedures.shared.budget.statement import Circumstances
-from vcfbench.station.settings import Sources
+from vcfbench.procedures.shared.budget.statement import Circumstances, Statement, stated_value, statement
+from vcfbench.procedures.shared.sweep.schedule import Earth
+from vcfbench.procedures.shared.sweep.windows import Flicker
+from vcfbench.station.settings import Sources, Station
 
 KNOWN = Sources(
     carrier_phase_deg=2.0,
@@ -107,3 +112,86 @@ def test_what_changes_no_volt_of_v_vc_leaves_the_difference_of_the_zeros() -> No
     tilted = circumstances(Sources(misalignment_deg=2.0))
     assert tilted.applied(VALUES, {"misalignment": 1e-3})["bias_difference_v"] == 0.043
     assert circumstances(Sources()).applied(VALUES, {}) is VALUES
+
+
+def stated(known: Sources, u: float = 1.0, **more: Any) -> Statement:
+    """The statement of one value of one source, a half of which is the difference of two."""
+    asked = make_settings(station=Station(sources=known))
+    source, meaning = Source("readings", 3.0, u, "V", 8.0), {"value": ("V", "of the record"), "half": ("V", "")}
+    return statement(
+        asked, [source], lambda q: {"value": q["readings"], "half": -0.5 * q["readings"]}, {}, meaning, **more
+    )
+
+
+AGES = Sources(meter_age_days=90.0, meter_age_from="today", v_vc_meter_age_days=10.0, v_vc_meter_age_from="its label")
+METER_SAID = "multimeter: 90 days after calibration (today)"
+RANGES_SAID = "ranges of the generator: not known, those that make each value least certain are assumed"
+
+
+@pytest.mark.parametrize(
+    ("known", "more", "said"),
+    [
+        ({}, {}, []),
+        ({}, {"levels_by": "V_Vc meter"}, ["meter on V_Vc: 10 days after calibration (its label)"]),
+        ({"generator_gain": 0.1}, {"levels_by": "generator"}, [RANGES_SAID]),
+        (
+            {"generator_gain": 0.1},
+            {"levels_by": "V_Vc meter"},
+            ["meter on V_Vc: 10 days after calibration (its label)"],
+        ),
+        ({"generator_gain": 0.1, "generator_ranges_v": (1.0,)}, {"levels_by": "generator"}, []),
+        ({}, {"levels_by": "generator"}, []),
+        ({}, {"flicker": Flicker(5.25, 9.0, "blocks")}, ["flicker: B 5.25 deg/h (blocks)"]),
+        (
+            {"assumed": {"table_rate": "the worst table", "k_vc_drift_ppm_per_year": "not said"}},
+            {},
+            ["the worst table"],
+        ),
+    ],
+)
+def test_what_is_taken_for_known_says_where_it_is_from(
+    known: dict[str, Any], more: dict[str, Any], said: list[str]
+) -> None:
+    assert stated(replace(AGES, **known), **more).known_from == (METER_SAID, *said)
+
+
+def test_a_statement_has_values_correlation_and_the_difference_over_its_u95() -> None:
+    made = stated(Sources(), difference="half")
+    value, half = made.values
+    assert (value.value, value.u, value.dof, value.of) == (3.0, 1.0, 8.0, "of the record")
+    assert value.u95 == pytest.approx(2.306, abs=1e-3)
+    (line,) = half.contributions
+    assert (line.source, line.distribution, line.u_source, line.unit, line.dof) == ("readings", "normal", 1.0, "V", 8.0)
+    assert (line.sensitivity, line.u, line.share) == (-0.5, 0.5, 1.0)
+    assert np.array(made.correlation) == pytest.approx(np.array([[1.0, -1.0], [-1.0, 1.0]]))
+    assert made.e_n == pytest.approx(1.5 / half.u95)
+    assert stated(Sources(), u=0.0, difference="half").e_n is None
+    assert made.value("half") is half
+
+
+@pytest.mark.parametrize(("latitude_deg", "earth"), [(None, "Earth's rate in it"), (60.0, "without Earth's rate")])
+def test_a_value_lacks_what_nobody_knows_of_its_kind(latitude_deg: float | None, earth: str) -> None:
+    """And a bias says whether the Earth's rate is in it."""
+    asked = make_settings(
+        earth=Earth.RATE, station=Station(latitude_deg=latitude_deg, sources=Sources(meter_gain=1e-5))
+    )
+    meanings = {"table.bias": ("V", "output at rest, Earth's rate in it"), "table.scale_factor": ("V/(deg/s)", "slope")}
+    made = statement(asked, [Source("x", 1.0, 0.1)], lambda q: dict.fromkeys(meanings, q["x"]), {}, meanings)
+    known = asked.station.sources
+    assert [each.missing for each in made.values] == [known.missing("bias"), known.missing("scale_factor")]
+    assert made.missing == tuple(dict.fromkeys((*known.missing("bias"), *known.missing("scale_factor"))))
+    assert not made.complete
+    assert made.values[0].of == f"output at rest, {earth}"
+    assert ("Earth's rate: it is in the bias" in made.not_in_u) == (latitude_deg is None)
+
+
+@pytest.mark.parametrize(("share", "factor"), [(0.049, 1.96), (0.051, None), (1.0, 0.95 * math.sqrt(3.0))])
+def test_a_limit_that_prevails_has_its_own_factor(share: float, factor: float | None) -> None:
+    sources = [Source("readings", 0.0, math.sqrt(1.0 - share)), Source.within("table", 0.0, math.sqrt(3.0 * share))]
+    budget = evaluate(sources, lambda q: {"value": q["readings"] + q["table"]})
+    made = stated_value(budget.results[0], budget, "V", "")
+    student = budget.results[0].coverage_factor
+    assert made.coverage_factor == (pytest.approx(factor, rel=1e-3) if factor else made.coverage_factor)
+    assert (made.coverage_factor == student) == (share < 0.05)
+    assert made.u95 == pytest.approx(made.coverage_factor)
+    assert len(made.contributions) == (1 if share == 1.0 else 2)  # what moves nothing is not told

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vcfbench.procedures.shared.budget.known_levels import KnownLevels, known_levels
+from vcfbench.procedures.shared.budget.known_levels import KnownLevels, LevelEffects, known_levels
+from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources
 
 
@@ -80,3 +81,60 @@ def test_where_no_range_is_known_a_level_shares_its_errors_with_its_opposite_alo
     covariance = of().covariance_v2(np.array([1.0, -1.0, 1.01]))
     assert covariance[0, 0] == covariance[1, 1] > covariance[0, 1] != 0.0
     assert covariance[0, 2] == covariance[1, 2] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("level_v", "bits", "reach_v", "step_v"),
+    [
+        (0.05, 10, 10.0, 0.2 / 1024),  # the first range, of both signs
+        (-0.1, 10, 10.0, 0.2 / 1024),  # its end belongs to it
+        (0.11, 10, 10.0, 2.0 / 1024),
+        (1.5, 10, 10.0, 20.0 / 1024),  # beyond all that are known: the largest that there is
+        (1.5, 10, np.inf, 0.0),
+        (0.05, 0, 10.0, 0.0),
+    ],
+)
+def test_a_level_that_was_set_is_off_by_a_step_of_its_range(
+    level_v: float, bits: int, reach_v: float, step_v: float
+) -> None:
+    known = known_levels((), Sources(generator_ranges_v=(0.1, 1.0), generator_bits=bits, generator_reach_v=reach_v))
+    assert (known.by, known.besides, known.sigmas, known.reading_v) == ("generator", "resolution", None, None)
+    assert known.u_besides_v(level_v) == known.u_mean_v(level_v, 0.25) == pytest.approx(step_v / np.sqrt(12.0))
+
+
+def test_a_level_that_was_measured_has_the_meter_s_errors_and_the_mean_scatter_of_its_readings() -> None:
+    """Scatters are pooled; the windows may have more readings than others, the fewest count."""
+    meter = Sources(v_vc_gain=3e-5, v_vc_offset_v=5e-5, v_vc_sigmas=2.0, generator_gain=0.02, generator_bits=14)
+    points = [Point(4, 0.0, 1.0, 0.0, 0.0, n, v_vc_measured_v=1.0, v_vc_std_v=s) for n, s in ((25, 3e-3), (16, 4e-3))]
+    known = known_levels([*points, Point(1, 0.0, 0.0, 0.0, 0.0, 36)], meter)
+    pooled_v = np.sqrt((9.0 + 16.0) / 2.0) * 1e-3
+    assert (known.by, known.ranges_v, known.besides) == ("V_Vc meter", (10.0,), "readings")
+    assert (known.gain, known.offset_v, known.sigmas) == (3e-5, 5e-5, 2.0)
+    assert known.reading_v == pytest.approx(pooled_v)
+    assert known.u_besides_v(0.3) == pytest.approx(pooled_v / 4.0)
+    assert known.u_mean_v(0.3, 0.09) == pytest.approx(0.3 * pooled_v)
+    assert known.offset_limit_v(1.0) == 5e-5  # a reading has no range that begins anywhere
+    assert spread(known, np.array([2.0]), np.array([3.0])) == pytest.approx(3.0 * np.hypot(2.0 * 3e-5, 5e-5) / 2.0)
+    (gain, offset) = known.covariances(np.array([2.0]), np.array([[3.0], [1.0]]), 0)
+    assert [gain[:2], offset[:2]] == [("gain", "10 V range"), ("offset", "10 V range")]
+    assert gain[2] == pytest.approx((2.0 * 3e-5 / 2.0) ** 2 * np.array([[9.0, 3.0], [3.0, 1.0]]))
+
+
+def test_levels_are_on_the_range_that_ends_at_or_above_them_the_largest_on_the_last() -> None:
+    known, levels = of(0.1, 1.0), np.array([-0.05, 3.0])
+    assert [known.range_of(each) for each in (0.0, -0.1, 0.11, 1.0, -3.0)] == [0, 0, 1, 1, 1]
+    named = [(name, here.tolist(), limit) for name, here, limit in known.shared("gain", levels, levels)]
+    assert named == [("0.1 V range", [True, False], 0.02), ("1 V range", [False, True], 0.02)]
+    offsets = [limit for _, _, limit in known.shared("offset", levels, levels)]
+    assert offsets == [known.offset_limit_v(0.0), known.offset_limit_v(0.1)]
+
+
+def test_errors_are_named_by_value_where_nobody_knows_the_ranges() -> None:
+    values = {"slope": (np.array([0.5, 2.0]), np.array([1.0, 3.0])), "bias": (np.array([0.5]), np.array([4.0]))}
+    for known, of_value in ((of(10.0), ("",)), (of(), (": slope", ": bias"))):
+        sources, effects = known.errors(values)
+        assert {each.name.rpartition("V")[2].removeprefix(" range") for each in sources} == set(of_value)
+        gains = {name: size for name, size in effects["bias"].items() if name.startswith("generator gain, ")}
+        assert list(gains.values()) == [2.0]
+        through = LevelEffects(tuple(sources), "generator", effects)
+        assert through.through("bias", dict.fromkeys(effects["bias"], 0.5)) == 0.5 * (2.0 + 4.0)

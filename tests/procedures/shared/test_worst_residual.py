@@ -163,6 +163,7 @@ def test_the_non_linearity_of_the_virtual_line_scatters_as_stated_when_generator
     stated = of_virtual_line(better, driven(level))
     assert stated.value == pytest.approx(largest_ppm(driven(level)), rel=1e-9)
     assert "u by trials" in stated.of
+    assert stated.coverage_factor == pytest.approx(stated.u95 / stated.u)
     assert stated.u == pytest.approx(drawn.std(), rel=0.06)
     assert 0.93 < np.mean(np.abs(drawn - stated.value) <= stated.u95) < 0.97
 
