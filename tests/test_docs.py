@@ -191,6 +191,18 @@ def test_the_package_of_the_tutorial_is_that_of_the_examples() -> None:
     assert written == {path.relative_to(project).as_posix(): path.read_text(encoding="utf-8") for path in files}
 
 
+WRITTEN_BY_PROGRAMS = {"api.md", "cli.md", "fault-matrix.md", "CHANGELOG.md"}
+UNBROKEN = re.compile(r"(?:`[^`]*`|\$[^$]+\$|\S)+")
+"""A word, or code or mathematics with its spaces."""
+
+
+@pytest.mark.parametrize("document", [each for each in DOCUMENTS if each.name not in WRITTEN_BY_PROGRAMS], ids=ids)
+def test_prose_is_wrapped_at_100_characters(document: Path) -> None:
+    text = re.sub(r"\$\$.*?\$\$", "", BLOCK.sub("", document.read_text(encoding="utf-8")), flags=re.DOTALL)
+    prose = [line for line in text.splitlines() if not line.startswith(("|", "#", "<", "["))]
+    assert [line for line in prose if len(line) > 100 and len(UNBROKEN.findall(line.lstrip("-* "))) > 1] == []
+
+
 def test_code_blocks_are_marked() -> None:
     unknown = {document.name: {block.info for block in blocks(document)} - KNOWN for document in DOCUMENTS}
     assert {name: infos for name, infos in unknown.items() if infos} == {}
