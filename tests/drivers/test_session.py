@@ -14,6 +14,7 @@ from vcfbench.clock import Deadline, VirtualClock, sleep
 from vcfbench.drivers.session import Session, open_session
 from vcfbench.errors import (
     BenchError,
+    ConnectFailed,
     DeadlineExceeded,
     FramingError,
     InstrumentError,
@@ -395,6 +396,46 @@ def test_a_device_clear_has_the_deadline_of_its_caller() -> None:
     assert wire.left == b"0.25"
     session.clear()
     assert wire.left == b"1"
+
+
+@pytest.mark.parametrize(("bring", "command"), [("clear", "device clear"), ("resync", "*IDN?")])
+def test_a_connection_that_goes_while_it_is_cleared_says_for_what(bring: str, command: str) -> None:
+    class Gone(PieceWire):
+        def clear(self, deadline: Deadline) -> None:
+            del deadline
+            sleep(self._clock, 0.25)
+            raise LinkLost("the connection broke")
+
+    session = on(Gone(VirtualClock(), b"", 1))
+    session._identity = IDENTITY
+    with pytest.raises(LinkLost, match="device at X: the connection broke") as lost:
+        getattr(session, bring)()
+    assert (lost.value.command, lost.value.elapsed_s, session.closed) == (command, 0.25, True)
+
+
+def test_what_came_before_a_device_clear_is_forgotten() -> None:
+    session = on(PieceWire(VirtualClock(), b"5\n", 64))
+    session._received = b"4\n"
+    session.clear()
+    assert session.query("A?") == "5"
+
+
+def test_half_the_time_is_for_finding_the_place_the_rest_for_connecting_anew() -> None:
+    clock, tried = VirtualClock(), list[tuple[float, float]]()
+
+    def reconnect(deadline: Deadline) -> Wire:
+        tried.append((clock.now(), deadline.remaining()))
+        sleep(clock, 0.125)
+        raise ConnectFailed("nobody answers")
+
+    session = Session(
+        PieceWire(clock, b"", 1), name="device", resource="X", clock=clock, timeout_s=9.0, reconnect=reconnect
+    )
+    session._identity, session.dirty = IDENTITY, True
+    with pytest.raises(ConnectFailed, match="device at X: nobody answers") as failed:
+        session.revive(Deadline.after(clock, 1.0))
+    assert tried == [(0.5, 0.5)]
+    assert (failed.value.command, failed.value.elapsed_s) == (None, 0.625)
 
 
 def test_the_error_queue_is_read_before_the_deadline_of_its_caller() -> None:

@@ -27,6 +27,7 @@ from vcfbench.steps.executor import (
     WentOn,
 )
 from vcfbench.steps.measured import Measured
+from vcfbench.steps.replay import TakenOver
 from vcfbench.steps.step import Outcome
 
 if TYPE_CHECKING:
@@ -430,6 +431,21 @@ def test_points_after_pauses_count_from_where_the_output_was_and_bench_time_has_
     told = [event for event in pausing.told if isinstance(event, WentOn)]
     assert [(event.number, event.pause_s) for event in told] == [(1, 4.0), (2, 4.0), (3, 4.0), (4, 3.0)]
     assert execution.pauses == tuple(f"after step {event.number}: {event.describe()}" for event in told)
+
+
+def test_what_is_taken_over_counts_with_its_moves() -> None:
+    pausing = Pausing({1: (0.375, 3e-3, 0.5)})
+    paused(pausing, WINDOW, WINDOW)
+    windows = [event.result for event in pausing.told if isinstance(event, StepFinished) and event.step == WINDOW]
+    executor = Executor(FakeBench(), MemoryJournal())
+    executor.take_over(
+        TakenOver(WINDOW, window, {"asked_again": ["late"], "result": window.as_json()}) for window in windows
+    )
+    before, after = executor.so_far(), executor.execute(plan_of(WINDOW))
+    assert (len(before.points), before.physical_minimum_s) == (2, 4.0)
+    assert before.asked_again == ("step 1: late", "step 2: late")
+    assert [(point.moved_v, point.moved_u_v) for point in after.points] == [(0.0, 0.0), (0.375, 3e-3), (0.375, 3e-3)]
+    assert after.physical_minimum_s == 6.0
 
 
 def test_an_output_that_moved_by_more_than_is_allowed_ends_the_run_in_the_pause() -> None:

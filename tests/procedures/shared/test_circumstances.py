@@ -165,7 +165,8 @@ def test_a_statement_has_values_correlation_and_the_difference_over_its_u95() ->
     assert (line.sensitivity, line.u, line.share) == (-0.5, 0.5, 1.0)
     assert np.array(made.correlation) == pytest.approx(np.array([[1.0, -1.0], [-1.0, 1.0]]))
     assert made.e_n == pytest.approx(1.5 / half.u95)
-    assert stated(Sources(), u=0.0, difference="half").e_n is None
+    exact = stated(Sources(), u=0.0, difference="half")
+    assert (exact.e_n, exact.correlation) == (None, ((1.0, 0.0), (0.0, 1.0)))
     assert made.value("half") is half
 
 
