@@ -78,8 +78,10 @@ def test_what_somebody_else_has_is_left_to_them_and_what_a_program_left_is_not_a
     Tries(monkeypatch, both)
     with pytest.raises(InUse):  # its own part is not free, and forcing would speak beside the other
         safe_abandoned(PLAIN, left=False)
-    tries = Tries(monkeypatch, both)
-    assert safe_abandoned(PLAIN, left=True) is both
+    for what, left in ((both, True), (MadeSafe((), (), left_to={"power": InUse("nobody has signed")}), False)):
+        tries = Tries(monkeypatch, what)
+        assert safe_abandoned(PLAIN, left=left) is what
+        assert tries.now_s == 0.0
     tries = Tries(monkeypatch, TAKEN)
     assert safe_abandoned(PLAIN, left=False).left_to == {"all": TAKEN}
     assert tries.now_s == 30.1

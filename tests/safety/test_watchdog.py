@@ -306,13 +306,19 @@ def test_one_that_does_not_get_ready_is_an_error(
 ) -> None:
     monkeypatch.setattr("vcfbench.safety.watchdog._STARTING_S", 0.05)
     dog, process = listener()
-    over = threading.Event()
-    never = SimpleNamespace(readline=lambda: over.wait(PLENTY_S) and b"ready\n", close=lambda: None)
+    over, waits = threading.Event(), list[bool]()
+
+    def never_ready() -> bytes:
+        waits.append(threading.current_thread().daemon)
+        return b"ready\n" if over.wait(PLENTY_S) else b""
+
+    never = SimpleNamespace(readline=never_ready, close=lambda: None)
     process.stdout = {"none": never, "wrong": io.BytesIO(b"Traceback\n"), "died": io.BytesIO()}[answer]
     with pytest.raises(BenchError, match="the watchdog did not start"):
         dog.require_ready()
     over.set()
     assert process.killed
+    assert all(waits)  # else Python could not end
 
 
 def test_neither_signals_nor_forks_of_the_program_reach_it(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
@@ -325,3 +331,20 @@ def test_neither_signals_nor_forks_of_the_program_reach_it(listener: Callable[..
         os._exit(0)
     os.waitpid(child, 0)
     assert "left safe" not in said()
+
+
+def test_what_has_the_number_of_its_pipe_later_is_kept_from_no_fork(
+    listener: Callable[..., tuple[Watchdog, Process]], tmp_path: Path
+) -> None:
+    dog, process = listener()
+    number = process.stdin.fileno()
+    dog.leave(safe=True)
+    with (tmp_path / "other").open("wb") as other:
+        os.dup2(other.fileno(), number)
+        if (child := os.fork()) == 0:
+            os.write(number, b"from the fork")
+            os._exit(0)
+        os.waitpid(child, 0)
+        if number != other.fileno():
+            os.close(number)
+    assert (tmp_path / "other").read_bytes() == b"from the fork"

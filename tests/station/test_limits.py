@@ -156,6 +156,16 @@ def test_the_chamber_stays_within_its_temperatures_and_its_ramp(
         checks.temperature(temperature_c, ramp_k_min)
 
 
+def test_the_chamber_gets_what_is_within_and_says_where_it_goes() -> None:
+    chamber = driver("chamber")
+    limits = Limits(min_temperature_c=-40.0, max_temperature_c=85.0, max_ramp_k_min=2.0)
+    limited = LimitedChamber(chamber, LimitChecks(limits, RailWiring()))
+    assert limited.set_temperature(20.0, 1.0) is chamber.set_temperature.return_value
+    with pytest.raises(LimitError, match=r"^chamber at FAKE::1: temperature 86 degC is outside"):
+        limited.set_temperature(86.0, 1.0)
+    chamber.set_temperature.assert_called_once_with(20.0, 1.0)
+
+
 def test_no_setting_passes_by_the_limits() -> None:
     """Members that set a value are compared with a limit here, but for the window of a settled temperature."""
     kinds = (LimitedRateTable, LimitedChamber, LimitedGenerator, LimitedSupply)
