@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 from simrack_tests.cells import few
 
 from tests.procedures.fakes import MemoryJournal
 from vcfbench.errors import MeasurementError
+from vcfbench.procedures.bench_file import load_bench
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.steps.executor import Execution, Executor, StepStarted
 from vcfbench.testing import SimulatedLab, open_simulated
 
@@ -103,3 +105,20 @@ def test_a_supply_in_current_limit_is_named_and_not_what_it_does(name: str, at_s
     assert isinstance(error, MeasurementError)
     assert error.instrument == "power", error
     assert "current limit" in error.what
+
+
+def test_a_table_that_stops_while_the_output_is_looked_at_is_named_and_not_the_gyroscope() -> None:
+    class Interlock:
+        def handle(self, event: Event) -> None:
+            if isinstance(event, StepStarted) and event.step.describe().startswith("the output at +10"):
+                lab.fault("rate_table", "interlock", duration_s=0.4)
+
+    paper = load_bench("paper")
+    assert paper.rate_table is not None
+    bench = structs.replace(paper, rate_table=structs.replace(paper.rate_table, dialect="mn_as"))  # it tells no faults
+    with open_simulated(bench, seed=3) as lab:
+        asked = asked_in_python({"powered_s": 10.0, "duration_s": 200.0})
+        plan = PROCEDURES["zero"].plan(settings_of(PROCEDURES["zero"], lab.bench.description, asked))
+        error = Executor(lab.bench, MemoryJournal(), [Interlock()]).execute(plan).error
+    assert isinstance(error, MeasurementError)
+    assert error.instrument == "rate_table", error

@@ -119,13 +119,17 @@ class OutputSeen(StepResult, Struct, frozen=True):
 
 
 class LookAtOutput(Step, Struct, frozen=True):
-    """Read the output `count` times, at least two, with the table at `rate_deg_s`."""
+    """Read the output `count` times, at least two, with the table at `rate_deg_s`.
+
+    Where it turns it must read back that rate, within `tolerance_deg_s`, when the readings are taken.
+    """
 
     effect: ClassVar[Effect] = Effect.MEASURES
     subject: ClassVar[str] = "the output"
 
     count: int
     rate_deg_s: float = 0.0
+    tolerance_deg_s: float = 0.0
 
     def describe(self) -> str:
         return f"the output at {self.rate_deg_s:+g} deg/s, {self.count} readings"
@@ -136,7 +140,10 @@ class LookAtOutput(Step, Struct, frozen=True):
 
     def perform(self, context: Context) -> OutputSeen:
         read = context.bench.multimeter.read_voltage_v
-        return OutputSeen(tuple(context.believable(read) for _ in range(self.count)))
+        seen = OutputSeen(tuple(context.believable(read) for _ in range(self.count)))
+        if self.rate_deg_s:  # else a table that stopped is taken for a gyroscope that does not answer
+            read_rate(context, self.rate_deg_s, self.tolerance_deg_s)
+        return seen
 
     def predict(self, gyro: LinearGyro) -> OutputSeen:
         return OutputSeen((gyro.output_v(self.rate_deg_s),) * self.count)

@@ -181,7 +181,7 @@ def require_answer(settings: ProcedureSettings) -> Routine[None]:
     if limits.max_rate_deg_s is not None:
         rate_deg_s = min(_SLOW_DEG_S, limits.max_rate_deg_s)
         yield from go_to_rate(settings, rate_deg_s, previous_deg_s=0.0)
-        moved = answer((yield steps.LookAtOutput(_LOOKS, rate_deg_s)), steps.OutputSeen)
+        moved = answer((yield steps.LookAtOutput(_LOOKS, rate_deg_s, settings.rate_tolerance_deg_s)), steps.OutputSeen)
         what, aside = f"a rate of {rate_deg_s:g} deg/s", ""
     else:
         v_vc_v = min(_SMALL_V, limits.max_v_vc_v or _SMALL_V)
