@@ -44,7 +44,9 @@ def test_zero_and_a_level_share_an_offset_only_where_they_are_known_to_lie_on_on
 
 def test_levels_of_both_signs_are_one_level() -> None:
     known = of()
-    assert spread(known, np.array([1.0, -1.01]), np.array([1.0, -1.0])) == pytest.approx(0.02 * 2.01 / np.sqrt(3.0))
+    for other_v in (-1.01, -1.02):
+        apart_v = 0.02 * (1.0 - other_v)
+        assert spread(known, np.array([1.0, other_v]), np.array([1.0, -1.0])) == pytest.approx(apart_v / np.sqrt(3.0))
 
 
 def test_the_offset_of_a_range_has_the_variance_of_what_its_lowest_level_leaves_room_for() -> None:

@@ -56,10 +56,9 @@ def test_a_line_is_the_least_squares_one_and_its_weights_make_it_of_the_outputs(
 def test_the_slope_at_each_rate_is_that_of_a_cubic_where_there_are_more_than_four_rates(
     rates: list[float], *, cubic: bool
 ) -> None:
-    outputs = [0.5 * x - 0.03 * x**3 for x in rates]
-    slope = np.polyfit(rates, outputs, 1)[0]
-    expected = [0.5 - 0.09 * x**2 if cubic else slope for x in rates]
-    assert line_of(rates, outputs).derivative == pytest.approx(np.array(expected))
+    outputs = [0.5 * x - 0.03 * x**3 + 1e-3 * x**4 for x in rates]
+    expected = np.polyval(np.polyder(np.polyfit(rates, outputs, 3 if cubic else 1)), rates)
+    assert line_of(rates, outputs).derivative == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +90,10 @@ def test_what_is_left_of_the_earth_s_rate_is_in_the_bias_where_it_was_added() ->
     tilted: dict[str, Any] = {"station": Station(latitude_deg=60.0), "axis_tilt_deg": 1.0}
     (source,) = earth_sources(make_settings(earth=Earth.RATE, **tilted), -0.0125)
     left_deg_s = 360.0 / 86164.1 * 0.5 * math.sin(math.radians(1.0))
-    assert (source.u, source.unit) == (pytest.approx(0.0125 * left_deg_s / ROOT3, rel=1e-5), "V")
+    assert source == Source(
+        *("Earth's rate by the axis' tilt", 0.0, pytest.approx(0.0125 * left_deg_s / ROOT3, rel=1e-5), "V"),
+        distribution=Distribution.RECTANGULAR,
+    )
     assert earth_sources(make_settings(earth=Earth.BIAS, **tilted), -0.0125) == []
 
 
