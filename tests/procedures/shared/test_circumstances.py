@@ -52,6 +52,7 @@ def test_at_its_limit_a_phase_has_its_largest_effect_that_of_the_cosine_included
     )
     assert phases.u_bias_deg_s == pytest.approx({DEMODULATOR_PHASE: 0.5 * u_demodulator})
     assert PhaseErrors.of(Sources()).sources == ()
+    assert PhaseErrors.of(Sources(demodulator_phase_deg=1.0)).bias_deg_s({DEMODULATOR_PHASE: 1.0}) == 0.0
 
 
 def circumstances(known: Sources) -> Circumstances:
@@ -168,6 +169,8 @@ def test_a_statement_has_values_correlation_and_the_difference_over_its_u95() ->
     exact = stated(Sources(), u=0.0, difference="half")
     assert (exact.e_n, exact.correlation) == (None, ((1.0, 0.0), (0.0, 1.0)))
     assert made.value("half") is half
+    with pytest.raises(KeyError):
+        made.value("third")
 
 
 @pytest.mark.parametrize(("latitude_deg", "earth"), [(None, "Earth's rate in it"), (60.0, "without Earth's rate")])
