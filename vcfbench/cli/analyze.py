@@ -17,7 +17,7 @@ from vcfbench.archive.analyzed import TableAnalysis
 from vcfbench.archive.analyzed import analyze as analyzed
 from vcfbench.archive.analyzed_record import analyze_record
 from vcfbench.archive.written import write_document
-from vcfbench.cli.options import Json_, output_option  # typer reads them
+from vcfbench.cli.options import Json_, argument, option, output_option
 from vcfbench.errors import ConfigError
 from vcfbench.reports.text import text_of
 
@@ -28,25 +28,19 @@ _UNBOUNDED = 1000
 def analyze(  # noqa: PLR0917  # options of a command
     file: Annotated[
         Path,
-        typer.Argument(
-            metavar="FILE.csv",
-            help="Table: first column rate_deg_s, every other column an output in volts. With --rate, or a column of "
+        argument(
+            "FILE.csv",
+            "Table: first column rate_deg_s, every other column an output in volts. With --rate, or a column of "
             "times: a record at rest, one line a reading.",
         ),
     ],
     compare: Annotated[
-        str | None,
-        typer.Option(metavar="A,B", help="Compare column B with column A. Two columns are compared by default."),
+        str | None, option("A,B", "Compare column B with column A. Two columns are compared by default.")
     ] = None,
-    rate: Annotated[
-        float | None, typer.Option("--rate", metavar="HZ", min=1e-6, help="A record at rest: readings a second.")
-    ] = None,
-    column: Annotated[
-        str | None, typer.Option("--column", metavar="NAME", help="Of a record at rest: which column.")
-    ] = None,
+    rate: Annotated[float | None, option("HZ", "A record at rest: readings a second.", min=1e-6)] = None,
+    column: Annotated[str | None, option("NAME", "Of a record at rest: which column.")] = None,
     scale_factor: Annotated[
-        float | None,
-        typer.Option("--scale-factor", metavar="V/(deg/s)", help="Of a record at rest in volts: its scale factor."),
+        float | None, option("V/(deg/s)", "Of a record at rest in volts: its scale factor.")
     ] = None,
     output: Annotated[Path | None, output_option("Of a record at rest: its report, .html, .pdf or .md.")] = None,
     *,

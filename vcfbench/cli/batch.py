@@ -12,7 +12,8 @@ from vcfbench.archive.batch_sheet import batch_sheet, sheet_rows, write_sheet
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.conduct import RunOptions, attended
 from vcfbench.cli.ending import SignalsWithoutBench
-from vcfbench.cli.options import Json_, Plain_, Quiet_, Runs_, Speed_, Yes_  # typer reads them
+from vcfbench.cli.options import Json_, Plain_, Quiet_, Runs_, Speed_, Yes_, argument, option
+from vcfbench.cli.person import somebody_there
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
 from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import Batch, BatchRun, read_batch, with_operator
@@ -23,14 +24,10 @@ _WIDTH = 80
 
 
 def batch(
-    file: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The batch: name, bench, runs, devices.")],
+    file: Annotated[Path, argument("PLAN.toml", "The batch: name, bench, runs, devices.")],
     runs: Runs_ = Path("runs"),
-    sheet: Annotated[
-        Path | None, typer.Option("--sheet", metavar="FILE", help="Write the sheet: .html, .pdf, .xlsx or .md.")
-    ] = None,
-    operator: Annotated[
-        str | None, typer.Option("--operator", metavar="NAME", help="Who measures, in place of the plan's.")
-    ] = None,
+    sheet: Annotated[Path | None, option("FILE", "Write the sheet: .html, .pdf, .xlsx or .md.")] = None,
+    operator: Annotated[str | None, option("NAME", "Who measures, in place of the plan's.")] = None,
     speed: Speed_ = None,
     *,
     context: typer.Context,
@@ -45,7 +42,7 @@ def batch(
     """
     asked = with_operator(read_batch(file), operator)
     options = RunOptions(bench=Path(asked.bench), json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, yes=yes)
-    if not (yes or asked.description.simulated or _terminal()):
+    if not (yes or asked.description.simulated or somebody_there()):
         raise ConfigError(
             f"batch {asked.name}: somebody has to mount the devices, and there is no terminal to ask on",
             hint="--yes where another program mounts them",
@@ -72,14 +69,10 @@ def batch(
         raise typer.Exit(worst)
 
 
-def _terminal() -> bool:
-    return sys.stdin is not None and sys.stdin.isatty()
-
-
 def _typed(asked: Batch, runs: Path) -> Iterator[str]:
     """Yield serial numbers as they are typed or scanned, until an empty line; one that cannot be is asked for again."""
     while True:
-        if _terminal():
+        if somebody_there():
             typer.echo("\nSerial number of the next device (nothing: the batch ends): ", err=True, nl=False)
         if sys.stdin is None or not (serial := sys.stdin.readline().strip()):
             return
@@ -97,7 +90,7 @@ def _measure(asked: Batch, serial: str, options: RunOptions) -> int:
     if not left:
         typer.echo(f"{serial}: measured already", err=True)
         return 0
-    if _terminal() and not options.yes:
+    if somebody_there() and not options.yes:
         typer.echo(f"\nPlease mount {serial}, then press Enter: ", err=True, nl=False)
         if not sys.stdin.readline():
             raise Aborted(f"the terminal was closed where somebody had to mount {serial}")
@@ -114,21 +107,14 @@ def _carry_out(asked: Batch, each: BatchRun, serial: str, options: RunOptions) -
     try:
         with StopSignals() as signals:
             run = attended(request, Prepared, structs.replace(options, seed=request.seed), signals, None)
+        if run.error is not None:
+            raise run.error
     except (Aborted, NotSafe):
         raise
     except BenchError as error:
-        return _failed(serial, each, error)
-    if isinstance(run.error, Aborted | NotSafe):
-        raise run.error
-    if run.error is not None:
-        return _failed(serial, each, run.error)
+        typer.echo(f"vcfbench: {serial}: {each.procedure.name}: {error}; the batch goes on", err=True)
+        return error.exit_code
     passed = run.verdict is None or run.verdict.passed
     word = run.status.value if run.verdict is None else run.verdict.word.upper()
     typer.echo(f"{serial}: {each.procedure.name}: {word}, {run.directory}", err=True)
     return 0 if passed else 1
-
-
-def _failed(serial: str, each: BatchRun, error: BenchError) -> int:
-    """Say why a device has no result; the batch goes on."""
-    typer.echo(f"vcfbench: {serial}: {each.procedure.name}: {error}; the batch goes on", err=True)
-    return error.exit_code

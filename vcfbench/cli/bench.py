@@ -11,7 +11,7 @@ from vcfbench.bench.check import CheckedWatchdog, check_bench
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
 from vcfbench.cli.discover import discover
-from vcfbench.cli.options import Bench_, Json_, Trace_, tracing  # typer reads them
+from vcfbench.cli.options import Bench_, Json_, Trace_, flag, tracing
 from vcfbench.cli.person import agreed
 from vcfbench.procedures.bench_file import as_resolved, load_bench, resolved_text
 from vcfbench.reports.text import left_table
@@ -32,7 +32,7 @@ def show(
     bench: Bench_ = None,
     *,
     template: Annotated[
-        bool, typer.Option("--template", help="Print a commented bench file for a real station, to be filled in.")
+        bool, flag("Print a commented bench file for a real station, to be filled in.", "--template")
     ] = False,
     json: Json_ = False,
 ) -> None:

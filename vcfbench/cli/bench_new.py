@@ -9,6 +9,7 @@ from msgspec import Struct
 
 from vcfbench.cli import options
 from vcfbench.cli.interview import Interview, written_anew
+from vcfbench.cli.options import flag, option
 from vcfbench.cli.set_option import plain_value
 from vcfbench.cli.station_questions import ask_about_station
 from vcfbench.clock import utc_now
@@ -26,23 +27,18 @@ _USUAL = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
 
 
 def new(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Where the bench file goes. A file there is not overwritten.")
-    ] = Path("station.toml"),
+    file: options.NewFile_ = Path("station.toml"),
     library: options.Library_ = "@py",
     tries: options.Tries_ = None,
-    served: Annotated[
-        str | None,
-        typer.Option("--served", metavar="PORT", help="Use the bench that `sim serve` serves: its control port."),
-    ] = None,
+    served: Annotated[str | None, option("PORT", "Use the bench that `sim serve` serves: its control port.")] = None,
     answers: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="The value of a key of the file, which is then not asked for."),
+        option("KEY=VALUE", "The value of a key of the file, which is then not asked for.", "--set"),
     ] = None,
     *,
     timeout: options.AnswerTime_ = 1.0,
     probe_serial: options.ProbeSerial_ = False,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing: use what is found and proposed.")] = False,
+    yes: Annotated[bool, flag("Ask nothing: use what is found and proposed.", "--yes", "-y")] = False,
     trace: options.Trace_ = None,
 ) -> None:
     """Make the bench file of a station: find the instruments, ask for the rest, write the file with comments.

@@ -9,7 +9,7 @@ from vcfbench.archive.compared import compare_runs
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.written import write_document
 from vcfbench.cli.answer import print_json
-from vcfbench.cli.options import Json_, Runs_, output_option, run_names  # typer reads them
+from vcfbench.cli.options import Json_, Runs_, argument, output_option, run_names
 from vcfbench.records.directory import list_runs
 from vcfbench.reports.text import text_of
 
@@ -17,10 +17,8 @@ from vcfbench.reports.text import text_of
 def compare(
     runs: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[RUN RUN ...]",
-            autocompletion=run_names,
-            help="Names of runs, as for `vcfbench report`. Default: the last 2.",
+        argument(
+            "[RUN RUN ...]", "Names of runs, as for `vcfbench report`. Default: the last 2.", autocompletion=run_names
         ),
     ] = None,
     output: Annotated[Path | None, output_option("Write the comparison with figures: .html, .pdf or .md.")] = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,7 +16,7 @@ from vcfbench.archive.run import Run
 from vcfbench.cli.answer import given, print_json, print_report
 from vcfbench.cli.ending import SignalsWithoutBench
 from vcfbench.cli.keys import Keys
-from vcfbench.cli.person import agreed, at_the_terminal
+from vcfbench.cli.person import agreed, at_the_terminal, somebody_there
 from vcfbench.errors import BenchError
 from vcfbench.records.metadata import metadata_of
 from vcfbench.reports.progress import LineProgress
@@ -53,8 +53,7 @@ class RunOptions(Struct, frozen=True, kw_only=True):
     @property
     def has_keys(self) -> bool:
         """True if a person can press keys here, and sees their effect; Windows has no such terminal."""
-        tty = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
-        return os.name == "posix" and not self.quiet and tty
+        return os.name == "posix" and not self.quiet and somebody_there() and sys.stderr.isatty()
 
 
 def carry_out(request: Request, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
@@ -63,10 +62,15 @@ def carry_out(request: Request, preparing: Preparing, options: RunOptions, endin
     `ending` is told when the code is known, while signals are still held: what comes later shall not change it.
     """
     control = RunControl() if options.page or options.has_keys else None
-    with (
-        StopSignals() as signals,  # until all is written: a second Ctrl-C shall not cost the results
-        _page(request, options, control) as page,
-    ):
+    page: LivePage | None = None
+    with ExitStack() as stack:
+        signals = stack.enter_context(StopSignals())  # until all is written: a second Ctrl-C shall not cost the results
+        if options.page and control is not None:
+            from vcfbench.page.server import LivePage  # noqa: PLC0415  # few look at one
+
+            page = LivePage(request.runs or options.runs, Path("devices"), options.port, control)
+            typer.echo(f"page: {page.address}", err=True)
+            stack.enter_context(page)
         run = attended(structs.replace(request, control=control), preparing, options, signals, page)
         if page is not None:
             page.ended(run)
@@ -80,17 +84,6 @@ def carry_out(request: Request, preparing: Preparing, options: RunOptions, endin
     if unwritten is not None:
         unwritten.hint = None if run.directory is None else f"it is in the record {run.directory}"
         raise unwritten
-
-
-def _page(request: Request, options: RunOptions, control: RunControl | None) -> AbstractContextManager[LivePage | None]:
-    """Return the page of the run, which goes when it is left; None where none was asked for."""
-    if not options.page or control is None:
-        return nullcontext()
-    from vcfbench.page.server import LivePage  # noqa: PLC0415  # few look at one
-
-    page = LivePage(request.runs or options.runs, Path("devices"), options.port, control)
-    typer.echo(f"page: {page.address}", err=True)
-    return page
 
 
 def attended(
@@ -110,8 +103,7 @@ def attended(
         estimate_s = prepared.planned().bench_seconds
         shown = NoProgress()
         if not options.quiet:
-            plain = options.plain or not sys.stderr.isatty() or os.environ.get("TERM") in _WITHOUT_CURSOR
-            if plain:
+            if options.plain or not sys.stderr.isatty() or os.environ.get("TERM") in _WITHOUT_CURSOR:
                 shown = LineProgress(sys.stderr, estimate_s)
             else:
                 from vcfbench.reports.live_progress import LiveProgress  # noqa: PLC0415  # rich comes with it

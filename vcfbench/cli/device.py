@@ -13,7 +13,7 @@ import typer
 from vcfbench.archive.batch_sheet import SheetRow, device_parts, device_rows
 from vcfbench.archive.keeping import keep_of_device
 from vcfbench.cli.answer import print_json, print_verdicts
-from vcfbench.cli.options import Devices_, Json_, Runs_  # typer reads them
+from vcfbench.cli.options import Devices_, Json_, Runs_, argument, flag, option
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
@@ -52,25 +52,16 @@ def device_names(ctx: Any, incomplete: str) -> list[str]:
 
 def device(
     serial: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="SERIAL", autocompletion=device_names, help="Serial number; without it, all are listed."
-        ),
+        str | None, argument("SERIAL", "Serial number; without it, all are listed.", autocompletion=device_names)
     ] = None,
     devices: Devices_ = Path("devices"),
     *,
     json: Json_ = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each entry.")] = False,
-    add: Annotated[
-        str | None,
-        typer.Option("--add", metavar="RUN", help="Add what this complete run found, where it could not itself."),
-    ] = None,
+    csv: Annotated[bool, flag("Print comma-separated values, one row for each entry.", "--csv")] = False,
+    add: Annotated[str | None, option("RUN", "Add what this complete run found, where it could not itself.")] = None,
     runs: Runs_ = Path("runs"),
     plot: Annotated[
-        Path | None,
-        typer.Option(
-            "--plot", metavar="FILE", help="Draw the scale factor against time: .png, .svg, .pdf (Matplotlib)."
-        ),
+        Path | None, option("FILE", "Draw the scale factor against time: .png, .svg, .pdf (Matplotlib).")
     ] = None,
 ) -> None:
     """Show certificates, self-calibrations, static records and runs of a gyroscope, oldest first."""

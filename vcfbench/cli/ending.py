@@ -12,7 +12,7 @@ import stat
 import sys
 from contextlib import suppress
 from types import FrameType, TracebackType
-from typing import Final, Protocol, Self, TextIO, cast
+from typing import Any, Final, Self, TextIO, cast
 
 from vcfbench.errors import Aborted, BenchError, NotSafe
 
@@ -106,21 +106,12 @@ def ending_of(error: BaseException) -> tuple[str, int] | None:
     return ending
 
 
-class _Usage(Protocol):
-    """Error of the command line's parser."""
-
-    exit_code: int
-
-    def show(self, file: TextIO) -> None:
-        """Print the mistake in the command line, and its usage."""
-        ...
-
-
 def usage_of(error: BaseException) -> tuple[str, int] | None:
     """Return words and exit code of an error of the command line's parser; None for anything else."""
     if not (callable(getattr(error, "show", None)) and hasattr(error, "exit_code")):
         return None
-    usage, words = cast("_Usage", error), io.StringIO()
+    usage: Any = error
+    words = io.StringIO()
     usage.show(file=words)
     return words.getvalue().rstrip("\n"), usage.exit_code
 

@@ -1,7 +1,9 @@
 """Options and arguments that several commands have, declared once."""
 
-from collections.abc import Iterable
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext, suppress
+from functools import wraps
 from pathlib import Path  # typer reads the annotations when it runs
 from typing import Annotated, Any
 
@@ -25,67 +27,87 @@ def run_names(ctx: Any, incomplete: str) -> list[str]:
     return []
 
 
+def option(metavar: str | None, words: str, *names: str, **more: Any) -> Any:
+    """Return an option with `words` as its help; without `names` it is called as its parameter is."""
+    return typer.Option(*names, metavar=metavar, help=words, **more)
+
+
+def flag(words: str, *names: str) -> Any:
+    """Return an option that takes no value, with `words` as its help."""
+    return typer.Option(*names, help=words)
+
+
+def argument(metavar: str | None, words: str, **more: Any) -> Any:
+    """Return an argument with `words` as its help."""
+    return typer.Argument(metavar=metavar, help=words, **more)
+
+
 def seed_option(words: str) -> Any:
     """Return the option ``--seed`` with `words` as its help."""
-    return typer.Option("--seed", min=0, max=2**63 - 1, help=words)
+    return option(None, words, "--seed", min=0, max=2**63 - 1)
 
 
 def output_option(words: str) -> Any:
     """Return the option ``--output`` with `words` as its help."""
-    return typer.Option("--output", "-o", metavar="FILE", help=words)
+    return option("FILE", words, "--output", "-o")
 
 
-Bench_ = Annotated[
-    Path | None,
-    typer.Option("--bench", metavar="FILE", help="Bench file; without it the embedded simulated paper bench."),
-]
-Json_ = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
+Bench_ = Annotated[Path | None, option("FILE", "Bench file; without it the embedded simulated paper bench.", "--bench")]
+NewFile_ = Annotated[Path, argument("FILE", "Where the bench file goes. A file there is not overwritten.")]
+Json_ = Annotated[bool, flag("Print one JSON object on stdout and nothing else there.", "--json")]
 Run_ = Annotated[
-    str,
-    typer.Argument(
-        metavar="RUN", autocompletion=run_names, help="Name of the run, its beginning or end, 'last', or its directory."
-    ),
+    str, argument("RUN", "Name of the run, its beginning or end, 'last', or its directory.", autocompletion=run_names)
 ]
-Runs_ = Annotated[Path, typer.Option("--runs", metavar="DIR", help="Where the records are.")]
-Devices_ = Annotated[Path, typer.Option("--devices", metavar="DIR", help="Where the devices are.")]
+Runs_ = Annotated[Path, option("DIR", "Where the records are.", "--runs")]
+Devices_ = Annotated[Path, option("DIR", "Where the devices are.", "--devices")]
 Seed_ = Annotated[int | None, seed_option("Seed of a simulated bench; the same seed gives the same results.")]
 Speed_ = Annotated[
-    str | None,
-    typer.Option("--speed", metavar="X|max", help="Simulated benches only: times real time, or max, the default."),
+    str | None, option("X|max", "Simulated benches only: times real time, or max, the default.", "--speed")
 ]
-Quiet_ = Annotated[bool, typer.Option("--quiet", help="Show no progress.")]
-Plain_ = Annotated[bool, typer.Option("--plain", help="Show progress as plain lines, as in logs, on a terminal too.")]
+Quiet_ = Annotated[bool, flag("Show no progress.", "--quiet")]
+Plain_ = Annotated[bool, flag("Show progress as plain lines, as in logs, on a terminal too.", "--plain")]
 Page_ = Annotated[
-    bool,
-    typer.Option("--page", help="Show the run in a browser on this machine, where it can be stopped too (extra page)."),
+    bool, flag("Show the run in a browser on this machine, where it can be stopped too (extra page).", "--page")
 ]
 Port_ = Annotated[
-    int, typer.Option("--port", min=0, max=65535, help="Port of the page on this machine; 0 for any that is free.")
+    int, option(None, "Port of the page on this machine; 0 for any that is free.", "--port", min=0, max=65535)
 ]
 Yes_ = Annotated[
     bool,
-    typer.Option(
-        "--yes",
-        help="Ask nothing: manual work on a real bench is done, programs that bench file or record name may run.",
-    ),
+    flag("Ask nothing: manual work on a real bench is done, programs that bench file or record name may run.", "--yes"),
 ]
-Trace_ = Annotated[
-    Path | None, typer.Option("--trace", metavar="FILE", help="Write every byte to and from the instruments to FILE.")
-]
-Library_ = Annotated[str, typer.Option("--library", help="PyVISA library; @vcfbench is simulated.")]
+Trace_ = Annotated[Path | None, option("FILE", "Write every byte to and from the instruments to FILE.", "--trace")]
+Library_ = Annotated[str, option(None, "PyVISA library; @vcfbench is simulated.", "--library")]
 Tries_ = Annotated[
-    list[str] | None,
-    typer.Option("--try", metavar="RESOURCE", help="Ask this one too: a VISA resource, a port, socket://host:port."),
+    list[str] | None, option("RESOURCE", "Ask this one too: a VISA resource, a port, socket://host:port.", "--try")
 ]
-AnswerTime_ = Annotated[
-    float, typer.Option("--timeout", metavar="S", min=0.01, max=60.0, help="Longest wait for each answer.")
-]
+AnswerTime_ = Annotated[float, option("S", "Longest wait for each answer.", "--timeout", min=0.01, max=60.0)]
 ProbeSerial_ = Annotated[
-    bool,
-    typer.Option(
-        "--probe-serial", help="Ask serial ports too. Check first what is on them: bytes can move an unknown device."
-    ),
+    bool, flag("Ask serial ports too. Check first what is on them: bytes can move an unknown device.", "--probe-serial")
 ]
+
+
+def with_options(command: Callable[..., None], added: Mapping[str, Any], place: int | None = None) -> Any:
+    """Return `command` with further options in place of its ``**`` parameter, None where they are not given.
+
+    Args:
+        command: the function of a command.
+        added: annotations by name.
+        place: number of own parameters before them; None is all.
+    """
+    signature = inspect.signature(command, eval_str=True)
+    *own, _ = signature.parameters.values()
+    kind = inspect.Parameter.KEYWORD_ONLY
+    more = [inspect.Parameter(name, kind, default=None, annotation=each) for name, each in added.items()]
+    parameters = [*own[:place], *more, *(() if place is None else own[place:])]
+
+    @wraps(command)
+    def bound(*arguments: Any, **named: Any) -> None:
+        command(*arguments, **named)
+
+    bound.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]  # typer asks for it
+    bound.__annotations__ = {each.name: each.annotation for each in parameters}
+    return bound
 
 
 def tracing(path: Path | None) -> AbstractContextManager[None]:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from vcfbench.cli.ending import Stopped
-from vcfbench.cli.options import Devices_, Runs_  # typer reads them
+from vcfbench.cli.options import Devices_, Runs_, option
 from vcfbench.page.server import serve_station
 
 _PORT = 8330
@@ -16,9 +16,7 @@ _PORT = 8330
 def page(
     runs: Runs_ = Path("runs"),
     devices: Devices_ = Path("devices"),
-    port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="Port on this machine; 0 for any that is free.")
-    ] = _PORT,
+    port: Annotated[int, option(None, "Port on this machine; 0 for any that is free.", min=0, max=65535)] = _PORT,
 ) -> None:
     """Show devices and runs, finished or in progress, in a browser on this machine, until Ctrl-C (extra page)."""
     with suppress(Stopped):  # the way in which it is meant to end

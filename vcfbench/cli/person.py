@@ -9,6 +9,11 @@ from vcfbench.safety.signals import StopSignals
 from vcfbench.steps.step import Operator, Request
 
 
+def somebody_there() -> bool:
+    """Tell whether a person may type at a terminal."""
+    return sys.stdin is not None and sys.stdin.isatty()
+
+
 def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Operator | None:
     """Return the operator for actions by hand on a real bench; None where nobody can be asked.
 
@@ -22,7 +27,7 @@ def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Op
             return "taken as done: --yes"
 
         return done
-    if sys.stdin is None or not sys.stdin.isatty():
+    if not somebody_there():
         return None
 
     def ask(request: Request) -> str:
@@ -38,7 +43,7 @@ def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Op
 
 def agreed(words: str, signals: StopSignals | None = None, keys: Keys | None = None) -> bool:
     """Ask a person on a terminal whether a program may run; False where nobody is there. The rest is as above."""
-    if sys.stdin is None or not sys.stdin.isatty():
+    if not somebody_there():
         return False
     with nullcontext() if keys is None else keys.left_alone():
         _say(f"{words}. Run it? [y/N] ")

@@ -7,7 +7,7 @@ import typer
 
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.written import write_figures
-from vcfbench.cli.options import Run_, Runs_, output_option  # typer reads them
+from vcfbench.cli.options import Run_, Runs_, option, output_option
 
 
 def plot(
@@ -15,9 +15,7 @@ def plot(
     output: Annotated[
         Path | None, output_option("Where the figures go: .svg, .png or .pdf. Several become NAME-1.svg and so on.")
     ] = None,
-    figure: Annotated[
-        int | None, typer.Option("--figure", metavar="N", min=1, help="Only this figure, by its number in the report.")
-    ] = None,
+    figure: Annotated[int | None, option("N", "Only this figure, by its number in the report.", min=1)] = None,
     runs: Runs_ = Path("runs"),
 ) -> None:
     """Draw the figures of a run."""

@@ -11,7 +11,7 @@ from vcfbench.archive.index import run_summaries
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.run import Run
 from vcfbench.archive.written import write_certificate, write_report
-from vcfbench.cli.options import Run_, Runs_, key_and_value, output_option, tags_of  # typer reads them
+from vcfbench.cli.options import Run_, Runs_, flag, key_and_value, option, output_option, tags_of
 from vcfbench.errors import ConfigError
 from vcfbench.files import read_file
 
@@ -26,27 +26,18 @@ def report(  # noqa: PLR0917  # options of a command
     ] = None,
     runs: Runs_ = Path("runs"),
     words: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A field that no measurement gives: customer. Repeatable."),
+        list[str] | None, option("KEY=VALUE", "A field that no measurement gives: customer. Repeatable.", "--set")
     ] = None,
     template: Annotated[
-        Path | None,
-        typer.Option("--template", metavar="FILE", help="TOML file with such fields, title and logo for all reports."),
+        Path | None, option("FILE", "TOML file with such fields, title and logo for all reports.")
     ] = None,
-    tag: Annotated[
-        list[str] | None,
-        typer.Option("--tag", metavar="KEY=VALUE", help="With --all: only runs with this tag. Repeatable."),
-    ] = None,
-    embed: Annotated[
-        Path | None, typer.Option("--embed", metavar="FILE", help="With --dcc: the report as PDF, which it then holds.")
-    ] = None,
+    tag: Annotated[list[str] | None, option("KEY=VALUE", "With --all: only runs with this tag. Repeatable.")] = None,
+    embed: Annotated[Path | None, option("FILE", "With --dcc: the report as PDF, which it then holds.")] = None,
     *,
-    every: Annotated[bool, typer.Option("--all", help="A report of each run in the directory of --runs.")] = False,
-    as_: Annotated[
-        Literal["html", "pdf", "md"], typer.Option("--as", help="With --all: what the reports are.")
-    ] = "html",
+    every: Annotated[bool, flag("A report of each run in the directory of --runs.", "--all")] = False,
+    as_: Annotated[Literal["html", "pdf", "md"], option(None, "With --all: what the reports are.", "--as")] = "html",
     dcc: Annotated[
-        bool, typer.Option("--dcc", help="Write a Digital Calibration Certificate (XML, DCC 3.3.0), not signed.")
+        bool, flag("Write a Digital Calibration Certificate (XML, DCC 3.3.0), not signed.", "--dcc")
     ] = False,
 ) -> None:
     """Write the report of a run: a first page with the results, then all that they rest on."""

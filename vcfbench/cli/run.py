@@ -4,7 +4,6 @@ The commands of ``run`` are made of the procedures: those that come along, those
 one that a file of one's own defines. A list of them imports none.
 """
 
-import inspect
 import json as encoder
 from functools import partial
 from pathlib import Path
@@ -16,6 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from vcfbench.cli import conduct, options
 from vcfbench.cli.ending import SignalsWithoutBench
+from vcfbench.cli.options import flag, option
 from vcfbench.cli.person import agreed
 from vcfbench.cli.set_option import asked_by_command
 from vcfbench.errors import ConfigError, PlanError
@@ -83,44 +83,27 @@ def run(
     *,
     bench: options.Bench_ = None,
     seed: options.Seed_ = None,
-    runs: Annotated[
-        Path, typer.Option("--runs", metavar="DIR", parser=_directory, help="Where the records go.")
-    ] = Path("runs"),
+    runs: Annotated[Path, option("DIR", "Where the records go.", parser=_directory)] = Path("runs"),
     speed: options.Speed_ = None,
     settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="One of the settings listed below. Repeatable."),
+        list[str] | None, option("KEY=VALUE", "One of the settings listed below. Repeatable.", "--set")
     ] = None,
-    dut: Annotated[
-        str | None, typer.Option("--dut", metavar="SERIAL", help="Serial number of the device under test.")
-    ] = None,
-    operator: Annotated[
-        str | None, typer.Option("--operator", metavar="NAME", help="Who runs the procedure, for the record.")
-    ] = None,
-    note: Annotated[
-        str | None, typer.Option("--note", metavar="TEXT", help="Anything to remember, for the record.")
-    ] = None,
-    tag: Annotated[
-        list[str] | None,
-        typer.Option("--tag", metavar="KEY=VALUE", help="A tag, for the record and for lists. Repeatable."),
-    ] = None,
+    dut: Annotated[str | None, option("SERIAL", "Serial number of the device under test.")] = None,
+    operator: Annotated[str | None, option("NAME", "Who runs the procedure, for the record.")] = None,
+    note: Annotated[str | None, option("TEXT", "Anything to remember, for the record.")] = None,
+    tag: Annotated[list[str] | None, option("KEY=VALUE", "A tag, for the record and for lists. Repeatable.")] = None,
     ambient_temperature_c: Annotated[
         str | None,
-        typer.Option(
-            "--ambient-temperature-c",
-            metavar="DEGC|chamber",
-            help="Temperature of the room, for the record; chamber: read its sensor before air flows.",
-        ),
+        option("DEGC|chamber", "Temperature of the room, for the record; chamber: read its sensor before air flows."),
     ] = None,
     humidity_percent: Annotated[
-        float | None,
-        typer.Option("--humidity-percent", metavar="PERCENT", help="Relative humidity of the room, for the record."),
+        float | None, option("PERCENT", "Relative humidity of the room, for the record.")
     ] = None,
     context: typer.Context,
     trace: options.Trace_ = None,
     json: options.Json_ = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print every step and the estimated bench time. Nothing is opened.")
+        bool, flag("Print every step and the estimated bench time. Nothing is opened.", "--dry-run")
     ] = False,
     quiet: options.Quiet_ = False,
     plain: options.Plain_ = False,
@@ -141,10 +124,17 @@ def run(
         if value is not None
     }
     asked = asked_by_command(settings or (), given, names, lists, texts)
-    said = {"dut": dut, "operator": operator, "note": note, "humidity_percent": humidity_percent}
-    metadata = {name: value for name, value in said.items() if value is not None} | _ambient(ambient_temperature_c)
-    if tag:
-        metadata["tags"] = options.tags_of(tag)
+    said: dict[str, Any] = {"dut": dut, "operator": operator, "note": note, "humidity_percent": humidity_percent}
+    if ambient_temperature_c == "chamber":
+        said["ambient_from"] = ambient_temperature_c
+    elif ambient_temperature_c is not None:
+        try:
+            said["ambient_temperature_c"] = float(ambient_temperature_c)
+        except ValueError:
+            expected = "expected degC, as in 23.1, or chamber"
+            raise ConfigError(f"--ambient-temperature-c {ambient_temperature_c}: {expected}") from None
+    said["tags"] = options.tags_of(tag or ()) or None
+    metadata = {name: value for name, value in said.items() if value is not None}
     with options.tracing(trace):
         request = Request(command.chosen, bench, seed, asked, speed=speed)
         if dry_run:
@@ -152,54 +142,26 @@ def run(
             return
         request = structs.replace(request, runs=runs, metadata=metadata_of(metadata))
         how = conduct.RunOptions(
-            bench=bench,
-            seed=seed,
-            json=json,
-            runs=runs,
-            speed=speed,
-            quiet=quiet,
-            plain=plain,
-            page=page,
-            port=port,
-            yes=yes,
-            settings=asked.values,
-            metadata=metadata,
+            bench=bench, json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, page=page, port=port, yes=yes
         )
+        how = structs.replace(how, seed=seed, settings=asked.values, metadata=metadata)
         conduct.carry_out(request, Prepared, how, context.find_object(SignalsWithoutBench))
-
-
-def _ambient(text: str | None) -> dict[str, Any]:
-    """Return the temperature of the room, or the role that shall tell it."""
-    if text is None:
-        return {}
-    if text == "chamber":
-        return {"ambient_from": text}
-    try:
-        return {"ambient_temperature_c": float(text)}
-    except ValueError:
-        raise ConfigError(f"--ambient-temperature-c {text}: expected degC, as in 23.1, or chamber") from None
 
 
 def _command(chosen: AnyProcedure, name: str) -> Any:
     """Return the command of a procedure: the options of `run`, and those of its own keys after them."""
     keys = tuple(settable_keys(chosen.settings))
-    signature = inspect.signature(run, eval_str=True)
-    *parameters, _ = signature.parameters.values()
+    own: dict[str, Any] = {}
     for key in keys:
         if key.option:
-            flag = key.expected == "true or false"
-            metavar = key.expected.replace(" or ", "|").replace("'", "") if " or " in key.expected else "VALUE"
             meaning = f"{key.meaning[:1].upper()}{key.meaning[1:]}."  # its symbols, such as K_Vc, stay as they are
-            option = typer.Option(key.option, metavar=None if flag else metavar, help=meaning)
-            kind: Any = Annotated[bool | None if flag else str | None, option]
-            parameters.append(
-                inspect.Parameter(key.path, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
-            )
-    bound: Any = partial(run)
-    bound.__signature__ = signature.replace(parameters=parameters)
-    bound.__annotations__ = {each.name: each.annotation for each in parameters}
+            metavar = key.expected.replace(" or ", "|").replace("'", "") if " or " in key.expected else "VALUE"
+            if key.expected == "true or false":
+                own[key.path] = Annotated[bool | None, flag(meaning, key.option)]
+            else:
+                own[key.path] = Annotated[str | None, option(metavar, meaning, key.option)]
     alone = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    alone.command(name, cls=ProcedureCommand, help=chosen.title)(bound)
+    alone.command(name, cls=ProcedureCommand, help=chosen.title)(options.with_options(run, own))
     command: Any = typer.main.get_command(alone)
     command.chosen, command.keys = chosen, keys
     return command
@@ -208,12 +170,10 @@ def _command(chosen: AnyProcedure, name: str) -> Any:
 def resume(
     run: options.Run_,
     bench: Annotated[
-        Path | None,
-        typer.Option("--bench", metavar="FILE", help="Bench file, if the bench of the run has other addresses now."),
+        Path | None, option("FILE", "Bench file, if the bench of the run has other addresses now.")
     ] = None,
     procedure: Annotated[
-        Path | None,
-        typer.Option("--procedure", metavar="FILE", help="Procedure file, if that of the run was moved or changed."),
+        Path | None, option("FILE", "Procedure file, if that of the run was moved or changed.")
     ] = None,
     runs: options.Runs_ = Path("runs"),
     *,

@@ -19,11 +19,14 @@ from vcfbench.archive.run import Run
 from vcfbench.archive.summary import RunSummary
 from vcfbench.archive.verified import verify_run
 from vcfbench.cli.answer import print_json, print_report, print_verdicts
-from vcfbench.cli.options import (  # typer reads them
+from vcfbench.cli.options import (
     Json_,
     Run_,
     Runs_,
+    argument,
+    flag,
     key_and_value,
+    option,
     output_option,
     run_names,
     tags_of,
@@ -44,23 +47,15 @@ app = typer.Typer(no_args_is_help=True, help="List and show records.")
 def list_(
     runs: Runs_ = Path("runs"),
     *,
-    dut: Annotated[str | None, typer.Option("--dut", metavar="SERIAL", help="Only runs of this device.")] = None,
-    since: Annotated[
-        str | None, typer.Option("--since", metavar="DATE", help="Only runs that began on this day (UTC) or later.")
-    ] = None,
-    status: Annotated[
-        str | None,
-        typer.Option("--status", metavar="STATUS", help="Only runs with this status: complete, aborted, ..."),
-    ] = None,
-    procedure: Annotated[
-        str | None, typer.Option("--procedure", metavar="NAME", help="Only runs of this procedure.")
-    ] = None,
+    dut: Annotated[str | None, option("SERIAL", "Only runs of this device.")] = None,
+    since: Annotated[str | None, option("DATE", "Only runs that began on this day (UTC) or later.")] = None,
+    status: Annotated[str | None, option("STATUS", "Only runs with this status: complete, aborted, ...")] = None,
+    procedure: Annotated[str | None, option("NAME", "Only runs of this procedure.")] = None,
     tag: Annotated[
-        list[str] | None,
-        typer.Option("--tag", metavar="KEY=VALUE", help="Only runs with this tag. Repeatable: all must match."),
+        list[str] | None, option("KEY=VALUE", "Only runs with this tag. Repeatable: all must match.")
     ] = None,
     json: Json_ = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values, one row for each run.")] = False,
+    csv: Annotated[bool, flag("Print comma-separated values, one row for each run.", "--csv")] = False,
 ) -> None:
     """List the records, oldest first: device, key results, verdict."""
     if json and csv:
@@ -187,7 +182,7 @@ def _print_run(directory: RunDirectory, record: JournalRecord, run: Run) -> None
 def index(
     runs: Runs_ = Path("runs"),
     *,
-    rebuild: Annotated[bool, typer.Option("--rebuild", help="Read every record again, not only what changed.")] = False,
+    rebuild: Annotated[bool, flag("Read every record again, not only what changed.", "--rebuild")] = False,
     json: Json_ = False,
 ) -> None:
     """Make or update the index of the records, which lists then use."""
@@ -208,10 +203,9 @@ def export(
     run: Run_,
     runs: Runs_ = Path("runs"),
     *,
-    raw: Annotated[bool, typer.Option("--raw", help="Write every raw reading instead of the points.")] = False,
+    raw: Annotated[bool, flag("Write every raw reading instead of the points.", "--raw")] = False,
     format_: Annotated[
-        str | None,
-        typer.Option("--format", metavar="csv|parquet|hdf5|xlsx|mat", help="Format. Default: by the suffix of FILE."),
+        str | None, option("csv|parquet|hdf5|xlsx|mat", "Format. Default: by the suffix of FILE.", "--format")
     ] = None,
     output: Annotated[Path | None, output_option("Where to write. Default: RUN-points or RUN-readings here.")] = None,
     json: Json_ = False,
@@ -237,14 +231,14 @@ def amend(
     *,
     set_: Annotated[
         list[str],
-        typer.Option(
+        option(
+            "KEY=VALUE",
+            "What is amended: dut, operator, note, checked_by, customer, tags.KEY. Repeatable; empty takes away.",
             "--set",
-            metavar="KEY=VALUE",
-            help="What is amended: dut, operator, note, checked_by, customer, tags.KEY. Repeatable; empty takes away.",
         ),
     ],
-    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="Why.")],
-    by: Annotated[str | None, typer.Option("--by", metavar="NAME", help="Who. Default: who is logged in.")] = None,
+    reason: Annotated[str, option("TEXT", "Why.")],
+    by: Annotated[str | None, option("NAME", "Who. Default: who is logged in.")] = None,
     json: Json_ = False,
 ) -> None:
     """Amend the metadata of a run, by a line that is added to its record. No reading can be changed."""
@@ -261,14 +255,12 @@ def amend(
 @app.command("verify")
 def verify(
     names: Annotated[
-        list[str],
-        typer.Argument(metavar="RUN...", autocompletion=run_names, help="Directories of runs, their names, or 'last'."),
+        list[str], argument("RUN...", "Directories of runs, their names, or 'last'.", autocompletion=run_names)
     ],
     runs: Runs_ = Path("runs"),
     *,
     key: Annotated[
-        list[Path] | None,
-        typer.Option("--key", metavar="FILE", help="Public key that must have signed them. Repeatable: one of them."),
+        list[Path] | None, option("FILE", "Public key that must have signed them. Repeatable: one of them.")
     ] = None,
     json: Json_ = False,
 ) -> None:
@@ -287,7 +279,7 @@ def verify(
 
 @app.command("new-key")
 def new_key(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the private key goes; FILE.pub is the public.")],
+    file: Annotated[Path, argument("FILE", "Where the private key goes; FILE.pub is the public.")],
 ) -> None:
     """Make a key that signs records: name FILE in [laboratory] of the bench file, or in VCFBENCH_SIGNING_KEY."""
     public = signing.new_key(file)

@@ -9,27 +9,20 @@ import typer
 from vcfbench.bench.make_safe import safe_bench
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.ending import say
-from vcfbench.cli.options import (
-    Json_,  # typer reads them
-    Trace_,
-    tracing,
-)
+from vcfbench.cli.options import Json_, Trace_, flag, option, tracing
 from vcfbench.errors import ConfigError
 from vcfbench.reports.text import left_table
 from vcfbench.station.file import read_bench
 
 
 def safe(
-    bench: Annotated[
-        Path | None,
-        typer.Option("--bench", metavar="FILE", envvar="VCFBENCH_BENCH", help="Bench file of the station."),
-    ] = None,
+    bench: Annotated[Path | None, option("FILE", "Bench file of the station.", envvar="VCFBENCH_BENCH")] = None,
     trace: Trace_ = None,
     *,
     end_owner: Annotated[
-        bool, typer.Option("--end-owner", help="First end the process that has the bench: SIGTERM, after 10 s SIGKILL.")
+        bool, flag("First end the process that has the bench: SIGTERM, after 10 s SIGKILL.", "--end-owner")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Do it even while another process uses the bench.")] = False,
+    force: Annotated[bool, flag("Do it even while another process uses the bench.", "--force")] = False,
     json: Json_ = False,
 ) -> None:
     """Stop the table, switch the outputs off, check both, and list those that were on. Exit code 0 or 5."""

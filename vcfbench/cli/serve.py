@@ -15,7 +15,7 @@ from msgspec import structs
 from simrack.faults import FaultScript, fault_from
 from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, Offer, Rs232, ServedClock, ServerSettings
 
-from vcfbench.cli.options import Bench_, seed_option  # typer reads them
+from vcfbench.cli.options import Bench_, argument, flag, option, seed_option
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.fault_scripts import read_script
@@ -36,62 +36,34 @@ def register(app: typer.Typer) -> None:
 def serve(
     bench: Bench_ = None,
     *,
-    speed: Annotated[
-        str,
-        typer.Option(
-            "--speed", metavar="X|max", help="Times real time. max jumps to the instant that a client waits for."
-        ),
-    ] = "1",
-    host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
-    ports: Annotated[
-        str, typer.Option("--ports", metavar="auto|BASE", help="Ports: any that are free, or from BASE on.")
-    ] = "auto",
+    speed: Annotated[str, option("X|max", "Times real time. max jumps to the instant that a client waits for.")] = "1",
+    host: Annotated[str, option(None, "Address to listen on.")] = "127.0.0.1",
+    ports: Annotated[str, option("auto|BASE", "Ports: any that are free, or from BASE on.")] = "auto",
     control_port: Annotated[
         int | None,
-        typer.Option(
-            "--control-port",
-            metavar="PORT",
-            min=1,
-            max=65535,
-            help="Control port; by default 20220, or one that is free.",
-            envvar=_CONTROL_VARIABLE,
+        option(
+            "PORT", "Control port; by default 20220, or one that is free.", min=1, max=65535, envvar=_CONTROL_VARIABLE
         ),
     ] = None,
-    faults: Annotated[
-        Path | None, typer.Option("--faults", metavar="FILE", help="TOML file of the faults to happen, and when.")
-    ] = None,
+    faults: Annotated[Path | None, option("FILE", "TOML file of the faults to happen, and when.")] = None,
     offer: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--offer", metavar="ROLE:KIND,...", help="Further interfaces: tcp, vxi11, hislip, pty. May be repeated."
-        ),
+        list[str] | None, option("ROLE:KIND,...", "Further interfaces: tcp, vxi11, hislip, pty. May be repeated.")
     ] = None,
     rs232: Annotated[
         str,
-        typer.Option(
-            "--rs232",
-            metavar="KIND",
-            help="Serial lines: ideal; real (characters take time, small buffers, handshake); three-wire (none).",
+        option(
+            "KIND", "Serial lines: ideal; real (characters take time, small buffers, handshake); three-wire (none)."
         ),
     ] = "ideal",
     port_mapper: Annotated[
-        int | None,
-        typer.Option(
-            "--port-mapper", metavar="PORT", min=1, max=65535, help="Also run a port mapper for VXI-11 clients (111)."
-        ),
+        int | None, option("PORT", "Also run a port mapper for VXI-11 clients (111).", min=1, max=65535)
     ] = None,
-    write_bench: Annotated[
-        Path | None,
-        typer.Option("--write-bench", metavar="FILE", help="Write the bench file that uses what is served here."),
-    ] = None,
+    write_bench: Annotated[Path | None, option("FILE", "Write the bench file that uses what is served here.")] = None,
     wires: Annotated[
-        str,
-        typer.Option(
-            "--wires", metavar="KIND", help="Interface that file names, if offered, else tcp: vxi11, hislip, pty."
-        ),
+        str, option("KIND", "Interface that file names, if offered, else tcp: vxi11, hislip, pty.")
     ] = "tcp",
     seed: Annotated[int | None, seed_option("Seed of every random stream.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object on the first line of stdout.")] = False,
+    json: Annotated[bool, flag("Print one JSON object on the first line of stdout.", "--json")] = False,
 ) -> None:
     """Serve every simulated instrument on sockets, VXI-11, HiSLIP or a pseudo-terminal, until SIGTERM or Ctrl-C."""
     description = load_bench(bench)
@@ -134,10 +106,9 @@ def serve(
 
 
 def ctl(
-    command: Annotated[list[str], typer.Argument(help="Command and its arguments, e.g. set applied_rate_deg_s 10.")],
+    command: Annotated[list[str], argument(None, "Command and its arguments, e.g. set applied_rate_deg_s 10.")],
     port: Annotated[
-        int,
-        typer.Option("--port", min=1, max=65535, help="Control port, as printed by serve.", envvar=_CONTROL_VARIABLE),
+        int, option(None, "Control port, as printed by serve.", min=1, max=65535, envvar=_CONTROL_VARIABLE)
     ] = _CONTROL_PORT,
 ) -> None:
     """Read and change a served bench through its control port.

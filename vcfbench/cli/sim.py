@@ -6,8 +6,8 @@ import typer
 
 from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
-from vcfbench.cli.options import Bench_, Json_, seed_option  # typer reads them
-from vcfbench.cli.sim_new import new
+from vcfbench.cli.options import Bench_, Json_, seed_option, with_options
+from vcfbench.cli.sim_new import FIGURE_OPTIONS, new
 from vcfbench.cli.soak import soak
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.inventory import inventory
@@ -15,11 +15,6 @@ from vcfbench.sim.inventory import inventory
 app = typer.Typer(
     no_args_is_help=True, help="Show the simulated bench, give it your own gyroscope, serve and control it."
 )
-
-
-@app.callback()
-def group() -> None:
-    """Show the simulated bench, give it your own gyroscope, serve and control it."""
 
 
 @app.command("show")
@@ -48,6 +43,6 @@ def _shown(value: Any) -> str:
     return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
-app.command("new")(new)
+app.command("new")(with_options(new, FIGURE_OPTIONS, place=1))
 app.command("soak")(soak)
 serve.register(app)

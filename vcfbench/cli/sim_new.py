@@ -3,12 +3,12 @@
 import sys
 from enum import StrEnum
 from functools import partial
-from pathlib import Path  # typer reads the annotations when it runs
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
 from vcfbench.cli.interview import Interview, written_anew
+from vcfbench.cli.options import NewFile_, flag, option
 from vcfbench.errors import ConfigError
 from vcfbench.sim.own_gyro import data_sheet, own_gyro_bench
 
@@ -39,63 +39,39 @@ _PAPERS = {"angle_random_walk_deg_sqrt_h": "0.21", "bias_instability_deg_h": "3.
 """Proposals instead where the imperfections are the paper's."""
 
 
-def _option(key: str) -> Any:
-    option, words, proposed = _FIGURES[key]
-    shown = f" [default: {proposed}]" if proposed else ""
-    return typer.Option(f"--{option.replace('_', '-')}", metavar="X", help=f"{words.partition(';')[0]}.{shown}")
+FIGURE_OPTIONS: Final[dict[str, Any]] = {
+    name: Annotated[
+        float | None, option("X", f"{words.partition(';')[0]}.{f' [default: {proposed}]' if proposed else ''}")
+    ]
+    for name, words, proposed in _FIGURES.values()
+}
+"""Options of the command, one a figure."""
 
 
 def new(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Where the bench file goes. A file there is not overwritten.")
-    ],
-    scale_factor: Annotated[float | None, _option("scale_factor_v_per_deg_s")] = None,
-    range_: Annotated[float | None, _option("range_deg_s")] = None,
-    bias: Annotated[float | None, _option("bias_deg_s")] = None,
+    file: NewFile_,
     *,
-    drive_frequency: Annotated[float | None, _option("drive_hz")] = None,
-    q_drive: Annotated[float | None, _option("q_drive")] = None,
-    split: Annotated[float | None, _option("split_hz")] = None,
-    q_sense: Annotated[float | None, _option("q_sense")] = None,
-    noise: Annotated[float | None, _option("angle_random_walk_deg_sqrt_h")] = None,
-    bias_instability: Annotated[float | None, _option("bias_instability_deg_h")] = None,
-    bandwidth: Annotated[float | None, _option("bandwidth_hz")] = None,
-    k_vc: Annotated[float | None, _option("k_vc_deg_s_per_v")] = None,
     imperfections: Annotated[
-        Imperfections, typer.Option("--imperfections", help="All perfect except noise, or as in the paper.")
+        Imperfections, option(None, "All perfect except noise, or as in the paper.")
     ] = Imperfections.NONE,
-    name: Annotated[
-        str | None, typer.Option("--name", metavar="NAME", help="Name of the bench. Default: that of FILE.")
-    ] = None,
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Ask nothing at a terminal: use what is proposed.")] = False,
+    name: Annotated[str | None, option("NAME", "Name of the bench. Default: that of FILE.")] = None,
+    yes: Annotated[bool, flag("Ask nothing at a terminal: use what is proposed.", "--yes", "-y")] = False,
+    **given: float | None,
 ) -> None:
     """Write a simulated bench with your own gyroscope: runs on it find the figures of its data sheet.
 
     At a terminal, figures that are not given are asked for.
     """
-    given = {
-        "scale_factor": scale_factor,
-        "range": range_,
-        "bias": bias,
-        "drive_frequency": drive_frequency,
-        "q_drive": q_drive,
-        "split": split,
-        "q_sense": q_sense,
-        "noise": noise,
-        "bias_instability": bias_instability,
-        "bandwidth": bandwidth,
-        "k_vc": k_vc,
-    }
-    answers = {option: f"{value:.15g}" for option, value in given.items() if value is not None}
+    answers = {figure: f"{value:.15g}" for figure, value in given.items() if value is not None}
     interview = Interview(answers, silent=yes or not sys.stdin.isatty())
     path = interview.free_file(file)
     real = imperfections is Imperfections.PAPER
     figures: dict[str, float] = {}
-    for key, (option, words, usual) in _FIGURES.items():
+    for key, (figure, words, usual) in _FIGURES.items():
         proposed = (_PAPERS if real else {}).get(key, usual)
         if key == "k_vc_deg_s_per_v":
             proposed = f"{0.75 * figures['range_deg_s']:g}"
-        interview.ask(option, words, proposed, partial(_take, key=key, figures=figures))
+        interview.ask(figure, words, proposed, partial(_take, key=key, figures=figures))
     text = own_gyro_bench(data_sheet(**figures), name or path.stem, imperfections=real)
     written_anew(path, text)
     typer.echo(f"{path} is written; next: vcfbench run turntable --bench {path}")

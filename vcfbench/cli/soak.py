@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.cli.options import flag, option
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError
 from vcfbench.testing import soaking
@@ -11,16 +12,10 @@ from vcfbench.testing.soaking import Verdict
 
 
 def soak(
-    seeds: Annotated[
-        str, typer.Option("--seeds", metavar="A:B", help="Seeds from A up to, not including, B.")
-    ] = "0:100",
-    minutes: Annotated[
-        float | None, typer.Option("--minutes", metavar="N", min=0.0, help="Begin no further seed after so long.")
-    ] = None,
+    seeds: Annotated[str, option("A:B", "Seeds from A up to, not including, B.")] = "0:100",
+    minutes: Annotated[float | None, option("N", "Begin no further seed after so long.", min=0.0)] = None,
     *,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="Say of each seed what it draws, and its end.")
-    ] = False,
+    verbose: Annotated[bool, flag("Say of each seed what it draws, and its end.", "--verbose", "-v")] = False,
 ) -> None:
     """Try runs on simulated benches under faults, kills and full disks that seeds draw.
 

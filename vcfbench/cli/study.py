@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from vcfbench.cli.answer import print_json
-from vcfbench.cli.options import Json_, output_option  # typer reads them
+from vcfbench.cli.options import Json_, Quiet_, argument, flag, option, output_option
 from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.text import left_table, text_of
 from vcfbench.studies.conduct import Plan, Progress, StudyOptions, conduct, journal_of, plan_of
@@ -20,27 +20,21 @@ from vcfbench.studies.table import in_words
 
 
 def study(
-    file: Annotated[Path, typer.Argument(metavar="FILE.toml", help="The study: procedure, bench, seeds, what varies.")],
+    file: Annotated[Path, argument("FILE.toml", "The study: procedure, bench, seeds, what varies.")],
     output: Annotated[
         Path | None,
         output_option("Table of the runs, .parquet or .csv; the rest goes beside it. Default: named after the study."),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Number of processes. Default: one for each processor.")
-    ] = None,
+    workers: Annotated[int | None, option("N", "Number of processes. Default: one for each processor.")] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="URL", help="Dask scheduler whose workers do the runs: tcp://HOST:8786.")
+        str | None, option("URL", "Dask scheduler whose workers do the runs: tcp://HOST:8786.")
     ] = None,
-    keep_records: Annotated[
-        Path | None, typer.Option("--keep-records", metavar="DIR", help="Keep the record of every run there.")
-    ] = None,
+    keep_records: Annotated[Path | None, option("DIR", "Keep the record of every run there.")] = None,
     *,
-    restart: Annotated[bool, typer.Option("--restart", help="Begin anew, even if runs were done before.")] = False,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check the study, list the cases, and estimate the time.")
-    ] = False,
+    restart: Annotated[bool, flag("Begin anew, even if runs were done before.", "--restart")] = False,
+    dry_run: Annotated[bool, flag("Check the study, list the cases, and estimate the time.", "--dry-run")] = False,
     json: Json_ = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    quiet: Quiet_ = False,
 ) -> None:
     """Run a procedure many times on simulated benches: over seeds, over values of bench, gyroscope and settings.
 

@@ -11,7 +11,7 @@ import typer
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.console import Console, ConsoleReply, data_of, open_console, summary
-from vcfbench.cli.options import Bench_, Runs_, Seed_, Trace_, tracing  # typer reads them
+from vcfbench.cli.options import Bench_, Runs_, Seed_, Trace_, argument, flag, option, tracing
 from vcfbench.cli.person import agreed
 from vcfbench.cli.prompt import history
 from vcfbench.errors import Aborted, BenchError, ConfigError, LimitError, NotSafe, PlanError, TransportError
@@ -49,24 +49,22 @@ def role_names(ctx: Any, incomplete: str) -> list[tuple[str, str]]:
 def talk(
     role: Annotated[
         str | None,
-        typer.Argument(
-            autocompletion=role_names,
-            help="power, rate_source, multimeter, rate_table ... Default: the whole bench.",
+        argument(
+            None, "power, rate_source, multimeter, rate_table ... Default: the whole bench.", autocompletion=role_names
         ),
     ] = None,
     bench: Bench_ = None,
     seed: Seed_ = None,
     command: Annotated[
-        list[str] | None, typer.Option("--command", "-c", metavar="LINE", help="Send this line and exit. Repeatable.")
+        list[str] | None, option("LINE", "Send this line and exit. Repeatable.", "--command", "-c")
     ] = None,
     timeout: Annotated[
-        float | None,
-        typer.Option("--timeout", metavar="S", min=0.001, help="Longest wait for an answer (bench file: timeout_s)."),
+        float | None, option("S", "Longest wait for an answer (bench file: timeout_s).", min=0.001)
     ] = None,
     *,
     trace: Trace_ = None,
     raw: Annotated[
-        bool, typer.Option("--raw", help="Send commands too, compared with no limit; each is written to raw.jsonl.")
+        bool, flag("Send commands too, compared with no limit; each is written to raw.jsonl.", "--raw")
     ] = False,
     runs: Runs_ = Path("runs"),
 ) -> None:

@@ -7,7 +7,7 @@ import typer
 from msgspec import to_builtins
 
 from vcfbench.cli.answer import print_json
-from vcfbench.cli.options import Json_, Quiet_, Yes_, output_option  # typer reads them
+from vcfbench.cli.options import Json_, Quiet_, Yes_, option, output_option
 from vcfbench.validation.benches import RUNS
 from vcfbench.validation.check import Checked
 from vcfbench.validation.validate import validate as validated
@@ -15,16 +15,12 @@ from vcfbench.validation.validate import write_validation
 
 
 def validate(
-    bench: Annotated[
-        Path | None, typer.Option("--bench", metavar="FILE", help="Bench file of your own bench: checked too.")
-    ] = None,
+    bench: Annotated[Path | None, option("FILE", "Bench file of your own bench: checked too.")] = None,
     output: Annotated[
         Path | None, output_option("Where the document goes: .html, .pdf or .md; without it none is written.")
     ] = None,
-    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Who validates; without it the user.")] = "",
-    runs: Annotated[
-        int, typer.Option("--runs", min=30, max=10_000, help="Calibrations that are held against the truth.")
-    ] = RUNS,
+    by: Annotated[str, option("NAME", "Who validates; without it the user.")] = "",
+    runs: Annotated[int, option(None, "Calibrations that are held against the truth.", min=30, max=10_000)] = RUNS,
     *,
     json: Json_ = False,
     quiet: Quiet_ = False,

@@ -5,24 +5,7 @@ from typing import Any, Self
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.steps import (
-    ConfigureGenerator,
-    DisableSupply,
-    DisableTable,
-    DisableVvc,
-    EnableSupply,
-    EnableTable,
-    EnableVvc,
-    RailReading,
-    RailsReading,
-    RateReading,
-    SetRate,
-    SetSine,
-    SetVibration,
-    SetVvc,
-    VvcSetting,
-    Window,
-)
+from vcfbench import steps
 
 
 class BenchState(Struct, frozen=True):
@@ -37,7 +20,7 @@ class BenchState(Struct, frozen=True):
     table_deg_s: float | None = None
     servo: bool | None = None
     supply: bool | None = None
-    rails: tuple[RailReading, ...] = ()
+    rails: tuple[steps.RailReading, ...] = ()
     v_vc: str | None = None
     generator: bool | None = None
 
@@ -45,18 +28,20 @@ class BenchState(Struct, frozen=True):
         """Return the state when `step` is done, with `result`; steps that are not known change nothing."""
         read: dict[str, Any] = {}
         match result:
-            case RateReading():
+            case steps.RateReading():
                 read = {"table_deg_s": result.rate_deg_s}
-            case RailsReading():
+            case steps.RailsReading():
                 read = {"rails": result.rails, "supply": True}
-            case Window():
+            case steps.Window():
                 read = {} if result.table_rate_deg_s is None else {"table_deg_s": result.table_rate_deg_s}
                 read |= {"rails": result.rails} if result.rails else {}
         return replace(self, **_set_by(step, result), **read)
 
     def begun(self, step: object) -> Self:
         """Return the state when `step` begins: a table that is told a rate is on its way."""
-        return replace(self, demand_deg_s=step.rate_deg_s, table_deg_s=None) if isinstance(step, SetRate) else self
+        return (
+            replace(self, demand_deg_s=step.rate_deg_s, table_deg_s=None) if isinstance(step, steps.SetRate) else self
+        )
 
     def table(self) -> str:
         """Say in words the table's demand and its read-back."""
@@ -84,21 +69,23 @@ def _set_by(step: object, result: object) -> dict[str, Any]:
     """Return the settings of table, supply and generator by a step."""
     found: dict[str, Any] = {}
     match step:
-        case EnableTable():
+        case steps.EnableTable():
             found = {"servo": True, "demand_deg_s": 0.0, "table_deg_s": None}
-        case DisableTable():
+        case steps.DisableTable():
             found = {"servo": False, "demand_deg_s": None, "table_deg_s": None}
-        case SetRate():
+        case steps.SetRate():
             found = {"servo": True, "demand_deg_s": step.rate_deg_s, "table_deg_s": None}
-        case EnableSupply():
+        case steps.EnableSupply():
             found = {"supply": True}
-        case DisableSupply():
+        case steps.DisableSupply():
             found = {"supply": False, "rails": ()}
-        case EnableVvc() | DisableVvc():
-            found = {"generator": isinstance(step, EnableVvc)}
-        case SetSine() if not isinstance(step, SetVibration):  # which is added to V_Vc by a generator of its own
+        case steps.EnableVvc() | steps.DisableVvc():
+            found = {"generator": isinstance(step, steps.EnableVvc)}
+        case steps.SetSine() if not isinstance(
+            step, steps.SetVibration
+        ):  # which is added to V_Vc by a generator of its own
             found = {"v_vc": f"{step.amplitude_v:g} V, {step.frequency_hz:.6g} Hz"}
-        case ConfigureGenerator() | SetVvc() if isinstance(result, VvcSetting):
-            off = {"generator": False} if isinstance(step, ConfigureGenerator) else {}
+        case steps.ConfigureGenerator() | steps.SetVvc() if isinstance(result, steps.VvcSetting):
+            off = {"generator": False} if isinstance(step, steps.ConfigureGenerator) else {}
             found = {"v_vc": f"{result.v_vc_v:+.5f} V", **off}
     return found

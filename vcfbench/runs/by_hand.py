@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from msgspec import Struct, structs
 
+from vcfbench import steps
 from vcfbench.bench.bench import Bench
 from vcfbench.bench.console import Console, ConsoleReply
 from vcfbench.clock import sleep
@@ -22,21 +23,6 @@ from vcfbench.records.raw import RawRecord
 from vcfbench.safety.signals import StopSignals
 from vcfbench.station.limits import LimitChecks, driver_of
 from vcfbench.station.settings import Station
-from vcfbench.steps import (
-    AwaitRate,
-    CheckRails,
-    ConfigureGenerator,
-    ConfigureMeter,
-    DisableSupply,
-    DisableTable,
-    DisableVvc,
-    EnableSupply,
-    EnableTable,
-    EnableVvc,
-    SetRate,
-    SetSine,
-    SetVvc,
-)
 from vcfbench.steps.step import Context, Routine, Step
 
 ALIASES: Final = {
@@ -166,9 +152,9 @@ class ByHand:
             error.instrument = error.instrument or word.role
             raise
 
-    def _carry_out(self, steps: Routine[Any]) -> str:
+    def _carry_out(self, routine: Routine[Any]) -> str:
         """Perform steps as a run does, telling each with its result; return the word's answer, which is none."""
-        advance: Callable[[], Step] = partial(next, steps)
+        advance: Callable[[], Step] = partial(next, routine)
         while True:
             try:
                 step = advance()
@@ -179,27 +165,27 @@ class ByHand:
                 self._context.begin()
                 result = step.perform(self._context)
             except BenchError as error:
-                advance = partial(steps.throw, error)
+                advance = partial(routine.throw, error)
                 continue
             said = result.describe()
             self._tell(f"{step.describe()}{f': {said}' if said else ''}")
-            advance = partial(steps.send, result)
+            advance = partial(routine.send, result)
 
     # Power
 
     def _power_on(self) -> str:
-        def steps() -> Routine[None]:
+        def routine() -> Routine[None]:
             if "rate_source" in self.bench.instruments:
                 yield from self._v_vc_off_steps()
             settings = self._settings
             rails = rails_of(settings)
             for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
                 yield rail
-            yield EnableSupply()
+            yield steps.EnableSupply()
             sleep(self.bench.clock, settings.settle_s)
-            yield CheckRails(rails, settings.rail_tolerance_v)
+            yield steps.CheckRails(rails, settings.rail_tolerance_v)
 
-        self._carry_out(steps())
+        self._carry_out(routine())
         return self._power_read()
 
     def _power_read(self) -> str:
@@ -210,14 +196,14 @@ class ByHand:
         )
 
     def _power_off(self) -> str:
-        def steps() -> Routine[None]:
+        def routine() -> Routine[None]:
             try:
                 if "rate_source" in self.bench.instruments:
                     yield from self._v_vc_off_steps()
             finally:
-                yield DisableSupply()
+                yield steps.DisableSupply()
 
-        return self._carry_out(steps())
+        return self._carry_out(routine())
 
     def _require_power(self) -> None:
         """Refuse to drive the input of a PCB that has no power: its protection would carry the current."""
@@ -228,23 +214,23 @@ class ByHand:
 
     def _v_vc_off_steps(self) -> Routine[None]:
         self._ready.discard("rate_source")
-        yield DisableVvc()
+        yield steps.DisableVvc()
 
     def _v_vc_set(self, volts: float) -> str:
         self._checks.v_vc(volts)
         self._require_power()
-        steps: list[Step] = [SetVvc(volts)]
+        first: list[Step] = []
         if "rate_source" not in self._ready:
-            steps = [DisableVvc(), ConfigureGenerator(0.0), EnableVvc(), *steps]
-        self._carry_out(_each(*steps[:-1]))
+            first = [steps.DisableVvc(), steps.ConfigureGenerator(0.0), steps.EnableVvc()]
+        self._carry_out(_each(*first))
         self._ready.add("rate_source")
-        return self._carry_out(_each(steps[-1]))
+        return self._carry_out(_each(steps.SetVvc(volts)))
 
     def _v_vc_sine(self, frequency_hz: float, peak_v: float) -> str:
         self._checks.v_vc(peak_v, "peak voltage")
         self._require_power()
         self._ready.discard("rate_source")
-        return self._carry_out(_each(SetSine(frequency_hz, peak_v), EnableVvc()))
+        return self._carry_out(_each(steps.SetSine(frequency_hz, peak_v), steps.EnableVvc()))
 
     def _v_vc_off(self) -> str:
         return self._carry_out(self._v_vc_off_steps())
@@ -266,7 +252,7 @@ class ByHand:
     def _multimeter_read(self) -> str:
         if "multimeter" not in self._ready:
             settings = self._settings
-            self._carry_out(_each(ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))))
+            self._carry_out(_each(steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))))
             self._ready.add("multimeter")
         return f"{self.bench.multimeter.read_voltage_v():+.8g} V"
 
@@ -286,11 +272,11 @@ class ByHand:
         table, settings = self.bench.rate_table, self._settings
         self._checks.rate(rate_deg_s)
         if "rate_table" not in self._ready:
-            self._carry_out(_each(EnableTable()))
+            self._carry_out(_each(steps.EnableTable()))
             self._ready.add("rate_table")
-        ramp = SetRate(rate_deg_s, settings.acceleration_deg_s2, table.rate_deg_s())
+        ramp = steps.SetRate(rate_deg_s, settings.acceleration_deg_s2, table.rate_deg_s())
         deadline_s = 2.0 * ramp.ramp_s + settings.rate_deadline_s
-        reached = AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
+        reached = steps.AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
         self._carry_out(_each(ramp, reached))
         return f"{table.rate_deg_s():+.4f} deg/s"
 
@@ -305,12 +291,12 @@ class ByHand:
         table.stop(settings.acceleration_deg_s2)
         ramp_s = abs(rate_deg_s) / settings.acceleration_deg_s2
         deadline_s = 2.0 * ramp_s + settings.rate_deadline_s
-        return self._carry_out(_each(AwaitRate(0.0, ramp_s, settings.rate_tolerance_deg_s, deadline_s)))
+        return self._carry_out(_each(steps.AwaitRate(0.0, ramp_s, settings.rate_tolerance_deg_s, deadline_s)))
 
     def _table_off(self) -> str:
         self._table_stop()
         self._ready.discard("rate_table")
-        return self._carry_out(_each(DisableTable()))
+        return self._carry_out(_each(steps.DisableTable()))
 
     # Chamber
 
@@ -360,8 +346,8 @@ class ByHand:
         return "table at rest, outputs off"
 
 
-def _each(*steps: Step) -> Routine[None]:
-    for step in steps:  # noqa: UP028  # a tuple cannot be sent results
+def _each(*given: Step) -> Routine[None]:
+    for step in given:  # noqa: UP028  # a tuple cannot be sent results
         yield step
 
 

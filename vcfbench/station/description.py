@@ -12,18 +12,8 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from vcfbench.errors import ConfigError
-from vcfbench.station import bounds
+from vcfbench.station import bounds, parts
 from vcfbench.station.layering import shared_settings
-from vcfbench.station.parts import (
-    AcceptanceLimits,
-    BenchFileTable,
-    CalibrationPoint,
-    Expected,
-    Limits,
-    Node,
-    OscilloscopeWiring,
-    RailWiring,
-)
 from vcfbench.station.settings import ProcedureSettings
 
 Name = Annotated[str, Meta(pattern=bounds.NAME_PATTERN)]
@@ -38,7 +28,7 @@ Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=bounds.LINE
 Errors = Literal["none", "drawn"] | dict[str, Any]
 
 
-class SerialSettings(BenchFileTable, frozen=True, kw_only=True):
+class SerialSettings(parts.BenchFileTable, frozen=True, kw_only=True):
     """The line of an instrument on a serial port (``ASRL``); instruments on other interfaces ignore it."""
 
     baud_rate: bounds.BaudRate = 9600
@@ -48,7 +38,7 @@ class SerialSettings(BenchFileTable, frozen=True, kw_only=True):
     flow_control: Literal["none", "dtr_dsr", "rts_cts", "xon_xoff"] = "dtr_dsr"
 
 
-class _Calibrated(BenchFileTable, frozen=True, kw_only=True):
+class _Calibrated(parts.BenchFileTable, frozen=True, kw_only=True):
     """Calibration of an instrument: its date, the date it is due, and the number of its certificate; for the record.
 
     `inventory_number` is what is written on it: some instruments tell no serial number.
@@ -95,7 +85,7 @@ class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
     """
 
     model: Model
-    calibration: tuple[CalibrationPoint, ...] = ()
+    calibration: tuple[parts.CalibrationPoint, ...] = ()
     calibration_dcc: Dialect | None = None
 
 
@@ -124,16 +114,16 @@ class RateTableRole(_Calibrated, frozen=True, kw_only=True):
     steps_per_deg: bounds.StepsPerDegree | None = None
 
 
-class Wiring(BenchFileTable, frozen=True, kw_only=True):
+class Wiring(parts.BenchFileTable, frozen=True, kw_only=True):
     """Connections between the instruments and the PCB."""
 
-    rails: RailWiring = field(default_factory=RailWiring)
-    oscilloscope: OscilloscopeWiring = field(default_factory=OscilloscopeWiring)
-    multimeter: Node = "output"
-    v_vc_meter: Node = "v_vc"
+    rails: parts.RailWiring = field(default_factory=parts.RailWiring)
+    oscilloscope: parts.OscilloscopeWiring = field(default_factory=parts.OscilloscopeWiring)
+    multimeter: parts.Node = "output"
+    v_vc_meter: parts.Node = "v_vc"
 
 
-class Site(BenchFileTable, frozen=True, kw_only=True):
+class Site(parts.BenchFileTable, frozen=True, kw_only=True):
     """Site of the bench: for the Earth's rate, the voltmeter's integration time, and the room's temperature."""
 
     latitude_deg: bounds.Latitude
@@ -141,7 +131,7 @@ class Site(BenchFileTable, frozen=True, kw_only=True):
     ambient_c: bounds.RoomWindow | None = None
 
 
-class Laboratory(BenchFileTable, frozen=True, kw_only=True):
+class Laboratory(parts.BenchFileTable, frozen=True, kw_only=True):
     """Laboratory that owns the bench, for records and reports; `operator` runs it where nobody else is named.
 
     `country` is two capital letters (ISO 3166-1), for certificates. `signing_key` is the file of the private key that
@@ -156,14 +146,14 @@ class Laboratory(BenchFileTable, frozen=True, kw_only=True):
     signing_key: Text | None = None
 
 
-class Notify(BenchFileTable, frozen=True, kw_only=True):
+class Notify(parts.BenchFileTable, frozen=True, kw_only=True):
     """A program, with its arguments, that is told the outcome of each run; it has `timeout_s` for that."""
 
     command: Annotated[tuple[Annotated[str, Meta(min_length=1, max_length=4096)], ...], Meta(min_length=1)]
     timeout_s: Annotated[float, Meta(ge=0.1, le=60.0)] = 10.0
 
 
-class Knowledge(BenchFileTable, frozen=True, kw_only=True):
+class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     """Properties of instruments and gyroscope for the uncertainties.
 
     What is not given is taken at the worst of its class (:data:`vcfbench.specifications.WORST_OF_CLASS`), or the values
@@ -219,7 +209,7 @@ class Knowledge(BenchFileTable, frozen=True, kw_only=True):
     k_vc_not_measured_ppm: bounds.PpmPerYear | None = None
 
 
-class SimulationErrors(BenchFileTable, frozen=True, kw_only=True):
+class SimulationErrors(parts.BenchFileTable, frozen=True, kw_only=True):
     """The imperfections of each simulated instrument.
 
     Each is ``"none"`` (ideal), ``"drawn"`` (from the published accuracy, by the seed) or a table of individual errors
@@ -250,7 +240,7 @@ def whole_seed(seed: object) -> int:
     return whole
 
 
-class Simulation(BenchFileTable, frozen=True, kw_only=True):
+class Simulation(parts.BenchFileTable, frozen=True, kw_only=True):
     """Simulation behind the resources of a bench; a bench file without it is a real station."""
 
     parameters: Literal["paper", "ideal"] = "paper"
@@ -259,7 +249,7 @@ class Simulation(BenchFileTable, frozen=True, kw_only=True):
     override: dict[str, Any] = field(default_factory=dict)
 
 
-class Served(BenchFileTable, frozen=True, kw_only=True):
+class Served(parts.BenchFileTable, frozen=True, kw_only=True):
     """A simulated bench in another process (``vcfbench sim serve``): real wires to it, and its clock is there."""
 
     control: Annotated[str, Meta(pattern=bounds.ADDRESS_PATTERN)]
@@ -270,13 +260,13 @@ class Served(BenchFileTable, frozen=True, kw_only=True):
         return host.strip("[]"), int(port)
 
 
-class Safety(BenchFileTable, frozen=True, kw_only=True):
+class Safety(parts.BenchFileTable, frozen=True, kw_only=True):
     """Reaction of a run to the death of its watchdog: stop, or go on with nobody there should it die too."""
 
     watchdog_lost: Literal["stop", "go on"] = "stop"
 
 
-class BenchDescription(BenchFileTable, frozen=True, kw_only=True):
+class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     """One station, as its bench file describes it, defaults filled in; a role that the station has not is None."""
 
     name: Name
@@ -291,14 +281,14 @@ class BenchDescription(BenchFileTable, frozen=True, kw_only=True):
     v_vc_meter: MultimeterRole | None = None
     chamber: ChamberRole | None = None
     wiring: Wiring = field(default_factory=Wiring)
-    limits: Limits = field(default_factory=Limits)
+    limits: parts.Limits = field(default_factory=parts.Limits)
     site: Site
     procedure_table: dict[str, Any] = field(default_factory=dict, name="procedure")
     """``[procedure]`` as it stands in the bench file: settings of all procedures, and a table for each that has some
     of its own; :mod:`vcfbench.procedures.layers` makes settings of it."""
 
-    expected: Expected = field(default_factory=Expected)
-    acceptance: AcceptanceLimits = field(default_factory=AcceptanceLimits)
+    expected: parts.Expected = field(default_factory=parts.Expected)
+    acceptance: parts.AcceptanceLimits = field(default_factory=parts.AcceptanceLimits)
     uncertainty: Knowledge = field(default_factory=Knowledge)
     laboratory: Laboratory = field(default_factory=Laboratory)
     notify: Notify | None = None

@@ -12,18 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from msgspec import Meta, Struct, field, structs
 
 from vcfbench.errors import ConfigError
-from vcfbench.station import bounds
+from vcfbench.station import bounds, parts
 from vcfbench.station.invalid_value import InvalidValue, lost_digits, turned_windows
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.station.parts import (
-    AcceptanceLimits,
-    CalibrationPoint,
-    Expected,
-    Limits,
-    Node,
-    OscilloscopeWiring,
-    RailWiring,
-)
 
 if TYPE_CHECKING:
     from vcfbench.records.schema import Point
@@ -117,9 +108,9 @@ class MeterKnown(Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     outside_k: float = 0.0
-    calibration: tuple[CalibrationPoint, ...] = ()
+    calibration: tuple[parts.CalibrationPoint, ...] = ()
 
-    def on(self, range_v: float) -> tuple[CalibrationPoint, ...]:
+    def on(self, range_v: float) -> tuple[parts.CalibrationPoint, ...]:
         """Return the levels of the certificate on a range."""
         return tuple(each for each in self.calibration if each.range_v == range_v)
 
@@ -273,18 +264,18 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     instruments: dict[str, PlacedInstrument] = field(default_factory=dict)
     meters: dict[str, MeterKnown] = field(default_factory=dict)
-    rails: RailWiring = field(default_factory=RailWiring)
-    oscilloscope: OscilloscopeWiring | None = field(default_factory=OscilloscopeWiring)
+    rails: parts.RailWiring = field(default_factory=parts.RailWiring)
+    oscilloscope: parts.OscilloscopeWiring | None = field(default_factory=parts.OscilloscopeWiring)
     mains_hz: Literal[50, 60] = 50
     latitude_deg: float | None = None
     meter_resolution_v: float | None = None
-    limits: Limits = field(default_factory=Limits)
-    expected: Expected = field(default_factory=Expected)
-    acceptance: AcceptanceLimits = field(default_factory=AcceptanceLimits)
+    limits: parts.Limits = field(default_factory=parts.Limits)
+    expected: parts.Expected = field(default_factory=parts.Expected)
+    acceptance: parts.AcceptanceLimits = field(default_factory=parts.AcceptanceLimits)
     sources: Sources = field(default_factory=Sources)
     characteristics: dict[str, Any] = field(default_factory=dict)
 
-    def channel_of(self, node: Node) -> int:
+    def channel_of(self, node: parts.Node) -> int:
         """Return the oscilloscope's channel that sees `node`.
 
         Raises:
@@ -371,7 +362,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         )
 
     @property
-    def expected(self) -> Expected:
+    def expected(self) -> parts.Expected:
         """Expected values of this gyroscope; a run with others is ended."""
         return self.station.expected
 
@@ -438,7 +429,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
             yield InvalidValue("sample_interval_s", expected, self.sample_interval_s)
         yield from self._beyond(self.station.limits)
 
-    def _beyond(self, limits: Limits) -> Iterator[InvalidValue]:
+    def _beyond(self, limits: parts.Limits) -> Iterator[InvalidValue]:
         """Yield the values beyond the limits of the station; it has those of its instruments."""
         if limits.max_rate_deg_s is not None:
             for index, rate_deg_s in enumerate(self.rates_deg_s):

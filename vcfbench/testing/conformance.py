@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from vcfbench import interfaces
 from vcfbench.clock import Deadline, VirtualClock
 from vcfbench.drivers.rate_table.acl import AclDialect
 from vcfbench.drivers.rate_table.dialect import TableLimits
@@ -14,17 +15,6 @@ from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.session import Session
 from vcfbench.drivers.wire import Interface, Wire
 from vcfbench.errors import BenchError, DeadlineExceeded, InstrumentError, LinkLost
-from vcfbench.interfaces import (
-    FunctionGenerator,
-    Identity,
-    Multimeter,
-    Oscilloscope,
-    PowerSupply,
-    RateTable,
-    SafeReport,
-    TemperatureChamber,
-    UnprovedCommand,
-)
 from vcfbench.models import MODELS, Model, driver_of
 
 
@@ -63,13 +53,13 @@ def model_case(row: Model) -> ConformanceCase:
 
 _PROTOCOLS: Mapping[str, type] = MappingProxyType(
     {
-        "power": PowerSupply,
-        "rate_source": FunctionGenerator,
-        "vibration_source": FunctionGenerator,
-        "multimeter": Multimeter,
-        "v_vc_meter": Multimeter,
-        "oscilloscope": Oscilloscope,
-        "chamber": TemperatureChamber,
+        "power": interfaces.PowerSupply,
+        "rate_source": interfaces.FunctionGenerator,
+        "vibration_source": interfaces.FunctionGenerator,
+        "multimeter": interfaces.Multimeter,
+        "v_vc_meter": interfaces.Multimeter,
+        "oscilloscope": interfaces.Oscilloscope,
+        "chamber": interfaces.TemperatureChamber,
     }
 )
 
@@ -109,7 +99,7 @@ def _open_table(wire: Wire, clock: VirtualClock) -> RateTableDriver:
 _TABLE_CASE = ConformanceCase(
     "acl",
     RateTableDriver,
-    RateTable,
+    interfaces.RateTable,
     _open_table,
     {
         "*IDN?": "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a",
@@ -214,7 +204,7 @@ def _opened(case: ConformanceCase) -> tuple[Any, _AnsweringWire, VirtualClock]:
 def _answer_problems(case: ConformanceCase) -> Iterator[str]:
     """Yield what is wrong with the identity, and with the errors that the instrument's queue tells of."""
     driver, _, _ = _opened(case)
-    if not isinstance(driver.identify(), Identity):
+    if not isinstance(driver.identify(), interfaces.Identity):
         yield "identify() does not return an Identity"
     if driver.name != "under test" or not driver.resource:
         yield "name or resource is not what it was opened with"
@@ -259,7 +249,7 @@ def _telling_problems(case: ConformanceCase) -> Iterator[str]:
             outcome = driver.command_safe()
         except Exception as error:  # noqa: BLE001  # the driver under test is anyone's code
             outcome = error
-        if not isinstance(outcome, UnprovedCommand):
+        if not isinstance(outcome, interfaces.UnprovedCommand):
             yield f"on a wire that is {state}, command_safe() told {outcome!r}"
         elif drives and state != "broken" and not (outcome.sent and wire.sent):
             yield f"on a wire that is {state}, command_safe() sent nothing"
@@ -273,7 +263,7 @@ def _safety_problems(case: ConformanceCase) -> Iterator[str]:
         wire.state = state
         deadline = Deadline.after(clock, 30.0)
         report = driver.make_safe(deadline)
-        if not isinstance(report, SafeReport) or report.safe is not expected:
+        if not isinstance(report, interfaces.SafeReport) or report.safe is not expected:
             yield f"on a wire that is {state}, make_safe() reported {report}"
         if clock.now() > deadline.expires_s + 5.0:
             yield f"on a wire that is {state}, make_safe() took {clock.now():g} s of 30 s"
