@@ -26,27 +26,6 @@ limits.
 
 from typing import Any, ClassVar, TypedDict, Unpack
 
-__all__ = [
-    "Aborted",
-    "BenchError",
-    "ConfigError",
-    "ConnectFailed",
-    "DeadlineExceeded",
-    "FramingError",
-    "InstrumentError",
-    "InterlockError",
-    "LimitError",
-    "LinkLost",
-    "MeasurementError",
-    "NotSafe",
-    "OutOfSync",
-    "PlanError",
-    "SelfTestFailed",
-    "TransportError",
-    "WrongInstrument",
-]
-
-
 _AT_ONCE_S = 0.001
 """Time below which a failure is said to be at once, s."""
 

@@ -249,20 +249,14 @@ def unfit_numbers(table: dict[str, Any]) -> Iterator[tuple[Keys, str, str]]:
 
     A table that is nested too deeply is told at its first keys.
     """
-    for keys, value in _values(table):
+    waiting: list[tuple[Keys, Any]] = [((key,), value) for key, value in reversed(table.items())]
+    while waiting:  # without recursion
+        keys, value = waiting.pop()
         if len(keys) > DEEPEST:
             yield keys[:3], f"TOML: nested too deeply, {DEEPEST} at most", "more"
             return
         if (expected := _number_expected(value)) is not None:
             yield keys, expected, repr(value) if isinstance(value, float) else "a longer one"
-
-
-def _values(table: dict[str, Any]) -> Iterator[tuple[Keys, Any]]:
-    """Yield every value with its keys, without recursion."""
-    waiting: list[tuple[Keys, Any]] = [((key,), value) for key, value in reversed(table.items())]
-    while waiting:
-        keys, value = waiting.pop()
-        yield keys, value
         if isinstance(value, dict):
             waiting += [((*keys, key), below) for key, below in reversed(value.items())]
         elif isinstance(value, list):

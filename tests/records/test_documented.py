@@ -106,6 +106,5 @@ def test_the_example_is_a_record(tmp_path: Path) -> None:
     record = read_journal(tmp_path / "j")
     assert (record.status, record.damage) == (Status.INCOMPLETE, None)
     assert (step_of(record.steps[0]), result_of(record.steps[0])) == (SetVvc(0.25), VvcSetting(0.25))
-    assert record.unfinished is not None
-    assert isinstance(step_of(record.unfinished), Acquire)
-    assert len(record.readings_of(record.unfinished)) == 2
+    assert isinstance(step_of(record.chunks[-1]), Acquire)
+    assert len(record.chunks[-1]["readings"]) == 2

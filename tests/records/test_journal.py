@@ -295,25 +295,6 @@ def test_a_torn_line_after_the_last_one_leaves_the_record_incomplete(tmp_path: P
     assert read_journal(path).status is Status.INCOMPLETE
 
 
-def test_readings_are_those_of_chunks_and_of_the_step_and_a_step_that_is_done_has_none_unfinished(
-    tmp_path: Path,
-) -> None:
-    readings = [{"t_s": float(number), "voltage_v": 0.1 * number} for number in range(4)]
-    journal = Journal(tmp_path / "j")
-    journal.header({"run": "r", "procedure": "zero"})
-    journal.write("readings", {"n": 1, "readings": readings[:1]})
-    journal.write("readings", {"n": 1, "readings": readings[1:3]})
-    assert read_journal(tmp_path / "j").unfinished == read_journal(tmp_path / "j").chunks[-1]
-    journal.write("step", {"n": 1, "result": {"readings": readings[3:]}})
-    journal.close()
-    record = read_journal(tmp_path / "j")
-    assert record.unfinished is None
-    write(tmp_path / "short")
-    assert read_journal(tmp_path / "short").unfinished is None
-    assert record.readings_of(record.chunks[-1]) == tuple(readings[:3])
-    assert record.readings_of(record.steps[0]) == tuple(readings)
-
-
 def test_a_header_is_read_by_itself_and_is_empty_where_there_is_none(tmp_path: Path) -> None:
     write(tmp_path / "j")
     assert read_header(tmp_path / "j")["procedure"] == "turntable"

@@ -23,7 +23,7 @@ from vcfbench.procedures.zero.noise import (
     record_noise,
     stability_table,
 )
-from vcfbench.reports.document import Column, Heading, Report, Table, Text
+from vcfbench.reports.document import Heading, Report, Text, facts
 
 _FEWEST: Final = 64
 _EVEN: Final = 0.01
@@ -61,7 +61,7 @@ class RecordAnalysis(Struct, frozen=True):
 
     def report(self) -> Report:
         """Return tables and figure."""
-        facts = [
+        rows = [
             ("column", self.column),
             ("readings", f"{self.samples}, one every {self.interval_s:g} s: {self.samples * self.interval_s:g} s"),
             ("mean", f"{self.mean_deg_s:.6g} deg/s"),
@@ -69,7 +69,7 @@ class RecordAnalysis(Struct, frozen=True):
         return Report(
             [
                 Heading(f"Noise of {self.column}"),
-                Table([Column("", align="left"), Column("", align="left", verbatim=True)], facts),
+                facts(rows),
                 noise_table(self.noise),
                 stability_table(self.stability_deg_h),
                 allan_table(self.allan_deg_h),

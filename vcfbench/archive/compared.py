@@ -13,7 +13,7 @@ from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
-from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
 
 
 class Difference(Struct, frozen=True):
@@ -69,7 +69,6 @@ class RunComparison(Struct, frozen=True):
         letters = [chr(ord("A") + place) for place in range(len(self.runs))]
         simulated = [_name(run) for run in self.runs if run.simulated]
         of_all = "all" if len(simulated) == len(self.runs) else ", ".join(simulated)
-        heads = ("", "run", "procedure", "device", "bench", "seed", "verdict")
         rows = []
         for letter, run in zip(letters, self.runs, strict=True):
             seed = None if run.seed is None else str(run.seed)
@@ -79,7 +78,7 @@ class RunComparison(Struct, frozen=True):
             [
                 Heading("Comparison of runs"),
                 *([Notice(f"SIMULATED: {of_all}. Not measured.")] if simulated else []),
-                Table([Column(name, align="left") for name in heads], rows),
+                Table(texts("", "run", "procedure", "device", "bench", "seed", "verdict"), rows),
                 *_results_part(self, letters),
                 *_points_part(self, letters),
                 *_differing("Settings that differ", self.settings, letters),
@@ -190,7 +189,7 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
     known = [each for each in comparison.results if any(u is not None for u in each.u)]
     if known:
         yield Heading("Shared results", 2)
-        columns = [Column("result", align="left"), Column("unit", align="left")]
+        columns = texts("result", "unit")
         for letter in letters:
             columns += [Column(letter, format=".7g"), Column(f"u({letter})", format=".2g")]
         for letter in letters[1:]:
@@ -221,7 +220,7 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
     unknown = [each for each in comparison.results if each not in known]
     if unknown:
         yield Heading("Shared results without uncertainty", 2)
-        columns = [Column("result", align="left"), Column("unit", align="left")]
+        columns = texts("result", "unit")
         columns += [Column(letter, format=".7g") for letter in letters]
         columns += [Column(f"{letter} - A", format="+.3g") for letter in letters[1:]]
         yield Table(columns, [(e.name, e.unit, *e.values, *(d.value for d in e.differences)) for e in unknown])
@@ -258,8 +257,7 @@ def _of_points(one: Point, other: Point) -> tuple[float, float]:
 def _differing(title: str, rows: Mapping[str, tuple[str, ...]], letters: Sequence[str]) -> Iterator[Part]:
     if rows:
         yield Heading(title, 2)
-        columns = [Column(name, align="left") for name in ("", *letters)]
-        yield Table(columns, [(name, *values) for name, values in rows.items()])
+        yield Table(texts("", *letters), [(name, *values) for name, values in rows.items()])
 
 
 def _figures_part(runs: Sequence[Run], letters: Sequence[str]) -> Iterator[Part]:

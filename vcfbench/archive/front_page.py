@@ -19,7 +19,7 @@ from vcfbench.records.amendments import check_of, lines_after
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import grouped, incomplete, shorthand
-from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Table, Text, Value
+from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Table, Text, Value, facts
 from vcfbench.reports.names import named
 from vcfbench.station.acceptance import Verdict
 
@@ -62,23 +62,19 @@ def front_page(run: Run, title: str, given: Mapping[str, str] | None, figure: Fi
             yield Notice(f"OVERDUE: the calibration of {each.role} ({each.model}) was due {each.calibration_due}.")
     if run.verdict is not None:
         yield Notice(f"Verdict: {run.verdict.word.upper()}", run.verdict.word)
-    yield _beside(_facts(run, words))
+    yield facts(_persons_and_dates(run, words))
     yield from _results(run)
     if figure is not None:
         yield figure
     issued, seal = words.get("issued") or BLANK, seal_of(run) or "none"
-    yield _beside([("issued on", issued), ("signature", BLANK), ("seal of the record", seal)])
+    yield facts([("issued on", issued), ("signature", BLANK), ("seal of the record", seal)])
     yield Text(
         "These results are those of the device named above, at the time and under the conditions stated. Without a "
         "signature this is no certificate. It is copied whole, or with the laboratory's leave."
     )
 
 
-def _beside(rows: Sequence[tuple[str, str]]) -> Table:
-    return Table([Column("", align="left"), Column("", align="left", verbatim=True)], rows)
-
-
-def _facts(run: Run, words: Mapping[str, str]) -> list[tuple[str, str]]:
+def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return persons, device and dates."""
 
     def said(*keys: str) -> str:

@@ -136,6 +136,5 @@ def not_checked(record: JournalRecord) -> tuple[str, ...]:
 
 def _of_kind(kind: object, what: object) -> BenchError:
     """Return the error of a record; its words hold already where and when it happened."""
-    found = getattr(errors, kind) if isinstance(kind, str) and kind in errors.__all__ else BenchError
-    error: BenchError = found(str(what))
-    return error
+    found = getattr(errors, str(kind), BenchError)
+    return (found if isinstance(found, type) and issubclass(found, BenchError) else BenchError)(str(what))

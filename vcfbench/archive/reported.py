@@ -20,7 +20,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.metadata import Equipment
 from vcfbench.records.plain import plain
-from vcfbench.reports.document import Axis, Column, Figure, Heading, Part, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Column, Figure, Heading, Part, Report, Series, Table, Text, facts, texts
 from vcfbench.reports.generic import results_table
 from vcfbench.reports.names import in_words
 from vcfbench.reports.plot import DRAWN, thinned
@@ -68,10 +68,9 @@ def title_of(run: Run) -> str:
     return f"Calibration report: {run.procedure}{device}"
 
 
-def _pairs(rows: Sequence[tuple[str, Any]], *, verbatim: bool = False) -> Table:
-    """Lay out names beside values; unknown values are left out."""
-    known = [(name, str(value)) for name, value in rows if value is not None]
-    return Table([Column("", align="left"), Column("", align="left", verbatim=verbatim)], known)
+def _known(rows: Sequence[tuple[str, Any]]) -> list[tuple[str, str]]:
+    """Return names and values that are known, as texts."""
+    return [(name, str(value)) for name, value in rows if value is not None]
 
 
 def _record(run: Run) -> Iterator[Part]:
@@ -83,34 +82,33 @@ def _record(run: Run) -> Iterator[Part]:
         ("checked by", checked(run)),
         *((f"tag {key}", value) for key, value in run.metadata.tags.items()),
     ]
-    yield _pairs(rows, verbatim=True)
+    yield facts(_known(rows))
     if run.metadata.note is not None:
         yield Text(f"Note: {run.metadata.note}", verbatim=True)
     if run.amendments:
-        names = ("revision", "field", "was", "is", "by", "on", "reason")
+        names = texts("revision", "field", "was", "is", "by", "on", "reason", verbatim=True)
         changes = [
             (str(each.revision), change.field, change.was, change.now, each.by, each.utc[:10], each.reason)
             for each in run.amendments
             for change in each.changes
         ]
-        yield Table([Column(name, align="left", verbatim=True) for name in names], changes, "Amended since the run")
+        yield Table(names, changes, "Amended since the run")
 
 
 def _conditions(run: Run, header: Mapping[str, Any]) -> Table:
     bench, settings = header.get("bench", {}), header.get("settings", {})
     took_s = run.bench_seconds
-    return _pairs(
-        [
-            ("began", None if header.get("utc") is None else clock(header["utc"])),
-            ("took", None if took_s is None else f"{took_s:.0f} s ({took_s / 3600.0:.2f} h) of bench time"),
-            ("bench", run.bench),
-            ("station", bench.get("title") or None),
-            ("latitude", _with_unit(bench.get("site", {}).get("latitude_deg"), "deg")),
-            ("temperature of the room", _with_unit(run.metadata.ambient_temperature_c, "degC") or BLANK),
-            ("relative humidity", _with_unit(run.metadata.humidity_percent, "%") or BLANK),
-            ("wait after power-on", _with_unit(settings.get("warm_up_s"), "s")),
-        ]
-    )
+    rows = [
+        ("began", None if header.get("utc") is None else clock(header["utc"])),
+        ("took", None if took_s is None else f"{took_s:.0f} s ({took_s / 3600.0:.2f} h) of bench time"),
+        ("bench", run.bench),
+        ("station", bench.get("title") or None),
+        ("latitude", _with_unit(bench.get("site", {}).get("latitude_deg"), "deg")),
+        ("temperature of the room", _with_unit(run.metadata.ambient_temperature_c, "degC") or BLANK),
+        ("relative humidity", _with_unit(run.metadata.humidity_percent, "%") or BLANK),
+        ("wait after power-on", _with_unit(settings.get("warm_up_s"), "s")),
+    ]
+    return Table(texts("", ""), _known(rows))
 
 
 def _with_unit(value: float | None, unit: str) -> str | None:
@@ -129,8 +127,7 @@ def _equipment(equipment: Sequence[Equipment]) -> Iterator[Part]:
         due = f"{due} OVERDUE" if each.overdue else due
         rows.append((each.role.replace("_", " "), model, numbers, calibrated, due, each.certificate))
     yield Heading("Equipment", 2)
-    names = ("role", "instrument", "serial number", "calibrated", "due", "certificate")
-    yield Table([Column(name, align="left") for name in names], rows)
+    yield Table(texts("role", "instrument", "serial number", "calibrated", "due", "certificate"), rows)
 
 
 def method_of(run: Run) -> str:
@@ -178,8 +175,7 @@ def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
             rows.append((words, value, unit, key))
     if settings:
         yield Heading("Settings", 2)
-        columns = (Column("setting", align="left"), Column("", align="left"), Column("unit", align="left"))
-        yield Table((*columns, Column("key", align="left", verbatim=True)), rows)
+        yield Table([*texts("setting", "", "unit"), *texts("key", verbatim=True)], rows)
 
 
 def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
@@ -202,9 +198,9 @@ def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
         ("procedure's file", f"{own['path']}, SHA-256 {own['sha256']}" if isinstance(own, dict) else None),
         ("record", record),
     ]
-    yield _pairs(rows, verbatim=True)
+    yield facts(_known(rows))
     if run.equipment:
-        columns = [Column(name, align="left", verbatim=True) for name in ("role", "resource", "firmware")]
+        columns = texts("role", "resource", "firmware", verbatim=True)
         answered = [(e.role, e.resource, None if e.identity is None else e.identity.firmware) for e in run.equipment]
         yield Table(columns, answered, "Where the instruments answered")
 

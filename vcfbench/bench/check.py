@@ -108,12 +108,11 @@ def _check_watchdog(description: BenchDescription) -> CheckedWatchdog:
 
 
 def _check(role: Role, description: BenchDescription, stand: UnopenedBench, safety: SafetyStack) -> CheckedInstrument:
+    identity: Identity | None = None
+    problem: str | None = None
     try:
         instrument, identity = open_role(role.name, description, stand)
-    except BenchError as error:
-        return _checked(role, description, None, str(error))
-    safety.register(safe_action(role, instrument, description))
-    try:
+        safety.register(safe_action(role, instrument, description))
         instrument.check_errors()
         if role.stage is Stage.MOTION:
             table = cast("RateTable", instrument)
@@ -121,13 +120,7 @@ def _check(role: Role, description: BenchDescription, stand: UnopenedBench, safe
                 raise InterlockError(fault, instrument=table.name, resource=table.resource)
             require_still(table)
     except BenchError as error:
-        return _checked(role, description, identity, str(error))
-    return _checked(role, description, identity, None)
-
-
-def _checked(
-    role: Role, description: BenchDescription, identity: Identity | None, problem: str | None
-) -> CheckedInstrument:
+        problem = str(error)
     known = {} if identity is None else {role.name: identity}
     [equipment] = equipment_on(utc_now().date(), description, [role.name], known)
     return CheckedInstrument(role.name, equipment.resource, identity, problem, equipment)

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from typing import cast
 
 from msgspec import Struct
@@ -99,7 +99,11 @@ class Console:
         try:
             answer = self._plain.ask(message)
         except TransportError as error:
-            raise self._explained(error) from None
+            if not self.closed:
+                with suppress(TransportError):  # the instrument may say why, if it can still be asked
+                    refusal = self.errors()
+                    error.hint = error.hint or refusal
+            raise
         return ConsoleReply(answer, self.errors())
 
     def _is_question(self, message: str) -> bool:
@@ -118,16 +122,6 @@ class Console:
         except InstrumentError as error:
             return error.what
         return None
-
-    def _explained(self, error: TransportError) -> TransportError:
-        """Add to `error` why there was no answer, if the instrument says so and can still be asked."""
-        if not self.closed:
-            try:
-                refusal = self.errors()
-            except TransportError:
-                return error
-            error.hint = error.hint or refusal
-        return error
 
     def wait(self, seconds: float) -> None:
         """Let bench time pass."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vcfbench.sim.builder import SimulatedBench
 
 FASTEST = "max"
-SLOWEST = 0.001
+_SLOWEST = 0.001
 
 
 class Builder(Protocol):
@@ -164,12 +164,15 @@ def checked_pace(description: BenchDescription, speed: str | float | None) -> fl
         raise ConfigError(f"--speed {speed}: {description.name} is a served bench, which a run always takes at max")
     if speed is not None and not description.simulated:
         raise ConfigError(f"--speed {speed}: {description.name} is a real bench, only simulated ones have a speed")
-    if speed is None or speed == FASTEST:
-        return None
+    return None if speed is None or speed == FASTEST else pace_of(speed, f"--speed {speed}")
+
+
+def pace_of(speed: str | float, where: str) -> float:
+    """Return a speed as a number; ConfigError, which begins with `where`, when it is none, or too slow."""
     try:
         pace = float(speed)
     except ValueError:
         pace = math.nan
-    if not SLOWEST <= pace < math.inf:
-        raise ConfigError(f"--speed {speed}: expected a number of at least {SLOWEST:g}, or {FASTEST!r}")
+    if not _SLOWEST <= pace < math.inf:
+        raise ConfigError(f"{where}: expected a number of at least {_SLOWEST:g}, or {FASTEST!r}")
     return pace

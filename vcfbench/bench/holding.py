@@ -102,7 +102,18 @@ class Holding:
         error: NotSafe | None = NotSafe("NOT SAFE: making safe was broken off")
         try:
             with self._stack:
-                error = self._made_safe()
+                try:
+                    self.reports += self.safety.make_safe()
+                    error = not_safe(self.reports)
+                    self._signals.close()
+                except LeaveNow:
+                    self._signals.close()
+                    self.safety.command_safe()  # it came just before or after: nothing may have been told yet
+                    said = "NOT SAFE: making safe was ended by a third signal"
+                    error = NotSafe(said, hint="look at every instrument")
+                self.safety.close()
+                if error is not None:
+                    error.reports = tuple(self.reports)
         finally:
             if self.watchdog is not None:  # it needs the locks
                 self.watchdog.leave(safe=error is None)
@@ -123,20 +134,6 @@ class Holding:
         with suppress(OSError, ValueError, AttributeError):  # nobody may be there to read it
             sys.stderr.write(f"vcfbench: bench {self.name} was still open when {when}; {said}\n")
             sys.stderr.flush()
-
-    def _made_safe(self) -> NotSafe | None:
-        try:
-            self.reports += self.safety.make_safe()
-            error = not_safe(self.reports)
-            self._signals.close()
-        except LeaveNow:
-            self._signals.close()
-            self.safety.command_safe()  # it came just before or after: nothing may have been told yet
-            error = NotSafe("NOT SAFE: making safe was ended by a third signal", hint="look at every instrument")
-        self.safety.close()
-        if error is not None:
-            error.reports = tuple(self.reports)
-        return error
 
 
 class _StillOpen:

@@ -105,7 +105,19 @@ class JournalFollower:
         values = _LINE.decode(line)
         match values.get("type"):
             case "header":
-                self._begin(values)
+                self._began_s = float(values.get("began_s") or 0.0)
+                bench, planned_s = values.get("bench") or {}, values.get("planned_s")
+                self.view.planned_s = planned_s if isinstance(planned_s, float) else None
+                self.view.about = {
+                    "run": values.get("run") or shown(self.path.parent),
+                    "procedure": values.get("procedure"),
+                    "title": values.get("title") or "",
+                    "bench": bench.get("name"),
+                    "simulated": values.get("simulated"),
+                    "limits": _limits(bench.get("limits") or {}),
+                    "began_utc": values.get("utc"),
+                }
+                self.view.version += 1
             case "step":
                 own = values["result"].get("readings") if isinstance(values.get("result"), dict) else None
                 self._read(typed(own if isinstance(own, list) else [], list[_Reading]))
@@ -125,21 +137,6 @@ class JournalFollower:
         if readings:
             began_s = self._began_s
             self.view.read_all([each.t_s - began_s for each in readings], [each.voltage_v for each in readings])
-
-    def _begin(self, header: Mapping[str, Any]) -> None:
-        self._began_s = float(header.get("began_s") or 0.0)
-        bench, planned_s = header.get("bench") or {}, header.get("planned_s")
-        self.view.planned_s = planned_s if isinstance(planned_s, float) else None
-        self.view.about = {
-            "run": header.get("run") or shown(self.path.parent),
-            "procedure": header.get("procedure"),
-            "title": header.get("title") or "",
-            "bench": bench.get("name"),
-            "simulated": header.get("simulated"),
-            "limits": _limits(bench.get("limits") or {}),
-            "began_utc": header.get("utc"),
-        }
-        self.view.version += 1
 
 
 def _limits(limits: Mapping[str, Any]) -> list[list[str]]:

@@ -26,7 +26,7 @@ from msgspec.structs import replace
 from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import opened, shown, synchronise_names, try_lock, unlock
-from vcfbench.records.damage import first_damage, own_readings
+from vcfbench.records.damage import first_damage
 from vcfbench.records.schema import FORMAT, READABLE, SEALED, Point, Status
 from vcfbench.records.seal import SealChecker, Sealer
 from vcfbench.records.signing import SigningKey
@@ -285,19 +285,6 @@ class JournalRecord(Struct, frozen=True):
     def points(self) -> tuple[Point, ...]:
         """Every averaged point that is on the disk."""
         return tuple(Point.from_json(step["point"]) for step in self.steps if "point" in step)
-
-    def readings_of(self, line: Mapping[str, Any]) -> tuple[Mapping[str, float], ...]:
-        """Return the readings, `t_s` (s) and `voltage_v` (V), of the step that a line is of: chunks and its own."""
-        number = line.get("n")
-        chunked = [reading for chunk in self.chunks if chunk.get("n") == number for reading in chunk["readings"]]
-        return (*chunked, *(own_readings(line) if line.get("type") != "readings" else ()))
-
-    @property
-    def unfinished(self) -> Mapping[str, Any] | None:
-        """The last chunk of readings, if the record ends before the step that they belong to; None if it does not."""
-        last = self.chunks[-1] if self.chunks else None
-        done = {line.get("n") for line in (*self.steps, *self.errors)}
-        return last if last is not None and last.get("n") not in done else None
 
 
 def read_journal(path: Path) -> JournalRecord:

@@ -106,7 +106,14 @@ class Table(Struct, frozen=True):
             if len(row) != len(columns):
                 raise ValueError(f"row {number} of a table of {len(columns)} columns has {len(row)} values")
             for value, column in zip(row, columns, strict=True):
-                _require_printable(value, column, number)
+                held, where = value.value if isinstance(value, Cell) else value, f"row {number} of a table, "
+                if not isinstance(held, float | int | str | None):
+                    words = f"expected a number, a text or None, came {held!r}"
+                    raise ValueError(f"{where}{column.name}: {words}")  # noqa: TRY004  # a value in it is wrong
+                try:
+                    _printed(value, column)
+                except ValueError as error:
+                    raise ValueError(f"{where}{column.name}: {held!r} cannot be printed: {error}") from None
 
     @property
     def has_heads(self) -> bool:
@@ -120,17 +127,14 @@ class Table(Struct, frozen=True):
         )
 
 
-def _require_printable(value: object, column: Column, number: int) -> None:
-    if isinstance(value, str):
-        return
-    held = value.value if isinstance(value, Cell) else value
-    if not isinstance(held, float | int | str | None):
-        words = f"expected a number, a text or None, came {held!r}"
-        raise ValueError(f"row {number} of a table, {column.name}: {words}")  # noqa: TRY004  # a value in it is wrong
-    try:
-        _printed(value, column)
-    except ValueError as error:
-        raise ValueError(f"row {number} of a table, {column.name}: {held!r} cannot be printed: {error}") from None
+def texts(*heads: str, verbatim: bool = False) -> list[Column]:
+    """Return columns of texts under `heads`, all to the left."""
+    return [Column(head, align="left", verbatim=verbatim) for head in heads]
+
+
+def facts(rows: Sequence[tuple[str, str]]) -> Table:
+    """Lay out names beside values, whose characters stay as they are."""
+    return Table([*texts(""), *texts("", verbatim=True)], rows)
 
 
 def _printed(value: Any, column: Column) -> str:

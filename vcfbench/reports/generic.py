@@ -6,7 +6,7 @@ from typing import Any
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.digits import incomplete
-from vcfbench.reports.document import Cell, Column, Report, Table, Value
+from vcfbench.reports.document import Cell, Column, Report, Table, Value, texts
 from vcfbench.station.acceptance import Acceptance
 
 _QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
@@ -44,7 +44,7 @@ def results_table(
     rows = [] if value is None else list(_rows(value, "" if _is_named(value) else head, shown))
     names = (head, "value", "u", "unit")[: max(map(len, rows), default=0)]
     padded = [(*row, *[""] * (len(names) - len(row))) for row in rows]
-    return (Table([Column(name, align="left") for name in names], padded, title),) if rows else ()
+    return (Table(texts(*names), padded, title),) if rows else ()
 
 
 def _rows(value: Any, name: str, shown: int | None) -> Iterator[tuple[Value | Cell, ...]]:

@@ -196,22 +196,19 @@ class _Block:
                 lines.append(part)
         texts = [Text(line, no_wrap=True, overflow="ellipsis", style="dim") for line in lines]
         doing = Text(self._doing, no_wrap=True, overflow="ellipsis")
-        return Group(doing, *texts, self._times(width))
-
-    def _times(self, width: int) -> Text:
         t_s, pace = self._now()
         left_s = max(0.0, self._estimate_s - t_s) * pace
         ends = (utc_now() + timedelta(seconds=left_s)).astimezone()
         done = min(1.0, t_s / self._estimate_s) if self._estimate_s else 1.0
         day = f"{ends:%a} " if left_s > _HALF_A_DAY_S else ""
         words = f"{100 * done:3.0f} %  {span(left_s)} left, ends {day}{ends:%H:%M}"
-        text = Text(words, style="bold green", no_wrap=True, overflow="crop")
-        if width < _BAR_FROM:
-            return text
-        room = width - len(words) - len("  ") - _ECHO
-        filled = round(done * room)
-        full, rest = self._bar
-        return text.append(f"  {full * filled}").append(rest * (room - filled), style="dim")
+        times = Text(words, style="bold green", no_wrap=True, overflow="crop")
+        if width >= _BAR_FROM:
+            room = width - len(words) - len("  ") - _ECHO
+            filled = round(done * room)
+            full, rest = self._bar
+            times.append(f"  {full * filled}").append(rest * (room - filled), style="dim")
+        return Group(doing, *texts, times)
 
     def _now(self) -> tuple[float, float]:
         """Return the bench time at this moment, s, amid a step too, and how many seconds of the wall one takes."""

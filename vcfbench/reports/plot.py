@@ -143,7 +143,8 @@ def _settings(salt: str) -> Any:
 
 
 def _drawing(figure: Figure, size_in: tuple[float, float], *, titled: bool) -> Any:
-    drawing = matplotlib().figure.Figure(figsize=size_in, layout="constrained")
+    mpl = matplotlib()
+    drawing, ticker = mpl.figure.Figure(figsize=size_in, layout="constrained"), mpl.ticker
     axes = drawing.subplots()
     axes.set(
         xlabel=in_unicode(figure.x.title),
@@ -166,21 +167,15 @@ def _drawing(figure: Figure, size_in: tuple[float, float], *, titled: bool) -> A
         if described.scale == "linear":
             axis.get_major_formatter().set_useOffset(False)  # nobody adds up numbers at a corner
             axis.get_major_formatter().set_scientific(False)
-        else:
-            _mark(axis)
+        else:  # numbers as people write them, 0.01, 1, 100; of a short axis those between as well
+            low, high = axis.get_view_interval()
+            axis.set_major_formatter(ticker.StrMethodFormatter("{x:g}"))
+            if high < 100.0 * low:
+                axis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0) if high > 4.0 * low else "all"))
+            axis.set_minor_formatter(ticker.StrMethodFormatter(""))
     if len(figure.series) > 1:
         drawing.legend(loc="outside lower left", ncols=min(len(figure.series), 2))
     return drawing
-
-
-def _mark(axis: Any) -> None:
-    """Write numbers beside a logarithmic axis as people do: 0.01, 1, 100; of a short one those between as well."""
-    ticker = matplotlib().ticker
-    low, high = axis.get_view_interval()
-    axis.set_major_formatter(ticker.StrMethodFormatter("{x:g}"))
-    if high < 100.0 * low:
-        axis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0) if high > 4.0 * low else "all"))
-    axis.set_minor_formatter(ticker.StrMethodFormatter(""))
 
 
 def _draw(axes: Any, series: Series, colour: str) -> None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from textwrap import wrap
 
-from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Report, Table, Text
+from vcfbench.reports.document import Figure, Heading, Notice, Part, Report, Table, Text, texts
 
 WIDTH = 130
 """Lines of text that are longer are wrapped, where nothing else is said; of a table that is wider its last column, if
@@ -82,7 +82,7 @@ def _wrapped(line: str, width: float) -> list[str]:
 
 def left_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return columns of texts, all to the left."""
-    return table_text(Table([Column(head, align="left") for head in heads], list(rows)))
+    return table_text(Table(texts(*heads), list(rows)))
 
 
 def printable_lines(text: str) -> str:

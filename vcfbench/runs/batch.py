@@ -1,6 +1,5 @@
 """Batch of gyroscopes: devices one after another, with the same runs for each."""
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 from zlib import crc32
@@ -51,7 +50,7 @@ class BatchRun(Struct, frozen=True):
     settings: Layer
 
 
-class Batch(Struct, frozen=True, kw_only=True):
+class Batch(Struct, frozen=True):
     """Plan of a batch: `devices` by their serial numbers, none where they are asked for one by one.
 
     `name` is the value of the tag of its records, `bench` a bench file or the name of an embedded bench.
@@ -106,22 +105,12 @@ def read_batch(file: Path | str) -> Batch:
     runs = []
     for number, each in enumerate(said.runs):
         named = path.parent / each.procedure if is_file(each.procedure) else each.procedure
-        naming = partial(_place, f"{source}: runs[{number}].settings")
-        runs.append(BatchRun(catalogue.procedure(named), Layer(each.settings, naming)))
+        where = f"{source}: runs[{number}].settings"
+        layer = Layer(each.settings, lambda keys, where=where: f"{where}.{dotted(keys)}")  # type: ignore[misc]
+        runs.append(BatchRun(catalogue.procedure(named), layer))
     _require_once([each.procedure.name for each in runs], f"{source}: runs")
     _require_once(said.devices, f"{source}: devices")
-    return Batch(
-        name=said.name,
-        devices=said.devices,
-        bench=bench,
-        description=described(bench),
-        operator=said.operator,
-        runs=tuple(runs),
-    )
-
-
-def _place(where: str, keys: tuple[str | int, ...]) -> str:
-    return f"{where}.{dotted(keys)}"
+    return Batch(said.name, said.devices, bench, described(bench), said.operator, tuple(runs))
 
 
 def _require_once(names: tuple[str, ...] | list[str], where: str) -> None:

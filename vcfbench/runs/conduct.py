@@ -254,6 +254,8 @@ class _UnderWay(Struct):
         status = Status.ABORTED if self.evaluation is None else Status.COMPLETE
         points = () if execution is None else execution.points
         evaluation = nothing(points) if self.evaluation is None else self.evaluation
+        kept = ("bench_seconds", "physical_minimum_s", "asked_again", "not_checked", "pauses")
+        done = {} if execution is None else {name: getattr(execution, name) for name in kept}
         return Run(
             procedure=prepared.name,
             status=status,
@@ -266,18 +268,14 @@ class _UnderWay(Struct):
             bench=None if description is None else description.name,
             simulated=None if description is None else description.simulated,
             seed=prepared.seed,
-            bench_seconds=None if execution is None else execution.bench_seconds,
-            physical_minimum_s=None if execution is None else execution.physical_minimum_s,
-            asked_again=() if execution is None else execution.asked_again,
             observers_lost=tuple(self.observers_lost()),
-            not_checked=() if execution is None else execution.not_checked,
             device_entry=self.kept,
             metadata=prepared.metadata,
             equipment=equipment_of(self.header),
             resumed=breaks(self.header, len(points)),
-            pauses=() if execution is None else execution.pauses,
             _own_report=evaluation.report,
             _header=self.header,
+            **done,
         )
 
     def notify(self) -> None:

@@ -213,8 +213,14 @@ def _lines(steps: Iterable[Step], gyro: _Scattering, mains_hz: float) -> Iterato
         if isinstance(result, ModulatedRecord):
             result = structs.replace(result, output_t_s=t_s, v_vc_t_s=t_s)
         if isinstance(result, Window) and not result.readings:
-            chunk, result = _long_window(step, result, gyro, t_s)
-            yield {"type": "readings", "n": number, "readings": chunk}, None
+            long: Any = step  # its readings are in the journal alone, its point has their mean and scatter
+            at = [place * long.interval_s for place in range(long.samples)]
+            readings = [Reading(t_s + each, result.point.output_v + gyro.noise_v(each)) for each in at]
+            tally = Tally()
+            tally.add([each.voltage_v for each in readings])
+            mean = structs.replace(result.point, output_v=tally.mean_v, std_v=tally.std_v)
+            result = structs.replace(result, point=mean)
+            yield {"type": "readings", "n": number, "readings": to_builtins(readings)}, None
         kinds = {"step_kind": type(step).__name__, "result_kind": type(result).__name__}
         found, point = result.as_json(), result.recorded_point
         for reading in found.get("readings", ()):  # of a prediction they begin with their step
@@ -222,13 +228,3 @@ def _lines(steps: Iterable[Step], gyro: _Scattering, mains_hz: float) -> Iterato
         line = {"type": "step", "n": number, **kinds, "t_s": t_s, "step": to_builtins(step), "result": found}
         t_s += step.duration_s
         yield {**line, **({} if point is None else {"point": point.as_json()}), "end_s": t_s}, point
-
-
-def _long_window(step: Any, result: Window, gyro: _Scattering, t_s: float) -> tuple[list[Any], Window]:
-    """Return the readings of a window that are in the journal alone, and the window with their mean and scatter."""
-    at = [number * step.interval_s for number in range(step.samples)]
-    readings = [Reading(t_s + each, result.point.output_v + gyro.noise_v(each)) for each in at]
-    tally = Tally()
-    tally.add([each.voltage_v for each in readings])
-    point = structs.replace(result.point, output_v=tally.mean_v, std_v=tally.std_v)
-    return to_builtins(readings), structs.replace(result, point=point)

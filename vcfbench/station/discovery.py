@@ -6,7 +6,7 @@ Nothing is sent to a serial port unless that is asked for: what is on it is not 
 import re
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextvars import copy_context
 from itertools import product
 from typing import Any, TypeVar
@@ -237,11 +237,20 @@ def stanza(discovery: Discovery) -> str:
     for found in discovery.answering():
         role = next((each for each in places(found.model) if each not in taken), None)
         taken |= {role or ""}
-        if role is not None:
-            lines += _entry(role, found)
-        else:
+        if role is None:
             what = "not recognised" if found.model is None else f"another {found.model}"
             lines += [f"# {what}: {found.answer}", f"# resource = {value_text(found.resource)}", ""]
+            continue
+        lines.append(f"[{role}]  # {found.answer}")
+        for key, value in taken_over(role, found).items():
+            below = value if isinstance(value, dict) else {}
+            lines += [f"{key}.{name} = {value_text(each)}" for name, each in below.items()]
+            lines += [] if below else [f"{key} = {value_text(value)}"]
+        if found.model == "zaber":
+            lines.append("steps_per_deg = 0  # put the stage's microsteps per degree")
+        if found.serial_number is not None and role != "rate_table":
+            lines.append(f"# serial_number = {value_text(found.serial_number)}  # refuse any other specimen")
+        lines.append("")
     return "\n".join(lines)
 
 
@@ -264,20 +273,6 @@ def taken_over(role: str, found: DiscoveredInstrument) -> dict[str, Any]:
     if found.baud_rate not in {None, 9600 if language is None else language.baud_rate}:  # which need not be named
         keys |= {"baud_rate": found.baud_rate} if table else {"serial": {"baud_rate": found.baud_rate}}
     return keys
-
-
-def _entry(role: str, found: DiscoveredInstrument) -> Iterator[str]:
-    yield f"[{role}]  # {found.answer}"
-    for key, value in taken_over(role, found).items():
-        below = value if isinstance(value, dict) else {}
-        yield from (f"{key}.{name} = {value_text(each)}" for name, each in below.items())
-        if not below:
-            yield f"{key} = {value_text(value)}"
-    if found.model == "zaber":
-        yield "steps_per_deg = 0  # put the stage's microsteps per degree"
-    if found.serial_number is not None and role != "rate_table":
-        yield f"# serial_number = {value_text(found.serial_number)}  # refuse any other specimen"
-    yield ""
 
 
 def _as_visa(resource: str) -> str:

@@ -39,19 +39,8 @@ def read_bench(path: Path | str | None = None, *checks: Check) -> BenchDescripti
         return _embedded(str(path))
     source, folder = shown(path), Path(path).parent
     values = parse_toml(read_text(path, "a bench file"), source)
-    description = _beside(checked_bench(values, source, folder=folder), folder)
-    for check in checks:
-        check(description, source)
-    return description
-
-
-def described(bench: BenchDescription | Path | str | None, *checks: Check) -> BenchDescription:
-    """Return the bench as a description, read with :func:`read_bench` where a file is named."""
-    return bench if isinstance(bench, BenchDescription) else read_bench(bench, *checks)
-
-
-def _beside(description: BenchDescription, folder: Path) -> BenchDescription:
-    """Return the bench with the files that it names found from `folder`, where its file is; a profile is read."""
+    description = checked_bench(values, source, folder=folder)
+    # the files that it names are found from where its own is; a profile is read
     notice, laboratory, table = description.notify, description.laboratory, description.rate_table
     if notice is not None and len(Path(notice.command[0]).parts) > 1:  # a program named by a path
         notice = replace(notice, command=(str((folder / notice.command[0]).absolute()), *notice.command[1:]))
@@ -60,7 +49,15 @@ def _beside(description: BenchDescription, folder: Path) -> BenchDescription:
     if table is not None and table.dialect.endswith(".toml"):
         table = replace(table, dialect=str(folder / table.dialect))
         spoken(table.dialect, AxisSettings(table.axis))
-    return replace(description, notify=notice, laboratory=laboratory, rate_table=table)
+    description = replace(description, notify=notice, laboratory=laboratory, rate_table=table)
+    for check in checks:
+        check(description, source)
+    return description
+
+
+def described(bench: BenchDescription | Path | str | None, *checks: Check) -> BenchDescription:
+    """Return the bench as a description, read with :func:`read_bench` where a file is named."""
+    return bench if isinstance(bench, BenchDescription) else read_bench(bench, *checks)
 
 
 def parse_bench(text: str, source: str, *checks: Check) -> BenchDescription:

@@ -122,7 +122,9 @@ def expectation(node: inspect.Type) -> str:
             said = " or ".join(repr(member.value) for member in cls)
         case inspect.FloatType() | inspect.IntType():
             kind = "a number" if isinstance(bare, inspect.FloatType) else "a whole number"
-            said = f"{kind}{_range(bare)}"
+            bounds = (("above", bare.gt), ("at least", bare.ge), ("below", bare.lt), ("at most", bare.le))
+            within = " and ".join(f"{word} {bound:.16g}" for word, bound in bounds if bound is not None)
+            said = f"{kind} {within}".rstrip()
         case inspect.StrType():
             said = f"a text{_form(bare)}"
         case _:
@@ -143,12 +145,6 @@ def _shape(node: inspect.Type) -> str:
     if isinstance(node, inspect.VarTupleType | inspect.ListType | inspect.SetType | inspect.FrozenSetType):
         return "a list"
     return "a table"
-
-
-def _range(node: inspect.FloatType | inspect.IntType) -> str:
-    bounds = (("above", node.gt), ("at least", node.ge), ("below", node.lt), ("at most", node.le))
-    words = [f"{word} {bound:.16g}" for word, bound in bounds if bound is not None]
-    return f" {' and '.join(words)}" if words else ""
 
 
 def _form(node: inspect.StrType) -> str:

@@ -6,7 +6,7 @@ run is done again.
 
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -71,7 +71,10 @@ def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJour
     """
     try:
         with path.open("ab") as file:
-            _require_alone(file, path)
+            with suppress(OSError):  # a file system without locks; the system lets one go with the process
+                if not try_lock(file.fileno()):
+                    words = f"{shown(path)}: another study writes this journal now"
+                    raise BenchError(words, hint="wait for its end, or choose another -o")
             had, whole = ({}, 0) if restart else rows_of(path, begun)
             file.truncate(whole)
             journal = StudyJournal(path, file)
@@ -80,17 +83,6 @@ def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJour
             yield journal, had
     except OSError as error:
         raise BenchError(f"{shown(path)}: the journal cannot be written: {error.strerror}") from error
-
-
-def _require_alone(file: IO[bytes], path: Path) -> None:
-    """Hold the journal as long as the study goes; the system lets it go with the process, however that ends."""
-    try:
-        alone = try_lock(file.fileno())
-    except OSError:  # a file system without locks
-        return
-    if not alone:
-        words = f"{shown(path)}: another study writes this journal now"
-        raise BenchError(words, hint="wait for its end, or choose another -o")
 
 
 def rows_of(path: Path, begun: Begun) -> tuple[dict[tuple[int, int], RunRow], int]:

@@ -66,11 +66,8 @@ def simulated(
     if overrides is not None:
         given = parse_toml(overrides, "overrides") if isinstance(overrides, str) else overrides
         changes["override"] = {**simulation.override, **given}
-    return _checked(structs.replace(description, simulation=structs.replace(simulation, **changes)))
-
-
-def _checked(description: BenchDescription) -> BenchDescription:
-    simulation = cast("Simulation", description.simulation)
+    simulation = structs.replace(simulation, **changes)
+    description = structs.replace(description, simulation=simulation)
     if simulation.parameters not in {"paper", "ideal"}:
         raise ConfigError(f"parameters: expected paper or ideal, came {simulation.parameters!r}")
     for asked in structs.asdict(simulation.errors).values():

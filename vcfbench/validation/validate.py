@@ -13,7 +13,7 @@ from vcfbench.archive.written import write_document
 from vcfbench.bench.check import check_bench
 from vcfbench.clock import utc_now
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.reports.document import Column, Heading, Notice, Report, Table, Text
+from vcfbench.reports.document import Heading, Notice, Report, Table, Text, facts, texts
 from vcfbench.validation import benches, installation, numbers
 from vcfbench.validation.check import Check, Checked, Found, Verdict, made
 
@@ -111,8 +111,7 @@ def validation_report(found: Validation) -> Report:
     """Return the document of a validation."""
     counts = {verdict: sum(each.verdict == verdict for each in found.checks) for verdict in _KINDS}
     summary = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count)
-    pairs = [Column("", align="left"), Column("", align="left", verbatim=True)]
-    facts = [
+    rows = [
         ("validated by", found.by),
         ("on", f"{found.began:%Y-%m-%d %H:%M:%S} UTC, in {found.took_s:.0f} s"),
         ("machine", found.machine),
@@ -128,11 +127,11 @@ def validation_report(found: Validation) -> Report:
                 else f"FAILED: {', '.join(found.failed)}.",
                 "pass" if found.passed else "fail",
             ),
-            Table(pairs, facts),
+            facts(rows),
             Text(_LIMITS),
             *_areas(found),
             Heading("Versions", 2),
-            Table(pairs, list(found.versions.items())),
+            facts(list(found.versions.items())),
         ]
     )
 
@@ -141,8 +140,8 @@ def _areas(found: Validation) -> Iterator[Heading | Table | Text]:
     for area in dict.fromkeys(each.area for each in found.checks):
         made_here = [each for each in found.checks if each.area == area]
         yield Heading(area, 2)
-        heads = [Column(head, align="left") for head in ("verdict", "check", "right answer", "answer")]
-        yield Table(heads, [(each.verdict, each.name, each.expected, each.came) for each in made_here])
+        rows = [(each.verdict, each.name, each.expected, each.came) for each in made_here]
+        yield Table(texts("verdict", "check", "right answer", "answer"), rows)
         yield Text("\n".join(f"{each.name}: {each.question} ({each.source})" for each in made_here))
 
 
