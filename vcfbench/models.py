@@ -304,6 +304,7 @@ LANGUAGES: Final = (
     TableLanguage("aaaa", twin="simrack.rate_tables.aaaa:AaaaTable"),
 )
 """The languages of rate tables that come with the project."""
+_OWN: Final[tuple[Model | TableLanguage, ...]] = (*MODELS, *LANGUAGES)
 
 
 def resolve(reference: Any) -> Any:
@@ -336,8 +337,7 @@ def _of_model(row: Model, kind: Any) -> Any:
 
 def model_names() -> tuple[str, ...]:
     """Return the names of all models and languages, those of other packages last."""
-    rows: tuple[Model | TableLanguage, ...] = (*MODELS, *LANGUAGES)
-    own = tuple(row.name for row in rows)
+    own = tuple(row.name for row in _OWN)
     return (*own, *(name for name in _installed_names() if name not in own))
 
 
@@ -382,14 +382,12 @@ def recognised(maker: str, model: str) -> Model | TableLanguage | None:
 
 
 def _every(kind: type[_Row]) -> tuple[_Row, ...]:
-    own: tuple[Model | TableLanguage, ...] = (*MODELS, *LANGUAGES)
-    rows = (*own, *(_load_quietly(name) for name in _installed_names()))
+    rows = (*_OWN, *(_load_quietly(name) for name in _installed_names()))
     return tuple(row for row in rows if isinstance(row, kind))
 
 
 def _find(name: str, kind: type[_Row]) -> _Row | None:
-    own: tuple[Model | TableLanguage, ...] = (*MODELS, *LANGUAGES)
-    row = next((each for each in own if each.name == name), None)
+    row = next((each for each in _OWN if each.name == name), None)
     if row is None and name in _installed_names():  # looked for only where it is none of our own: that takes long
         row = _load(name)
     return row if isinstance(row, kind) else None

@@ -178,23 +178,17 @@ def open_console(
             raise
         finally:
             signals.unwind()
-            _leave(safety, signals, under_way)
-
-
-def _leave(safety: SafetyStack, signals: StopSignals, under_way: BaseException | None) -> None:
-    """Make it safe, close it, and raise NotSafe from the error under way if it is not."""
-    try:
-        error = not_safe(safety.make_safe())
-    except LeaveNow:
-        safety.command_safe()  # it came just before or after: nothing may have been told yet
-        error = NotSafe("NOT SAFE: making safe was ended by a third signal", hint="look at the instrument")
-    signals.close()
-    safety.close()
-    if error is None:
-        return
-    if isinstance(under_way, BenchError):
-        error.hint = f"{error.hint}; before that: {under_way}"
-    raise error from under_way
+            try:
+                unsafe = not_safe(safety.make_safe())
+            except LeaveNow:
+                safety.command_safe()  # it came just before or after: nothing may have been told yet
+                unsafe = NotSafe("NOT SAFE: making safe was ended by a third signal", hint="look at the instrument")
+            signals.close()
+            safety.close()
+            if unsafe is not None:
+                if isinstance(under_way, BenchError):
+                    unsafe.hint = f"{unsafe.hint}; before that: {under_way}"
+                raise unsafe from under_way
 
 
 def _asks(message: str) -> bool:

@@ -249,20 +249,18 @@ def _command_first(role: Role, description: BenchDescription, stand: UnopenedBen
     connected = table_connected if moves else session_connected
     with suppress(_Commanded, BenchError):  # who cannot be connected to is named when it is to be proved
         open_role(role.name, description, stand, timeout_s=hurry_s, upon_connecting=connected)
-    with suppress(BenchError):
-        return _rate(role, description, stand, hurry_s) if moves else found[0] if found else None
-    return None
-
-
-def _rate(role: Role, description: BenchDescription, stand: UnopenedBench, hurry_s: float) -> str:
-    """Return the table's rate just after it was told to stop: it takes its time to come to rest."""
+    if not moves:
+        return found[0] if found else None
     table: Any
-    table, _ = open_role(role.name, description, stand, timeout_s=hurry_s)
-    try:
-        rate_deg_s = table.rate_deg_s()
-    finally:
-        table.close()
-    return "at rest" if abs(rate_deg_s) <= STILL_DEG_S else f"turning at {rate_deg_s:.3g} deg/s, already told to stop"
+    with suppress(BenchError):  # its rate just after it was told to stop: it takes its time to come to rest
+        table, _ = open_role(role.name, description, stand, timeout_s=hurry_s)
+        try:
+            rate_deg_s = table.rate_deg_s()
+        finally:
+            table.close()
+        still = abs(rate_deg_s) <= STILL_DEG_S
+        return "at rest" if still else f"turning at {rate_deg_s:.3g} deg/s, already told to stop"
+    return None
 
 
 def _look(role: Role, driver: type, session: Session) -> str:

@@ -65,13 +65,8 @@ def _chunks(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         kind, number = line.get("type"), line.get("n")
         if kind == "readings":
             if number != step + 1 or line.get("chunk") != chunk + 1:
-                after = (
-                    f"after chunk {chunk} of step {step + 1}"
-                    if chunk
-                    else f"after step {step}"
-                    if step
-                    else "the first"
-                )
+                after = f"after step {step}" if step else "the first"
+                after = f"after chunk {chunk} of step {step + 1}" if chunk else after
                 yield f"line {place} is chunk {line.get('chunk')!r} of step {number!r}, {after}"
             for reading in line["readings"]:
                 if reading["t_s"] < before_s:

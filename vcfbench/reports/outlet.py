@@ -60,17 +60,14 @@ class Outlet:
     def _run(self) -> None:
         with suppress(OSError, ValueError):  # ValueError: the stream was closed
             while not self._lost and (text := self._pending.get()) is not None:
-                self._put(text)
+                try:
+                    number = self._stream.fileno()
+                except (OSError, ValueError, AttributeError):
+                    self._stream.write(text)
+                    self._stream.flush()
+                    continue
+                # past the stream's own buffer: a thread that hangs there would hold its lock against everybody
+                data = text.encode(self.encoding, "replace")
+                while data and not self._lost:
+                    data = data[os.write(number, data) :]
         self._lost = True
-
-    def _put(self, text: str) -> None:
-        """Write past the stream's own buffer: a thread that hangs there would hold its lock against everybody."""
-        try:
-            number = self._stream.fileno()
-        except (OSError, ValueError, AttributeError):
-            self._stream.write(text)
-            self._stream.flush()
-            return
-        data = text.encode(self.encoding, "replace")
-        while data and not self._lost:
-            data = data[os.write(number, data) :]

@@ -50,22 +50,18 @@ def invalid_overrides(base: Any, changes: Mapping[str, Any], path: str) -> Itera
             close = difflib.get_close_matches(name, known, n=1)
             yield InvalidValue(here, f"a known name ({close[0]!r}?)" if close else f"one of {', '.join(known)}", value)
         elif (below := field_names(known[name])) is None:
-            yield from _invalid_values(base, name, value, here)
+            try:
+                overridden(base, {name: value})
+            except (msgspec.ValidationError, ValueError) as error:
+                words = str(error).partition(" - at `")[0].replace("`", "")  # msgspec's: they become the bench file's
+                missing = words.partition("missing required field ")[2]
+                kind = words.partition("Expected ")[2].partition(", got")[0]
+                expected = f"every entry to have {missing}" if missing else _KINDS.get(kind, kind or words)
+                yield InvalidValue(here, expected, value)
+                continue
+            if type(value) in (int, float) and not (value == 0 or _LEAST <= abs(value) <= _MOST):
+                yield InvalidValue(here, f"0, or a number from {_LEAST:g} to {_MOST:g} either sign", value)
         elif isinstance(value, dict):
             yield from invalid_overrides(known[name], value, here)
         else:
             yield InvalidValue(here, f"a table with {', '.join(below)}", value)
-
-
-def _invalid_values(base: Any, name: str, value: object, path: str) -> Iterator[InvalidValue]:
-    try:
-        overridden(base, {name: value})
-    except (msgspec.ValidationError, ValueError) as error:
-        words = str(error).partition(" - at `")[0].replace("`", "")  # msgspec's: they become the bench file's
-        missing = words.partition("missing required field ")[2]
-        kind = words.partition("Expected ")[2].partition(", got")[0]
-        expected = f"every entry to have {missing}" if missing else _KINDS.get(kind, kind or words)
-        yield InvalidValue(path, expected, value)
-        return
-    if type(value) in (int, float) and not (value == 0 or _LEAST <= abs(value) <= _MOST):  # type: ignore[arg-type]
-        yield InvalidValue(path, f"0, or a number from {_LEAST:g} to {_MOST:g} either sign", value)

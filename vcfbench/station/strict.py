@@ -125,8 +125,12 @@ def expectation(node: inspect.Type) -> str:
             bounds = (("above", bare.gt), ("at least", bare.ge), ("below", bare.lt), ("at most", bare.le))
             within = " and ".join(f"{word} {bound:.16g}" for word, bound in bounds if bound is not None)
             said = f"{kind} {within}".rstrip()
-        case inspect.StrType():
-            said = f"a text{_form(bare)}"
+        case inspect.StrType(pattern=pattern) if pattern == ADDRESS_PATTERN:
+            said = "a text with host and port, as in 127.0.0.1:20220"
+        case inspect.StrType(pattern=pattern) if pattern == NAME_PATTERN:
+            said = "a text of letters, digits, '_', '-' and '.'"
+        case inspect.StrType(min_length=least, max_length=most):
+            said = f"a text of {least} to {most} characters on one line" if most else "a text"
         case _:
             said = _shape(bare)
     return said
@@ -145,11 +149,3 @@ def _shape(node: inspect.Type) -> str:
     if isinstance(node, inspect.VarTupleType | inspect.ListType | inspect.SetType | inspect.FrozenSetType):
         return "a list"
     return "a table"
-
-
-def _form(node: inspect.StrType) -> str:
-    if node.pattern == ADDRESS_PATTERN:
-        return " with host and port, as in 127.0.0.1:20220"
-    if node.pattern == NAME_PATTERN:
-        return " of letters, digits, '_', '-' and '.'"
-    return f" of {node.min_length} to {node.max_length} characters on one line" if node.max_length else ""

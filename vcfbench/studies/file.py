@@ -109,12 +109,9 @@ class Study(Struct, frozen=True, kw_only=True):
                 asked = placed(asked, path, value, where)
             else:
                 table = placed(table, path, value, where)
-        return self._bench_of(table), asked[SETTINGS]
-
-    def _bench_of(self, table: Mapping[str, Any]) -> BenchDescription:
         marked = "\0"  # no file is called so: what follows it in an error is the key
         try:
-            return checked_bench(table, marked)
+            return checked_bench(table, marked), asked[SETTINGS]
         except ConfigError as error:
             before, mark, rest = error.what.partition(f"{marked}: ")
             if not mark:

@@ -24,46 +24,44 @@ SETTINGS = "settings"  # First part of a path that is a setting of the procedure
 
 _STREAM = 0x5354_5544  # Keeps the random numbers of studies from those of the simulation, which come from the same seed
 
-Label = Annotated[str, Meta(min_length=1, max_length=80)]
-Pair = tuple[float, float]
+
+class _Form(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a path is varied by."""
+
+    label: Annotated[str, Meta(min_length=1, max_length=80)] | None = None
 
 
-class _Listed(Struct, frozen=True, forbid_unknown_fields=True):
+class _Listed(_Form, frozen=True):
     """``{ values = [...] }``."""
 
     values: Annotated[tuple[Any, ...], Meta(min_length=1)]
-    label: Label | None = None
 
 
-class _Range(Struct, frozen=True, forbid_unknown_fields=True, rename={"begin": "from", "end": "to"}):
+class _Range(_Form, frozen=True, rename={"begin": "from", "end": "to"}):
     """``{ from = 1.0, to = 2.0, steps = 5 }``: both ends are in it."""
 
     begin: float
     end: float
     steps: Annotated[int, Meta(ge=2, le=10_000)]
     spacing: Literal["linear", "log"] = "linear"
-    label: Label | None = None
 
 
-class _Uniform(Struct, frozen=True, forbid_unknown_fields=True):
+class _Uniform(_Form, frozen=True):
     """``{ uniform = [low, high] }``."""
 
-    uniform: Pair
-    label: Label | None = None
+    uniform: tuple[float, float]
 
 
-class _Normal(Struct, frozen=True, forbid_unknown_fields=True):
+class _Normal(_Form, frozen=True):
     """``{ normal = [mean, standard deviation] }``."""
 
-    normal: Pair
-    label: Label | None = None
+    normal: tuple[float, float]
 
 
-class _Choice(Struct, frozen=True, forbid_unknown_fields=True):
+class _Choice(_Form, frozen=True):
     """``{ choice = [...] }``: any of them, each as likely."""
 
     choice: Annotated[tuple[Any, ...], Meta(min_length=1)]
-    label: Label | None = None
 
 
 _FORMS: Mapping[str, type[Struct]] = {

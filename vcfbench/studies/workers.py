@@ -160,7 +160,17 @@ def on_cluster(works: Iterable[PlannedRun], address: str) -> Iterator[RunRow]:
         raise ConnectFailed(words, hint="dask scheduler begins one") from error
     cancelled = distributed.client.FutureCancelledError
     with _silent("distributed.client"), client, client.as_current():
-        _require_version(client, address)
+        try:
+            found = client.run(installed_version)
+        except (ImportError, RuntimeError) as error:  # they cannot read what they are sent
+            said = f"--scheduler {address}: its workers need vcfbench {installed_version()}: {error}"
+            raise ConfigError(said) from error
+        if not found:
+            raise ConnectFailed(f"--scheduler {address}: it has no workers", hint="dask worker SCHEDULER begins one")
+        for worker, version in found.items():
+            if version != installed_version():
+                said = f"worker {worker} has vcfbench {version}, this is {installed_version()}"
+                raise ConfigError(f"--scheduler {address}: {said}")
         try:
             yield from _clustered(client, distributed, iter(works))
         except (OSError, TimeoutError, cancelled) as error:
@@ -204,18 +214,3 @@ def _clustered(client: Any, distributed: Any, works: Iterator[PlannedRun]) -> It
         for another in more:
             done.add(another)
             break
-
-
-def _require_version(client: Any, address: str) -> None:
-    try:
-        found = client.run(installed_version)
-    except (ImportError, RuntimeError) as error:  # they cannot read what they are sent
-        raise ConfigError(f"--scheduler {address}: its workers need vcfbench {installed_version()}: {error}") from error
-    if not found:
-        raise ConnectFailed(f"--scheduler {address}: it has no workers", hint="dask worker SCHEDULER begins one")
-    others = {worker: version for worker, version in found.items() if version != installed_version()}
-    if others:
-        worker, version = next(iter(others.items()))
-        raise ConfigError(
-            f"--scheduler {address}: worker {worker} has vcfbench {version}, this is {installed_version()}"
-        )

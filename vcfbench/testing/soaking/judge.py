@@ -48,24 +48,15 @@ def wrong_of(ended: Ended, clean: Clean, *, spoilt: bool = False) -> Iterator[st
         yield f"V_Vc left at {ended.v_vc_v:.3g} V, and nobody says so"
     if max(map(abs, ended.rails_v)) > _RAIL_V and "power" not in said:
         yield f"rails left at {ended.rails_v[0]:.3g} V and {ended.rails_v[1]:.3g} V, and nobody says so"
-    yield from _not_safe(ended)
+    # one that is said not to be safe has a fault that goes on, or was broken off by a third signal
+    faults = [each.fault for each in ended.faults if each.fault is not None and each.fault.at_s <= ended.end_s]
+    ill = {each.instrument for each in faults if each.kind not in {"error", "identity"}}
+    for each in error.reports if isinstance(error, NotSafe) and ended.signals < 3 else ():
+        if not each.safe and each.instrument not in ill:
+            yield f"NOT SAFE without a cause: {each.instrument}: {each.detail}"
     yield from _code(ended, spoilt=spoilt)
     if ended.end_s > 2.0 * clean.duration_s + _LONGEST_S:
         yield f"it took {ended.end_s:.0f} s of bench time, without faults {clean.duration_s:.0f} s"
-
-
-def _not_safe(ended: Ended) -> Iterator[str]:
-    """Check that an instrument said not to be safe has a fault that goes on, or was broken off by a third signal."""
-    if not isinstance(ended.error, NotSafe) or ended.signals >= 3:
-        return
-    ill = {
-        each.fault.instrument
-        for each in ended.faults
-        if each.fault is not None and each.fault.at_s <= ended.end_s and each.fault.kind not in {"error", "identity"}
-    }
-    for each in ended.error.reports:
-        if not each.safe and each.instrument not in ill:
-            yield f"NOT SAFE without a cause: {each.instrument}: {each.detail}"
 
 
 def _code(ended: Ended, *, spoilt: bool) -> Iterator[str]:
