@@ -25,7 +25,6 @@ from vcfbench.records.journal import (
     lines_of,
     read_header,
     read_journal,
-    read_start,
 )
 from vcfbench.records.outline import outline_of
 from vcfbench.records.schema import Point, Status
@@ -316,7 +315,7 @@ def test_a_header_is_read_by_itself_and_is_empty_where_there_is_none(tmp_path: P
 )
 def test_when_a_run_began_is_read_from_its_first_line(line: bytes, began: str | None, tmp_path: Path) -> None:
     (tmp_path / "j").write_bytes(line)
-    assert read_start(tmp_path / "j") == began
+    assert read_header(tmp_path / "j").get("utc") == began
 
 
 @pytest.mark.parametrize("number", ["true", '"1"', "0", "null"])

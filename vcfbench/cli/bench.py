@@ -1,22 +1,24 @@
-"""``vcfbench bench``: the contents of a bench file, and whether the instruments answer."""
+"""``vcfbench bench``: the instruments that answer, and the contents of a bench file."""
 
 from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
 from msgspec import to_builtins
-from msgspec.structs import astuple
+from msgspec.structs import asdict, astuple
 
 from vcfbench.bench.check import CheckedWatchdog, check_bench
+from vcfbench.cli import options
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
-from vcfbench.cli.discover import discover
 from vcfbench.cli.options import Bench_, Json_, Trace_, flag, tracing
 from vcfbench.cli.person import agreed
+from vcfbench.errors import BenchError
 from vcfbench.procedures.bench_file import as_resolved, load_bench, resolved_text
 from vcfbench.reports.text import left_table
 from vcfbench.runs.needs import what_can_run
-from vcfbench.station import file
+from vcfbench.station import discovery, file
+from vcfbench.station.discovery import DiscoveredInstrument
 from vcfbench.station.equipment import calibration_words
 
 _CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificate", "overdue")
@@ -24,7 +26,58 @@ _CALIBRATION = ("inventory_number", "calibrated", "calibration_due", "certificat
 app = typer.Typer(no_args_is_help=True, help="Make, show and check a bench.")
 
 app.command("new")(new)
-app.command("discover")(discover)
+
+
+@app.command("discover")
+def discover(
+    library: options.Library_ = "@py",
+    tries: options.Tries_ = None,
+    timeout: options.AnswerTime_ = 1.0,
+    trace: Trace_ = None,
+    *,
+    probe_serial: options.ProbeSerial_ = False,
+    json: Json_ = False,
+) -> None:
+    """Ask every VISA resource for its identity, list the serial ports, and print lines for a bench file.
+
+    Exit code 3 when a resource given with --try does not answer.
+    """
+    with tracing(trace):
+        found = discovery.discover(library, tries or (), timeout_s=timeout, serial_probe=probe_serial)
+    stanza = discovery.stanza(found)
+    if json:
+        ports = [
+            {
+                "port": each.port,
+                "description": each.description,
+                "asked": each.found is not None,
+                **({} if each.found is None else asdict(each.found)),
+            }
+            for each in found.serial_ports
+        ]
+        asked = {"resources": found.resources, "serial_ports": ports, "tried": found.tried}
+        print_json({"library": found.library, **asked, "stanza": stanza})
+    else:
+        for resource in (*found.resources, *found.tried):
+            typer.echo(_answer_line(resource))
+        for port in found.serial_ports:
+            unasked = f"{port.port}: {port.description}, not asked (--probe-serial asks)"
+            typer.echo(unasked if port.found is None else _answer_line(port.found))
+        if not (found.resources or found.tried or found.serial_ports):
+            typer.echo("nothing found: no VISA resource, no serial port")
+        if stanza.strip():
+            typer.echo("\n# for a bench file (vcfbench bench show --template has the rest):\n")
+            typer.echo(stanza.rstrip())
+    silent = [each.resource for each in found.tried if each.answer is None]
+    if silent:
+        raise BenchError(f"no answer from {', '.join(silent)}")
+
+
+def _answer_line(found: DiscoveredInstrument) -> str:
+    if found.answer is None:
+        return f"{found.resource}: {found.problem}"
+    known = f"{found.model}" if found.model is not None else "not recognised"
+    return f"{found.resource}: {known}, {found.answer}"
 
 
 @app.command("show")

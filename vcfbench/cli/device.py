@@ -17,21 +17,29 @@ from vcfbench.cli.options import Devices_, Json_, Runs_, argument, flag, option
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
-from vcfbench.records.devices import (
-    Device,
-    DeviceStore,
-    Entry,
-    SelfCalibration,
-)
+from vcfbench.records.devices import Device, DeviceStore, Entry, SelfCalibration
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
 from vcfbench.reports.plot import save_figure
 from vcfbench.reports.text import table_text, text_of
 
-_COLUMNS = (
-    *("entry", "kind", "done", "scale_factor_v_per_deg_s", "u_scale_factor", "bias_v", "u_bias_v"),
-    *("nonlinearity_ppm", "drift_ppm", "u_drift_ppm", "e_n", "cusum", "verdict"),
-    *("bias_instability_deg_h", "u_bias_instability"),
-)
+_COLUMNS = {
+    "entry": Column("entry"),
+    "kind": Column("kind", align="left"),
+    "done": Column("done"),
+    "scale_factor_v_per_deg_s": Column("scale factor", "V/(deg/s)", ".8f"),
+    "u_scale_factor": Column("u", "V/(deg/s)", ".1e"),
+    "bias_v": Column("bias", "V", ".6f"),
+    "u_bias_v": Column("u", "V", ".1e"),
+    "nonlinearity_ppm": Column("non-linearity", "ppm", ".0f"),
+    "drift_ppm": Column("drift", "ppm", "+.1f"),
+    "u_drift_ppm": Column("u", "ppm", ".1f"),
+    "e_n": Column("E_n", "", ".2f"),
+    "cusum": Column("CUSUM", "", ".1f"),
+    "verdict": Column("verdict"),
+    "bias_instability_deg_h": Column("B", "deg/h", ".2f"),
+    "u_bias_instability": Column("u", "deg/h", ".2f"),
+}
+"""Columns of the history, by their names in CSV."""
 _MEASURED = {
     "scale_factor_v_per_deg_s": "u_scale_factor",
     "bias_v": "u_bias_v",
@@ -106,15 +114,8 @@ def _print_history(known: Device, rows: list[dict[str, Any]]) -> None:
     """Print the table of the entries, whether the device has failed, and the scale factor drawn entry by entry."""
     if not rows:
         return
-    columns = (
-        *(Column("entry"), Column("kind", align="left"), Column("done")),
-        *(Column("scale factor", "V/(deg/s)", ".8f"), Column("u", "V/(deg/s)", ".1e")),
-        *(Column("bias", "V", ".6f"), Column("u", "V", ".1e"), Column("non-linearity", "ppm", ".0f")),
-        *(Column("drift", "ppm", "+.1f"), Column("u", "ppm", ".1f"), Column("E_n", "", ".2f")),
-        *(Column("CUSUM", "", ".1f"), Column("verdict")),
-        *(Column("B", "deg/h", ".2f"), Column("u", "deg/h", ".2f")),
-    )
-    print_verdicts(table_text(Table(columns, [tuple(row.values()) for row in rows], f"device {known.serial}")))
+    table = Table([*_COLUMNS.values()], [tuple(row.values()) for row in rows], f"device {known.serial}")
+    print_verdicts(table_text(table))
     if known.failed_since is not None:
         print_verdicts(f"\n{_failed(known.failed_since)}")
     drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]

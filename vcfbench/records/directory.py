@@ -12,7 +12,7 @@ from msgspec import Struct
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown, try_lock
-from vcfbench.records.journal import JournalRecord, read_journal, read_start
+from vcfbench.records.journal import JournalRecord, read_header, read_journal
 
 _STAMP = "%Y%m%dT%H%M%SZ"
 _STAMP_LENGTH = len("20260821T142530Z")
@@ -120,7 +120,7 @@ def _changed_ns(run: RunDirectory) -> int:
 def _started(run: RunDirectory) -> datetime | None:
     """Return when a run began, by its header or else its name; None if neither tells."""
     with suppress(ConfigError):
-        return _beginning(run, read_start(run.journal))
+        return _beginning(run, read_header(run.journal).get("utc"))
     return _beginning(run, None)
 
 

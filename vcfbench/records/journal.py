@@ -351,25 +351,6 @@ def read_header(path: Path) -> Mapping[str, Any]:
     return header if header is not None and header.get("type") == "header" else {}
 
 
-def read_start(path: Path) -> str | None:
-    """Return when the run of a journal began, as its first line says; None where it says nothing; errors as above."""
-    with opened(path, _EXPECTED) as file:
-        line = file.readline(_LONGEST_LINE)
-    try:
-        began = _BEGAN.decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return None
-    return began.utc if began.type == "header" and line.endswith(b"\n") else None
-
-
-class _Began(Struct, frozen=True):
-    type: str
-    utc: str
-
-
-_BEGAN = msgspec.json.Decoder(_Began)
-
-
 def lines_of(path: Path) -> Iterator[dict[str, Any]]:
     """Yield the lines of a journal, one at a time, up to the first that is not whole: a long one needs no memory.
 

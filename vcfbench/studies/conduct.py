@@ -109,9 +109,7 @@ def study(
 
 def conduct(asked: Study, how: StudyOptions, progress: Progress) -> StudyResult:
     """Do the study as :func:`study` does, which see."""
-    _require(how)
-    for number, _ in enumerate(asked.check(), start=1):
-        progress.checked(number, len(asked.cases))
+    _check(asked, how, progress)
     begun = begun_by(asked)
     opened: AbstractContextManager[tuple[StudyJournal | None, Rows]] = nullcontext((None, {}))
     if how.output is not None:
@@ -141,9 +139,7 @@ def conduct(asked: Study, how: StudyOptions, progress: Progress) -> StudyResult:
 
 def plan_of(asked: Study, how: StudyOptions, progress: Progress) -> Plan:
     """Check the study as before its runs, and time one of the first case, in memory; nothing is written."""
-    _require(how)
-    for number, _ in enumerate(asked.check(), start=1):
-        progress.checked(number, len(asked.cases))
+    _check(asked, how, progress)
     had = 0
     if how.output is not None and journal_of(how.output).exists() and not how.restart:
         rows, _ = rows_of(journal_of(how.output), begun_by(asked))
@@ -173,8 +169,8 @@ def begun_by(asked: Study) -> Begun:
     )
 
 
-def _require(how: StudyOptions) -> None:
-    """See that the study can be done as asked, before anything runs."""
+def _check(asked: Study, how: StudyOptions, progress: Progress) -> None:
+    """Check that the study can be done as asked, before anything runs."""
     if how.workers is not None and not 1 <= how.workers <= 1024:
         raise ConfigError(f"--workers {how.workers}: expected 1 to 1024")
     if how.workers is not None and how.scheduler is not None:
@@ -183,6 +179,8 @@ def _require(how: StudyOptions) -> None:
         require_writable(how.output)
     if how.keep_records is not None and how.keep_records.exists() and not how.keep_records.is_dir():
         raise ConfigError(f"--keep-records {shown(how.keep_records)}: expected a directory")
+    for number, _ in enumerate(asked.check(), start=1):
+        progress.checked(number, len(asked.cases))
 
 
 def _workers(how: StudyOptions) -> int:

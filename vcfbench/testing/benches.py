@@ -25,7 +25,7 @@ from vcfbench.bench.bench import Bench, open_bench
 from vcfbench.clock import Clock
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml
-from vcfbench.procedures.bench_file import load_bench
+from vcfbench.procedures.bench_file import described
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.consistency import check_simulation
 from vcfbench.sim.fault_scripts import parse_script, read_script
@@ -56,7 +56,7 @@ def simulated(
     Raises:
         ConfigError: the file cannot be used, or a value is not one.
     """
-    description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
+    description = described(bench)
     simulation = description.simulation or Simulation()
     changes: dict[str, Any] = {}
     if parameters is not None:
@@ -109,8 +109,7 @@ def open_simulated(
         NotSafe: on leaving, something could not be made safe, for instance because a fault keeps its link down.
     """
     behind = _Behind()
-    description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
-    with open_bench(description, seed=seed, speed=speed, build=behind) as opened:
+    with open_bench(described(bench), seed=seed, speed=speed, build=behind) as opened:
         yield SimulatedLab(opened, behind.world, behind.faults)
 
 
@@ -183,7 +182,7 @@ def serve_simulated(
     Without `speed` (times real time) bench time jumps to whatever a client waits for.
     """
     settings = ServerSettings(faults=FaultScript(()) if faults is None else _script(faults))
-    description = bench if isinstance(bench, BenchDescription) else load_bench(bench)
+    description = described(bench)
     used = chosen_seed(description, seed)
     clock = ServedClock(MAX_SPEED if speed is None else speed)
     with BenchServer(build_served(description, used, clock), clock, settings) as server:

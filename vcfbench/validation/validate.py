@@ -18,7 +18,7 @@ from vcfbench.validation import benches, installation, numbers
 from vcfbench.validation.check import Check, Checked, Found, Verdict, made
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
     from datetime import datetime
 
     from vcfbench.safety.trust import Trust
@@ -118,6 +118,13 @@ def validation_report(found: Validation) -> Report:
         ("result", f"{'PASS' if found.passed else 'FAIL'}: {summary}"),
         ("signature", ""),
     ]
+    areas: list[Heading | Table | Text] = []
+    for area in dict.fromkeys(each.area for each in found.checks):
+        made_here = [each for each in found.checks if each.area == area]
+        answers = [(each.verdict, each.name, each.expected, each.came) for each in made_here]
+        questions = "\n".join(f"{each.name}: {each.question} ({each.source})" for each in made_here)
+        areas += [Heading(area, 2), Table(texts("verdict", "check", "right answer", "answer"), answers)]
+        areas.append(Text(questions))
     return Report(
         [
             Heading("Validation of vcfbench"),
@@ -129,20 +136,11 @@ def validation_report(found: Validation) -> Report:
             ),
             facts(rows),
             Text(_LIMITS),
-            *_areas(found),
+            *areas,
             Heading("Versions", 2),
             facts(list(found.versions.items())),
         ]
     )
-
-
-def _areas(found: Validation) -> Iterator[Heading | Table | Text]:
-    for area in dict.fromkeys(each.area for each in found.checks):
-        made_here = [each for each in found.checks if each.area == area]
-        yield Heading(area, 2)
-        rows = [(each.verdict, each.name, each.expected, each.came) for each in made_here]
-        yield Table(texts("verdict", "check", "right answer", "answer"), rows)
-        yield Text("\n".join(f"{each.name}: {each.question} ({each.source})" for each in made_here))
 
 
 def write_validation(found: Validation, path: Path) -> tuple[Path, ...]:
