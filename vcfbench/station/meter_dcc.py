@@ -53,18 +53,16 @@ _IN_A_VOLT: Final = {"": 1.0, "nano": 1e9, "micro": 1e6, "milli": 1e3, "kilo": 1
 """Divisors: 10 by 1e6 is the float of 1e-5, 10 times 1e-6 is not."""
 _VOLT: Final = re.compile(r"(?:\\(?P<prefix>nano|micro|milli|kilo))?\\volt")
 
-_EXPANDED: Final = (
+_STATED: Final = (
     ("measurementUncertaintyUnivariateXMLList/expandedMUXMLList", "valueExpandedMUXMLList", "coverageFactorXMLList"),
     ("expandedUncXMLList", "uncertaintyXMLList", "coverageFactorXMLList"),
     ("measurementUncertaintyUnivariate/expandedMU", "valueExpandedMU", "coverageFactor"),
     ("expandedUnc", "uncertainty", "coverageFactor"),
+    ("measurementUncertaintyUnivariateXMLList/standardMUXMLList", "valueStandardMUXMLList", ""),
+    ("measurementUncertaintyUnivariate/standardMU", "valueStandardMU", ""),
 )
-"""Places of an expanded uncertainty with its factor: D-SI 2.2 and before, of a list and of one value."""
+"""Places of an uncertainty and its factor; a standard one has none: D-SI 2.2 and before, of a list and of one value."""
 
-_STANDARD: Final = (
-    ("measurementUncertaintyUnivariateXMLList/standardMUXMLList", "valueStandardMUXMLList"),
-    ("measurementUncertaintyUnivariate/standardMU", "valueStandardMU"),
-)
 _OVER_RANGE: Final = 1.25
 """A meter's range measures so much of itself at most."""
 
@@ -312,15 +310,11 @@ def _column(table: _Table, quantity: ET.Element) -> _Column:
 
 def _uncertainty(here: str, numbers: ET.Element) -> tuple[Sequence[float], Sequence[float]]:
     """Return U and k in the unit of the numbers; none where no uncertainty is stated."""
-    for path, value, factor in _EXPANDED:
+    for path, value, factor in _STATED:
         found = numbers.find("/".join(f"si:{each}" for each in path.split("/")), _NAMES)
         if found is not None:
-            k = _floats(f"{here}, {factor}", _text(found.find(f"si:{factor}", _NAMES)))
+            k = _floats(f"{here}, {factor}", _text(found.find(f"si:{factor}", _NAMES))) if factor else [1.0]
             return _floats(f"{here}, {value}", _text(found.find(f"si:{value}", _NAMES))), k
-    for path, value in _STANDARD:
-        found = numbers.find("/".join(f"si:{each}" for each in path.split("/")), _NAMES)
-        if found is not None:
-            return _floats(f"{here}, {value}", _text(found.find(f"si:{value}", _NAMES))), [1.0]
     for each in numbers:
         kind = each.tag.partition("}")[2]
         if "overage" in kind or "ncertainty" in kind:

@@ -16,6 +16,7 @@ than what most file systems do.
 import io
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import chain, combinations, product
 from pathlib import Path
 from random import Random
@@ -30,6 +31,8 @@ the disk takes (None: all), or raises an OSError, as a disk that is full or brok
 _MOST = 4
 """Names of a directory of which every selection is tried; of more, their beginnings and all but one."""
 _DIRECTORY = 0
+_OF_TWO = frozenset({"rename", "replace", "link"})
+"""Operations on two paths."""
 
 
 class _Change(Struct, frozen=True):
@@ -105,19 +108,20 @@ class Disk:
             name = str(path.relative_to(self.folder))
             self._numbers[name] = _DIRECTORY if path.is_dir() else self._fresh(path.read_bytes())
         self._named = dict(self._numbers)
-        ours = {
+        numbers = self._numbers
+        ours: dict[str, Callable[..., Any]] = {
             "open": self._opened,
             "close": self._closed,
             "write": self._written,
             "ftruncate": self._truncated,
-            "fsync": lambda descriptor: self._synchronised("fsync", descriptor),
-            "fdatasync": lambda descriptor: self._synchronised("fdatasync", descriptor),
-            "rename": lambda source, target: self._moved("rename", source, target),
-            "replace": lambda source, target: self._moved("replace", source, target),
-            "link": self._linked,
-            "unlink": lambda path: self._renamed("unlink", path, None),
-            "mkdir": lambda path, mode=0o777: self._renamed("mkdir", path, _DIRECTORY, mode),
-            "rmdir": lambda path: self._renamed("rmdir", path, None),
+            "fsync": partial(self._synchronised, "fsync"),
+            "fdatasync": partial(self._synchronised, "fdatasync"),
+            "rename": partial(self._renamed, "rename", lambda name, to: {to: numbers[name], name: None}),
+            "replace": partial(self._renamed, "replace", lambda name, to: {to: numbers[name], name: None}),
+            "link": partial(self._renamed, "link", lambda name, to: {to: numbers[name]}),
+            "unlink": partial(self._renamed, "unlink", lambda name: {name: None}),
+            "mkdir": partial(self._renamed, "mkdir", lambda name: {name: _DIRECTORY}),
+            "rmdir": partial(self._renamed, "rmdir", lambda name: {name: None}),
         }
         for name in filter(ours.__contains__, dir(os)):  # Windows has not all of them
             self._plain[name] = getattr(os, name)
@@ -245,29 +249,15 @@ class Disk:
         for naming in self._naming.pop(name, ()):
             _apply(self._named, naming)
 
-    def _renamed(self, what: str, path: Any, number: int | None, *more: Any) -> None:
-        name = self._name(path)
-        if name is not None:
+    def _renamed(self, what: str, naming: Callable[..., dict[str, int | None]], *given: Any, **more: Any) -> None:
+        """Do what gives or takes names; `naming` are those of the paths in the folder, as they are then."""
+        paths = given[: 2 if what in _OF_TWO else 1]
+        names = [self._name(path) for path in paths]
+        if names[0] is not None:
             self._count(what)
-        self._plain[what](path, *more)
-        if name is not None:
-            self._note_names({name: number})
-
-    def _moved(self, what: str, source: Any, target: Any) -> None:
-        name, to = self._name(source), self._name(target)
-        if name is not None:
-            self._count(what)
-        self._plain[what](source, target)
-        if name is not None and to is not None:
-            self._note_names({to: self._numbers[name], name: None})
-
-    def _linked(self, source: Any, target: Any) -> None:
-        name, to = self._name(source), self._name(target)
-        if name is not None:
-            self._count("link")
-        self._plain["link"](source, target)
-        if name is not None and to is not None:
-            self._note_names({to: self._numbers[name]})
+        self._plain[what](*given, **more)
+        if None not in names:
+            self._note_names(naming(*names))
 
     def _file_object(self, file: Any, mode: str = "r", *more: Any, **named: Any) -> Any:
         """Open a file; writes to it come through here."""
