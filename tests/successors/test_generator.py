@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from simrack.instruments.agilent33220a.modulation import pseudo_random_bits
 from simrack.instruments.trueform import TrueformErrors
+from simrack.instruments.trueform.commands import table
+from simrack.scpi import ScpiError
 
 from tests.conformance import walk
 from tests.successors import BENCH
@@ -55,6 +57,24 @@ def test_what_the_series_has_beside_the_33220a_comes_out(function: str) -> None:
     assert volts.max() == pytest.approx(1.0, abs=0.02)
     assert volts.min() == pytest.approx(-1.0, abs=0.02)
     assert abs(volts.mean()) < 0.05
+
+
+def test_two_channels_have_settings_of_their_own_and_one_trigger() -> None:
+    bench = walk.bench("keysight33622a")
+    bench.write("SOUR2:APPL:SQU 5E3,2,0.5;:INIT2:CONT OFF")
+    assert bench.ask("SOUR2:APPL?") == '"SQU +5.000000000000000E+03,+2.0000000000000E+00,+5.0000000000000E-01"'
+    assert bench.ask("FUNC?;:OUTP1?;:OUTP2?;:INIT1:CONT?;:INIT2:CONT?") == "SIN;0;1;1;0"
+    bench.write("*SAV 1;*RST")
+    assert bench.ask("SOUR2:FUNC?;:OUTP2?") == "SIN;0"
+    bench.write("*RCL 1;:SOUR2:BURS:STAT ON;:TRIG2:SOUR BUS;*TRG;:SOUR2:FREQ 1E12")
+    assert str(bench.ask("SOUR2:FUNC?;FREQ?;:SYST:ERR?")).startswith("SQU;+1.000000000000000E+08;-222,")
+    bench.write("TRIG1")
+    assert str(bench.ask("SYST:ERR?")).startswith("-211,")
+
+
+def test_a_model_with_one_channel_refuses_the_second() -> None:
+    with pytest.raises(ScpiError, match="-114"):
+        raise next(step.error for step in table(1).compile("SOUR2:FREQ 1") if step.error)
 
 
 def test_discovery_finds_both_badges() -> None:

@@ -29,7 +29,7 @@ class Command(Struct, frozen=True):
 
     Args:
         pattern: header as printed: `[SOURce:]VOLTage[:LEVel]`, `CHANnel<1-4>:SCALe`, `*OPC`. Without a question mark.
-            Of `SENSe<1-1>` the 1 may be written and says nothing: handlers do not get it.
+            Of `SENSe<1-1>` the 1 may be written, of `SOURce<2-2>` the 2 must be: handlers do not get them.
         parameters: what follows the header in the command form.
         do: what the command form does: `do(model, *suffixes, *arguments)`; None if there is only a query.
             It may return a :class:`~simrack.scpi.engine.Pending`, raise ScpiError, else returns nothing.
@@ -42,6 +42,7 @@ class Command(Struct, frozen=True):
         query_takes_s: simulated time before the query answers, s.
         indefinite: the reply has no definite end, so a query after it in the same message is refused with -440.
         urgent: executed even while an earlier command keeps the parser busy.
+        part: attribute of the model that handlers and limits are given instead of it (a further channel).
     """
 
     pattern: str
@@ -55,6 +56,7 @@ class Command(Struct, frozen=True):
     query_takes_s: float = 0.0
     indefinite: bool = False
     urgent: bool = False
+    part: str = ""
 
     def parts(self) -> Iterator[tuple[tuple[Mnemonic, ...], bool]]:
         """Yield the parts of the header: the mnemonics of each, and whether it may be left out."""
@@ -79,6 +81,7 @@ class CompiledUnit:
         "handler",
         "indefinite",
         "is_query",
+        "part",
         "reply",
         "rest",
         "settling",
@@ -87,7 +90,10 @@ class CompiledUnit:
     )
 
     def __init__(self, handler: Callable[..., Any], arguments: tuple[Any, ...], command: Command, unit: Unit) -> None:
-        self.handler = handler
+        part = self.part = command.part
+        self.handler: Callable[..., Any] = handler
+        if part:
+            self.handler = lambda model, *given: handler(getattr(model, part), *given)
         self.arguments = arguments
         self.settling: tuple[tuple[int, Parameter], ...] = ()
         self.is_query = unit.query
@@ -102,9 +108,10 @@ class CompiledUnit:
     def resolve(self, model: Any) -> list[Any]:
         """Return the arguments with limits and MIN, MAX, DEF applied."""
         arguments = list(self.arguments)
+        about = getattr(model, self.part) if self.part else model
         for index, parameter in self.settling:
             if arguments[index] is not None:
-                arguments[index] = parameter.settle(arguments[index], model)
+                arguments[index] = parameter.settle(arguments[index], about)
         return arguments
 
 
@@ -233,7 +240,7 @@ class CommandTable:
                 number = mnemonic.match(word)
                 if number is None:
                     raise ScpiError(-114)
-                if mnemonic.suffixes != (1, 1):
+                if mnemonic.suffixes[0] < mnemonic.suffixes[1]:
                     suffixes.append(number)
         command = node.asking if unit.query else node.doing
         if command is None:
@@ -242,13 +249,11 @@ class CommandTable:
 
 
 def _next(node: _Node, word: str) -> tuple[Mnemonic, _Node]:
-    for known, child in node.children.get(word, []):
-        return known, child
-    stem = word.rstrip("0123456789")
-    for known, child in node.children.get(stem, []):
-        if known.suffixes is not None:
-            return known, child
-    raise ScpiError(-113)
+    numbered = node.children.get(word.rstrip("0123456789"), [])
+    known = node.children.get(word) or [each for each in numbered if each[0].suffixes is not None]
+    if not known:
+        raise ScpiError(-113)
+    return next((each for each in known if each[0].match(word) is not None), known[0])
 
 
 def _spread(parameters: tuple[Parameter, ...], given: int, command: Command) -> tuple[Parameter, ...]:

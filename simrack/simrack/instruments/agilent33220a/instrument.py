@@ -78,20 +78,24 @@ class SimulatedAgilent33220A(scpi.ScpiTwin):
         self._driven: Drive | Played | None = None
         self._questionable = scpi.Register()
         self.operation = scpi.Register()
-        self.engine = scpi.ScpiEngine(
-            self,
-            self.table,
-            world.clock,
-            dialect=scpi.Dialect(out_of_range=scpi.clip, input_limit=self.longest_line),
-            interface={"usb": scpi.USB, "gpib": scpi.GPIB, "lan": scpi.LAN}[interface],
-            status=scpi.Status({3: self._questionable}),
-        )
+        self.engine = self.made_engine(interface)
         self.memory = self.made_memory((1 << errors.dac_bits) // 2 - 1 if errors.dac_bits else 0)
         self.levels = self.made_levels(errors)
         self.rules = SettingRules(self.kind, self.state, self.levels, self.engine.report)
         clock_hz = self.kind.arbitrary_clock_hz
         self._player = Player(self.state, errors, self.levels, self.memory, noise_seed, clock_hz=clock_hz)
         world.drive(node, None)
+
+    def made_engine(self, interface: str) -> scpi.ScpiEngine:
+        """Return the message exchange at an interface."""
+        return scpi.ScpiEngine(
+            self,
+            self.table,
+            self._world.clock,
+            dialect=scpi.Dialect(out_of_range=scpi.clip, input_limit=self.longest_line),
+            interface={"usb": scpi.USB, "gpib": scpi.GPIB, "lan": scpi.LAN}[interface],
+            status=scpi.Status({3: self._questionable}),
+        )
 
     def made_memory(self, full_scale: int) -> ArbitraryMemory:
         """Return the waveform memory of the model."""

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from simrack.instruments.trueform.commands import TABLE
+from simrack.instruments.trueform.commands import table
 from simrack.instruments.trueform.instrument import SimulatedTrueform, TrueformErrors
-
-if TYPE_CHECKING:
-    from simrack.scpi import CommandTable
 
 __all__ = ["TrueformErrors", "TrueformTwin"]
 
@@ -16,4 +13,4 @@ __all__ = ["TrueformErrors", "TrueformTwin"]
 class TrueformTwin(SimulatedTrueform):
     """A generator of the series with its commands; arguments as of the 33220A."""
 
-    table: ClassVar[CommandTable] = TABLE
+    table_of: ClassVar = staticmethod(table)

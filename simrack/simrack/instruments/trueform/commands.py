@@ -3,12 +3,13 @@
 Headers are those of a driver that was made from the maker's own SCPI description of the 33500B (users' code), and
 replies have the digits of a users' record of a 33600A after ``*RST``: fifteen decimals, thirteen for amplitude, offset
 and phases. What stands here is the 33220A's command under the header of the series, and what the series has of its
-own. Of a generator's two channels the first is simulated: ``SOURce2:`` and ``OUTPut2`` are -114.
+own. ``SOURce2:``, ``OUTPut2`` and ``TRIGger2`` are -114 where there is one channel.
 """
 
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
@@ -45,7 +46,7 @@ _HEADERS = {
 _LEFT_OUT = (
     *("MARKer[:STATe]", "*LRN", "SYSTem:KLOCk", "SYSTem:COMMunicate:RLSTate", "OUTPut:LOAD", "APPLy:USER"),
     *("APPLy:DC", "[SOURce:]FUNCtion[:SHAPe]", "[SOURce:]FUNCtion:SQUare:DCYCle", "[SOURce:]PULSe:PERiod"),
-    *("[SOURce:]BURSt:INTernal:PERiod", "[SOURce:]BURSt:NCYCles"),
+    *("[SOURce:]BURSt:INTernal:PERiod", "[SOURce:]BURSt:NCYCles", "*TRG"),
 )
 """What the series does not have, or has in another way."""
 
@@ -86,14 +87,23 @@ def _as_here(command: scpi.Command) -> scpi.Command:
 
 
 def _spelled(command: scpi.Command) -> tuple[scpi.Command, ...]:
-    """Return a command as it may be said, with the number of its channel or without it."""
+    """Return a command of the first channel as it may be said, with the number of the channel or without it."""
     header = command.pattern
-    for root in ("OUTPut", "TRIGger"):
+    for root in ("OUTPut", "TRIGger", "INITiate"):
         if header.startswith(root):
             return (replace(command, pattern=f"{root}<1-1>{header.removeprefix(root)}"),)
     if header.startswith("APPLy"):
         return command, replace(command, pattern=f"SOURce<1-1>:{header}")
     return (replace(command, pattern=header.replace("[SOURce:]", "[SOURce<1-1>:]")),)
+
+
+def _of_second(command: scpi.Command) -> tuple[scpi.Command, ...]:
+    """Return the same of the second channel, where it is a command of a channel."""
+    header = command.pattern.replace("[SOURce:]", "SOURce:")
+    header = f"SOURce:{header}" if header.startswith("APPLy") else header
+    root = next((root for root in ("SOURce", "OUTPut", "TRIGger", "INITiate") if header.startswith(root)), None)
+    header = "" if root is None else f"{root}<2-2>{header.removeprefix(root)}"
+    return (replace(command, pattern=header, part="second"),) if header else ()
 
 
 # --- functions ------------------------------------------------------------------------------------------------------
@@ -191,6 +201,15 @@ def _load_dac(model: _Model, name: str, *codes: float) -> None:
 def _load_file(_model: _Model, _name: str) -> None:
     """MMEMory:LOAD:DATA: its memory has no files (number of SCPI, unverified)."""
     raise scpi.ScpiError(-256, "File name not found")
+
+
+@ROWS.do("*TRG", urgent=True)
+def _bus_trigger(model: _Model) -> None:
+    waiting = [each for each in (model, model.second) if each is not None and each.state.trigger == "BUS"]
+    if not waiting:
+        raise scpi.ScpiError(-211)
+    for each in waiting:
+        each.fire()
 
 
 @ROWS.do("[SOURce:]DATA:VOLatile:CLEar")
@@ -296,7 +315,7 @@ OWN = (
     *(replace(_EDGE, pattern=f"[SOURce:]FUNCtion:PULSe:TRANsition:{edge}") for edge in ("LEADing", "TRAiling")),
     scpi.Command("[SOURce:]PHASe:SYNChronize", do=lambda _: None),
     scpi.Command("ABORt", do=lambda _: None),
-    scpi.remembered("INITiate<1-1>:CONTinuous", scpi.Boolean(), default=True, reply=scpi.boolean),
+    scpi.attribute("INITiate:CONTinuous", scpi.Boolean(), "state.continuous", scpi.boolean),
     scpi.remembered("ROSCillator:SOURce", scpi.Choice(("INTernal", "EXTernal")), "INT"),
     scpi.remembered("ROSCillator:SOURce:AUTO", scpi.Boolean(), default=False, reply=scpi.boolean),
     scpi.Command("SYSTem:ERRor:COUNt", query=lambda model: len(model.engine.errors), reply=scpi.signed_integer),
@@ -307,6 +326,10 @@ OWN = (
     setting("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "state.order"),
 )
 
-TABLE = scpi.CommandTable(
-    *scpi.COMMON_COMMANDS, *(each for command in (*_inherited(), *OWN) for each in _spelled(command))
-)
+
+@cache
+def table(channels: int) -> scpi.CommandTable:
+    """Return the commands of a model with so many channels."""
+    commands = (*_inherited(), *OWN)
+    ways = (_spelled, _of_second)[:channels]
+    return scpi.CommandTable(*scpi.COMMON_COMMANDS, *(each for way in ways for row in commands for each in way(row)))

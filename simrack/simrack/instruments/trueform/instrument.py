@@ -5,13 +5,17 @@ subsystem), the maker's help pages, a driver made from the maker's SCPI descript
 of what a 33600A answers after ``*RST``. What none of them has is the 33220A's and unverified: times, the words of -221
 and -222, what gives way to what.
 
-Not simulated: the second channel (V_Vc is on the first), sums and BPSK, sequences, lists, gated output, the timer
-as trigger, and the lower amplitudes of a 33600A at high frequencies.
+The second channel of a model that has two is set and asked as the first, and leads nowhere.
+
+Not simulated: what couples the channels, sums and BPSK, sequences, lists, gated output, the timer as trigger, and the
+lower amplitudes of a 33600A at high frequencies.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Self
+
+from msgspec import Struct
 
 from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A
 from simrack.instruments.agilent33220a.settings import GeneratorErrors, drawn_ranges
@@ -21,9 +25,14 @@ from simrack.instruments.trueform.levels import LimitedLevels, TrueformSettings
 from simrack.specifications import KEYSIGHT_33500B
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
 
-    from simrack.scpi import CommandTable
+    from simrack.clock import Clock
+    from simrack.instruments.agilent33220a.instrument import GeneratorWorld
+    from simrack.scpi import CommandTable, ScpiEngine
+    from simrack.sources import Drive, Played
 
 _LONGEST_LINE = 15 * MOST_POINTS + 1024
 _FREQUENCY_ERROR = 2e-6
@@ -48,11 +57,24 @@ class TrueformErrors(GeneratorErrors, frozen=True):
         return cls(drawn_ranges(rng, errors, cls.promised), amplitude, frequency, sheet.bits, 4)
 
 
+class _Unwired(Struct, frozen=True):
+    """What is around an output that leads nowhere."""
+
+    clock: Clock
+
+    def drive(self, node: str, source: Drive | Played | None) -> None:
+        """Nobody sees it."""
+
+
 class SimulatedTrueform(SimulatedAgilent33220A):
-    """A generator of the series, made by :meth:`of_model`; arguments as of the 33220A."""
+    """A generator of the series, made by :meth:`of_model`; arguments as of the 33220A.
+
+    `first` is the generator whose second channel it is.
+    """
 
     errors_class: ClassVar = TrueformErrors
-    table: ClassVar[CommandTable]
+    table_of: ClassVar[Callable[[int], CommandTable]]
+    channels: ClassVar[int]
     longest_line: ClassVar[int] = _LONGEST_LINE
     series: ClassVar[TrueformSeries]
     state: TrueformSettings
@@ -61,12 +83,59 @@ class SimulatedTrueform(SimulatedAgilent33220A):
     def of_model(cls, model: str, sine_hz: float) -> type[Self]:
         """Return the simulated model of the series whose sines go up to `sine_hz`."""
         series = SERIES_33600A if model.endswith("A") else SERIES_33500B
+        channels = 2 - int(model[4]) % 2
         own = {
             "own_name": model,
             "series": series,
             "kind": kind(series, sine_hz),
+            "channels": channels,
+            "table": cls.table_of(channels),
         }
         return type(cls.__name__, (cls,), {**own, "__doc__": cls.__doc__})
+
+    def __init__(
+        self,
+        world: GeneratorWorld,
+        errors: GeneratorErrors,
+        interface: str = "usb",
+        noise_seed: int = 0,
+        model: str | None = None,
+        *,
+        node: str = "input",
+        first: Self | None = None,
+    ) -> None:
+        self._first = first
+        super().__init__(world, errors, interface, noise_seed, model, node=node)
+        self.second: Self | None = None
+        if first is None and self.channels == 2:
+            self.second = type(self)(_Unwired(world.clock), errors, interface, noise_seed + 1, model, first=self)
+
+    def made_engine(self, interface: str) -> ScpiEngine:
+        """Return the message exchange, which the channels share."""
+        return super().made_engine(interface) if self._first is None else self._first.engine
+
+    def reset(self) -> None:
+        """Take the *RST state on all channels."""
+        super().reset()
+        if self.second is not None:
+            self.second.reset()
+
+    def save(self, place: int) -> None:
+        """*SAV, of all channels."""
+        super().save(place)
+        if self.second is not None:
+            self.second.save(place)
+
+    def recall(self, place: int) -> None:
+        """*RCL, of all channels."""
+        super().recall(place)
+        if self.second is not None:
+            self.second.recall(place)
+
+    def operations_end_s(self) -> float:
+        """*OPC, *OPC? and *WAI wait for the triggered bursts and sweeps of all channels."""
+        own = super().operations_end_s()
+        return own if self.second is None else max(own, self.second.operations_end_s())
 
     def reset_state(self) -> TrueformSettings:
         """Return the settings of ``*RST``."""

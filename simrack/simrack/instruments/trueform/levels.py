@@ -19,6 +19,7 @@ class TrueformSettings(GeneratorSettings):
     advance: str = "SRAT"
     bit_rate_hz: float = 1e3
     sequence: str = "PN7"
+    continuous: bool = True
 
 
 class LimitedLevels(Levels):
