@@ -265,10 +265,40 @@ def test_a_connection_that_comes_back_after_a_while_is_waited_for() -> None:
         reconnect=reconnect,
     )
     supply = E3631A(session)
-    session.close()
+    session.locate(LinkLost("the cable is off"), None, session.deadline())
     report = supply.make_safe(Deadline.after(clock, 20.0))
     assert report.safe, report.detail
     back.require_done()
+
+
+def test_who_is_connecting_anew_says_nothing_once_the_connection_was_given_back() -> None:
+    """The next run may have the instrument."""
+    clock, trying, go_on = VirtualClock(), threading.Event(), threading.Event()
+    late = ScriptedWire([], clock=clock)
+
+    def reconnect(deadline: Deadline) -> ScriptedWire:
+        del deadline
+        trying.set()
+        assert go_on.wait(PLENTY_S)
+        return late
+
+    session = Session(
+        ScriptedWire(opening(SUPPLY), clock=clock),
+        name="power",
+        resource="SCRIPT",
+        clock=clock,
+        timeout_s=1.0,
+        reconnect=reconnect,
+    )
+    supply = E3631A(session)
+    session.locate(LinkLost("the cable is off"), None, session.deadline())
+    assert not supply.command_safe().sent
+    assert trying.is_set()
+    supply.close()
+    go_on.set()
+    eventually(lambda: late.closed)
+    late.require_done()
+    assert not supply.command_safe().sent
 
 
 def test_a_peer_that_does_not_read_holds_nobody_up() -> None:

@@ -13,6 +13,7 @@ from vcfbench.drivers.dso7104b import Dso7104B
 from vcfbench.drivers.e3631a import E3631A
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.drivers.session import Session
+from vcfbench.errors import LinkLost
 from vcfbench.models import driver_of, find_model
 from vcfbench.testing import Exchange, ScriptedWire
 
@@ -75,7 +76,7 @@ def test_a_lost_connection_is_made_anew_to_make_it_safe(
         reconnect=lambda _deadline: again,
     )
     instrument = driver(session)
-    session.close()
+    session.locate(LinkLost("the cable is off"), None, session.deadline())
     report = instrument.make_safe(Deadline.after(clock, 5.0))
     assert report.safe, report.detail
     assert report.detail == words

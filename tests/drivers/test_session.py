@@ -302,7 +302,7 @@ def test_a_session_that_was_closed_says_so_whatever_is_asked_of_it() -> None:
         session.close()
         attempts: list[Callable[[], object]] = [session.clear, session.revive, session.resync, session.check_errors]
         for attempt in attempts:
-            with pytest.raises(LinkLost, match=r"device at SCRIPT: the connection is closed \(the session is closed\)"):
+            with pytest.raises(LinkLost, match=r"device at SCRIPT: the connection is closed \(it was given back\)"):
                 attempt()
 
 

@@ -43,6 +43,7 @@ class Conversation:
         self._lock = threading.RLock()
         self._received = b""
         self._closed_because: str | None = None
+        self._given_back = False
         self._last_read: tuple[str, float] | None = None
 
     @classmethod
@@ -128,13 +129,21 @@ class Conversation:
             self._closed_because, self.dirty = because, True
             self._wire.close()
 
+    def close(self) -> None:
+        """Give the connection back for good: who is just connecting anew says nothing more, others may be there."""
+        self._given_back = True
+        self._give_up("it was given back")
+
     def _renew(self, deadline: Deadline, words: Sequence[bytes], gap_s: float = 0.0) -> None:
         """Make a new connection, if that can be; `words` are the first that are said there."""
-        if self._reconnect is None:
+        if self._reconnect is None or self._given_back:
             self._require_open()
             return
         self._give_up("it was given up for a new one")
         self._wire = self._reconnect(deadline)
+        if self._given_back:
+            self._wire.close()
+            self._require_open()
         self._closed_because, self._received, self.dirty = None, b"", True
         self._send_blind(words, gap_s)
 

@@ -330,11 +330,6 @@ class Session(Conversation):
             self._renew(deadline, self._safe_words)
         self.resync(deadline)
 
-    def close(self) -> None:
-        """Give the connection back."""
-        with self._lock:
-            self._give_up("the session is closed")
-
     def __enter__(self) -> Self:
         return self
 

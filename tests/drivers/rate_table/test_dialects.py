@@ -23,7 +23,7 @@ from vcfbench.clock import Deadline, VirtualClock, sleep
 from vcfbench.drivers.rate_table.dialect import AxisSettings
 from vcfbench.drivers.rate_table.dialects import DIALECTS, SHIPPED, spoken
 from vcfbench.drivers.registry import open_instrument
-from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, TransportError
+from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, LinkLost, TransportError
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.world import World
 
@@ -246,7 +246,7 @@ def test_a_table_turns_on_when_the_host_is_gone_and_can_be_stopped_anew(name: st
     bench = Bench(name)
     bench.driver.enable()
     bench.reach(20.0)
-    bench.driver._line.close()
+    bench.driver.line.locate(LinkLost("the cable is off"), None, bench.driver.line.deadline())
     bench.wait(20.0)
     assert bench.world.table.profile_rate_deg_s() == pytest.approx(20.0, abs=1e-3)
     report = bench.driver.make_safe(Deadline.after(bench.clock, 20.0))

@@ -210,7 +210,3 @@ class TableLine(Conversation):
         with self._lock:
             if self.closed and self._reconnect is not None:
                 self._renew(deadline, words, gap_s)
-
-    def close(self) -> None:
-        """Close the connection; `revive` may make another."""
-        self._give_up("it was given back")

@@ -22,7 +22,14 @@ from vcfbench.errors import ConfigError
 from vcfbench.records.journal import JournalRecord, read_journal
 from vcfbench.records.schema import Status
 from vcfbench.testing.soaking.draw import Draw, drawn
-from vcfbench.testing.soaking.judge import VALUE_FAULTS, values_of, wrong_of, wrong_record, wrong_values
+from vcfbench.testing.soaking.judge import (
+    VALUE_FAULTS,
+    shifted_throughout,
+    values_of,
+    wrong_of,
+    wrong_record,
+    wrong_values,
+)
 from vcfbench.testing.soaking.trial import Clean, Ended, start
 
 _MEMORY = Path("/dev/shm")  # noqa: S108  # Linux has it, and directories in it are made by tempfile
@@ -86,7 +93,7 @@ class _Lives:
         self._draw, self._clean, self._folder = draw, clean, folder
         self._earlier: Path | None = None
         """The record to go on with."""
-        self._spoilt = self._lost = False
+        self._spoilt = self._lost = self._shifted = False
 
     def go_through(self) -> None:
         """Start the program as often as drawn, and, unless that is over, once without a fault.
@@ -109,10 +116,13 @@ class _Lives:
             return self._refused(ended, before)
         made = [each for each in self._folder.iterdir() if each not in known and (each / "journal.jsonl").exists()]
         record = self._read(made[0]) if made else None
-        taken_over = before is not None and bool(before.points)
+        if before is None or not before.points:
+            self._shifted = shifted_throughout(ended)
+        elif ended.measured_s is not None:  # windows of two starts, which differ by the offset
+            self._shifted = False
         wrong = [
             *wrong_of(ended, self._clean, spoilt=self._spoilt),
-            *wrong_values(ended, self._clean.values, taken_over=taken_over),
+            *wrong_values(ended, self._clean.values, shifted=self._shifted),
         ]
         if made and record is not None and record.header and not _is_short(record):
             if before is not None:

@@ -92,11 +92,17 @@ def wrong_record(ended: Ended, record: JournalRecord | None, draw: Draw) -> Iter
             yield f"the record's last line says {record.footer['error']}, the run {ended.error}"
 
 
-def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]], *, taken_over: bool = False) -> Iterator[str]:
+def shifted_throughout(ended: Ended) -> bool:
+    """Tell whether the meter had an offset in all windows of a start: nothing in them contradicts the bias."""
+    begun_s, over_s = ended.measured_s or (0.0, 0.0)
+    offsets = [each.fault for each in ended.faults if each.fault is not None and each.fault.kind == "offset"]
+    return any(each.at_s <= begun_s and each.at_s + (each.duration_s or math.inf) >= over_s for each in offsets)
+
+
+def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]], *, shifted: bool = False) -> Iterator[str]:
     """Yield the results of a complete run that are further from the clean run than the noise of both can bring them.
 
-    A meter whose offset is the same in all windows of a run gives a bias that nothing in the run contradicts;
-    `taken_over`: it has windows of an earlier start.
+    `shifted`: its windows are those of a meter with an offset.
     """
     if ended.run is None or ended.error is not None or ended.died:
         return
@@ -104,10 +110,6 @@ def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]], *, take
     # of a line that is straight there is a bound alone
     if missing := {name for name in clean.keys() - stated.keys() if not name.endswith("nonlinearity")}:
         yield f"complete without {', '.join(sorted(missing))}"
-    begun_s, over_s = ended.measured_s or (0.0, 0.0)
-    offsets = [each.fault for each in ended.faults if each.fault is not None and each.fault.kind == "offset"]
-    throughout = (each.at_s <= begun_s and each.at_s + (each.duration_s or math.inf) >= over_s for each in offsets)
-    shifted = not taken_over and any(throughout)
     for name in clean.keys() & stated.keys():
         value, u95 = stated[name]
         if shifted and name.rpartition(".")[2] in _SHIFTED:
