@@ -25,6 +25,7 @@ from vcfbench.procedures.shared.response_phase import PhasePoint, measured_phase
 from vcfbench.procedures.shared.routines import at_rest, energised, framed, rails_of, set_sine, v_vc_on
 from vcfbench.records import devices
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
+from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import Routine, answer
@@ -36,33 +37,30 @@ _PAPER_Q = 1224.0
 _PAPER_LAG_RAD = math.radians(0.5)
 """The same of its demodulator."""
 
-Hertz = Annotated[float, Meta(ge=0.05, le=sampling.HIGHEST_HZ)]
-Ratio = Annotated[float, Meta(ge=0.05, le=3.0)]
+Hertz = Annotated[float, ranged(0.05, sampling.HIGHEST_HZ)]
+Ratio = Annotated[float, ranged(0.05, 3.0)]
 
 
 class BandwidthSettings(KeptSettings, frozen=True, kw_only=True):
     """Keys of `bandwidth`; the gyroscope is warm first, since its split moves by 3.5 mHz/K."""
 
-    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
-    sine_amplitude_v: Annotated[
-        float, Meta(ge=0.01, le=10.0, description="peak of the sine on V_Vc, at all frequencies")
-    ] = 0.1
-    record_samples: Annotated[int, Meta(ge=128, le=512, description="readings a frequency")] = 512
-    frequencies_hz: Annotated[
-        tuple[Hertz, ...], Meta(min_length=4, max_length=200, description="frequencies that the split is found from")
-    ] = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 48.0, 60.0)
+    warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
+    sine_amplitude_v: Annotated[float, ranged(0.01, 10.0, "peak of the sine on V_Vc, at all frequencies")] = 0.1
+    record_samples: Annotated[int, ranged(128, 512, "readings a frequency")] = 512
+    frequencies_hz: Annotated[tuple[Hertz, ...], several(4, 200, "frequencies that the split is found from")] = (
+        *(0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0),
+        *(16.0, 20.0, 25.0, 31.0, 38.0, 48.0, 60.0),
+    )
     around_split: Annotated[
         tuple[Ratio, ...], Meta(max_length=200, description="further frequencies, over the split that was found")
     ] = (
         *(0.5, 0.54, 0.6, 0.7, 0.8, 0.88, 0.93, 0.96, 0.98, 0.99, 1.0, 1.01, 1.02, 1.04, 1.07, 1.12, 1.2, 1.35),
         *(1.5, 1.55, 1.65),
     )
-    split_guess_hz: Annotated[Hertz, Meta(description="mode split that a dry run answers with")] = 24.8
-    in_phase_split_hz: Annotated[
-        float, Meta(ge=10.0, le=10_000.0, description="drive less in-phase sense frequency, roughly")
-    ] = 147.0
-    low_pass_hz: Annotated[float, Meta(ge=0.1, le=1e5, description="filter behind the demodulator")] = 100.0
-    low_pass_order: Annotated[int, Meta(ge=1, le=12, description="its order, Butterworth")] = 4
+    split_guess_hz: Annotated[Hertz, said("mode split that a dry run answers with")] = 24.8
+    in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive less in-phase sense frequency, roughly")] = 147.0
+    low_pass_hz: Annotated[float, ranged(0.1, 1e5, "filter behind the demodulator")] = 100.0
+    low_pass_order: Annotated[int, ranged(1, 12, "its order, Butterworth")] = 4
 
 
 class Bandwidth(Struct, frozen=True):

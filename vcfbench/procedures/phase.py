@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from statistics import fmean, stdev, variance
 from typing import Annotated, Final
 
-from msgspec import Meta, Struct, structs
+from msgspec import Struct, structs
 
 from vcfbench import steps
 from vcfbench.analysis.rotating import Rotation, reference_phase
@@ -35,6 +35,7 @@ from vcfbench.procedures.shared.oscilloscope import (
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, set_sine, v_vc_level_again, v_vc_on
 from vcfbench.records import devices
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
+from vcfbench.station.bounds import ranged
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import rate_words
 from vcfbench.steps import RotationRecord, Rotations, SineRecord, SineRecords
@@ -48,21 +49,19 @@ LEAST_CYCLES: Final = 3
 class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
     """Keys of `phase`."""
 
-    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 600.0
-    rate_deg_s: Annotated[float, Meta(ge=1.0, le=1e4, description="of the table, both signs")] = 100.0
-    v_vc_v: Annotated[float, Meta(ge=0.01, le=10.0, description="V_Vc, both signs")] = 0.7
+    warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 600.0
+    rate_deg_s: Annotated[float, ranged(1.0, 1e4, "of the table, both signs")] = 100.0
+    v_vc_v: Annotated[float, ranged(0.01, 10.0, "V_Vc, both signs")] = 0.7
     sine_amplitude_v: Annotated[
-        float, Meta(ge=0.01, le=10.0, description="peak of the sine that finds the demodulator's reference")
+        float, ranged(0.01, 10.0, "peak of the sine that finds the demodulator's reference")
     ] = 1.4
     difference_hz: Annotated[
-        float, Meta(ge=0.5, le=50.0, description="by which that sine is off twice the drive frequency, both ways")
+        float, ranged(0.5, 50.0, "by which that sine is off twice the drive frequency, both ways")
     ] = 8.0
-    records: Annotated[int, Meta(ge=2, le=1000, description="records of each state in a cycle")] = 5
-    rotation_records: Annotated[int, Meta(ge=1, le=100, description="records of each of both sines in a cycle")] = 2
-    target_deg: Annotated[
-        float, Meta(ge=1e-3, le=10.0, description="expanded uncertainty at which cycles end, of every phase")
-    ] = 0.05
-    most_cycles: Annotated[int, Meta(ge=LEAST_CYCLES, le=1000, description="and after so many they end anyway")] = 20
+    records: Annotated[int, ranged(2, 1000, "records of each state in a cycle")] = 5
+    rotation_records: Annotated[int, ranged(1, 100, "records of each of both sines in a cycle")] = 2
+    target_deg: Annotated[float, ranged(1e-3, 10.0, "expanded uncertainty at which cycles end, of every phase")] = 0.05
+    most_cycles: Annotated[int, ranged(LEAST_CYCLES, 1000, "and after so many they end anyway")] = 20
 
     @property
     def fastest_deg_s(self) -> float:

@@ -12,7 +12,7 @@ from statistics import fmean, stdev
 from typing import Annotated
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Struct
 
 from vcfbench import steps
 from vcfbench.analysis.allan import Sampling
@@ -28,6 +28,7 @@ from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, me
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.station.bounds import ranged
 from vcfbench.steps.measured import Measured
 
 _AT_LEVELS, _AFTER_POWER_ON = 1, 2
@@ -37,12 +38,10 @@ _AT_LEVELS, _AFTER_POWER_ON = 1, 2
 class RepeatabilitySettings(LevelSettings, frozen=True, kw_only=True):
     """Settings of the repeatability over switch-ons, beside those of all procedures."""
 
-    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after each power-on")] = 1800.0
-    power_cycles: Annotated[
-        int, Meta(ge=3, le=100, description="how often it is switched on", extra={"option": True})
-    ] = 7
-    off_s: Annotated[float, Meta(ge=1.0, le=86_400.0, description="without power before each but the first")] = 1800.0
-    cycles: Annotated[int, Meta(ge=1, le=100, description="blocks 0, +, -, -, +, 0 after each power-on")] = 1
+    warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after each power-on")] = 1800.0
+    power_cycles: Annotated[int, ranged(3, 100, "how often it is switched on", option=True)] = 7
+    off_s: Annotated[float, ranged(1.0, 86_400.0, "without power before each but the first")] = 1800.0
+    cycles: Annotated[int, ranged(1, 100, "blocks 0, +, -, -, +, 0 after each power-on")] = 1
 
 
 class SwitchOn(Struct, frozen=True):

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from statistics import fmean
 from typing import Annotated, ClassVar
 
-from msgspec import Meta, Struct, structs
+from msgspec import Struct, structs
 
 from vcfbench import interfaces, steps
 from vcfbench.analysis.decays import fit_decays, fit_release
@@ -25,6 +25,7 @@ from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
 from vcfbench.procedures.shared.routines import at_rest, energised, framed, rails_of, set_v_vc, v_vc_level_again
 from vcfbench.records.devices import Characteristics
 from vcfbench.reports.document import Column, Report, Table, Text
+from vcfbench.station.bounds import ranged
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Measured
@@ -39,10 +40,10 @@ class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
     """Keys of `resonance`: those of the sweep, and those of the ring-downs."""
 
     ring_down_v_vc_v: Annotated[
-        float, Meta(ge=0.01, le=10.0, description="V_Vc that is switched off for a ring-down of the sense modes")
+        float, ranged(0.01, 10.0, "V_Vc that is switched off for a ring-down of the sense modes")
     ] = 0.7
-    sense_ring_downs: Annotated[int, Meta(ge=3, le=1000, description="ring-downs of the sense modes")] = 8
-    drive_ring_downs: Annotated[int, Meta(ge=3, le=1000, description="ring-downs of the drive, rails off and on")] = 6
+    sense_ring_downs: Annotated[int, ranged(3, 1000, "ring-downs of the sense modes")] = 8
+    drive_ring_downs: Annotated[int, ranged(3, 1000, "ring-downs of the drive, rails off and on")] = 6
 
 
 class RingingMode(Struct, frozen=True):

@@ -11,7 +11,7 @@ from statistics import fmean
 from typing import Annotated
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Struct
 
 from vcfbench import steps
 from vcfbench.analysis.conformity import e_n
@@ -27,6 +27,7 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mad
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.station.bounds import ranged, several
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine
@@ -37,36 +38,30 @@ _LEAST_TONES = 3
 _STEP = 1e-3
 """Part of a parameter by which it is changed for a derivative."""
 
-Hertz = Annotated[float, Meta(ge=0.3, le=tones.HIGHEST_HZ)]
+Hertz = Annotated[float, ranged(0.3, tones.HIGHEST_HZ)]
 
 
 class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
     """Settings of the vibration; split and Q as `bandwidth` finds them, with their standard uncertainties."""
 
-    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
-    vibration_hz: Annotated[
-        tuple[Hertz, ...], Meta(min_length=1, max_length=100, description="frequencies of the virtual vibration")
-    ] = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0)
-    vibration_amplitude_v: Annotated[
-        float, Meta(ge=1e-3, le=10.0, description="its peak on V_Vc; 1 V is k_vc_guess_deg_s_per_v")
-    ] = 0.04
-    static_v_vc_v: Annotated[
-        float, Meta(ge=1e-3, le=10.0, description="direct V_Vc of both signs, for the response at rest")
-    ] = 0.05
-    record_samples: Annotated[int, Meta(ge=128, le=512, description="readings a frequency")] = 512
-    split_hz: Annotated[float, Meta(ge=5.0, le=1000.0, description="drive less anti-phase sense frequency")] = 24.8
-    u_split_hz: Annotated[float, Meta(ge=0.0, le=100.0, description="its standard uncertainty")] = 0.02
-    q: Annotated[float, Meta(ge=1.0, le=1e6, description="quality factor of the anti-phase sense mode")] = 1224.0
-    u_q: Annotated[float, Meta(ge=0.0, le=1e5, description="its standard uncertainty")] = 10.0
-    in_phase_split_hz: Annotated[
-        float, Meta(ge=10.0, le=2000.0, description="drive less in-phase sense frequency, roughly")
-    ] = 147.0
-    in_phase_share: Annotated[
-        float, Meta(ge=0.0, le=0.9, description="of the in-phase mode in the response at rest")
-    ] = 0.147
-    u_in_phase_share: Annotated[float, Meta(ge=0.0, le=0.5, description="its standard uncertainty")] = 0.01
-    low_pass_hz: Annotated[float, Meta(ge=10.0, le=1e5, description="filter behind the demodulator")] = 100.0
-    low_pass_order: Annotated[int, Meta(ge=1, le=12, description="its order, Butterworth")] = 4
+    warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
+    vibration_hz: Annotated[tuple[Hertz, ...], several(1, 100, "frequencies of the virtual vibration")] = (
+        *(0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0),
+    )
+    vibration_amplitude_v: Annotated[float, ranged(1e-3, 10.0, "its peak on V_Vc; 1 V is k_vc_guess_deg_s_per_v")] = (
+        0.04
+    )
+    static_v_vc_v: Annotated[float, ranged(1e-3, 10.0, "direct V_Vc of both signs, for the response at rest")] = 0.05
+    record_samples: Annotated[int, ranged(128, 512, "readings a frequency")] = 512
+    split_hz: Annotated[float, ranged(5.0, 1000.0, "drive less anti-phase sense frequency")] = 24.8
+    u_split_hz: Annotated[float, ranged(0.0, 100.0, "its standard uncertainty")] = 0.02
+    q: Annotated[float, ranged(1.0, 1e6, "quality factor of the anti-phase sense mode")] = 1224.0
+    u_q: Annotated[float, ranged(0.0, 1e5, "its standard uncertainty")] = 10.0
+    in_phase_split_hz: Annotated[float, ranged(10.0, 2000.0, "drive less in-phase sense frequency, roughly")] = 147.0
+    in_phase_share: Annotated[float, ranged(0.0, 0.9, "of the in-phase mode in the response at rest")] = 0.147
+    u_in_phase_share: Annotated[float, ranged(0.0, 0.5, "its standard uncertainty")] = 0.01
+    low_pass_hz: Annotated[float, ranged(10.0, 1e5, "filter behind the demodulator")] = 100.0
+    low_pass_order: Annotated[int, ranged(1, 12, "its order, Butterworth")] = 4
 
     @property
     def frequencies_hz(self) -> tuple[float, ...]:

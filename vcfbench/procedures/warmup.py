@@ -12,7 +12,7 @@ from statistics import median
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from msgspec import Meta, Struct
+from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench import steps
@@ -30,6 +30,7 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, bud
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.station.bounds import ranged
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
@@ -58,16 +59,14 @@ _QUICK_INTERVAL_S = 0.1
 class WarmupSettings(scale_factors.AtRestSettings, frozen=True, kw_only=True):
     """Settings of the warm-up, beside those of all procedures."""
 
-    shortest_s: Annotated[
-        float, Meta(ge=180.0, le=86_400.0, description="from power-on, before it may be called steady")
-    ] = 1800.0
-    longest_s: Annotated[float, Meta(ge=180.0, le=86_400.0, description="and at most, steady or not")] = 3600.0
-    window_s: Annotated[float, Meta(ge=10.0, le=600.0, description="length of the means that must agree")] = 60.0
+    shortest_s: Annotated[float, ranged(180.0, 86_400.0, "from power-on, before it may be called steady")] = 1800.0
+    longest_s: Annotated[float, ranged(180.0, 86_400.0, "and at most, steady or not")] = 3600.0
+    window_s: Annotated[float, ranged(10.0, 600.0, "length of the means that must agree")] = 60.0
     bias_instability_deg_h: Annotated[
-        float, Meta(ge=1e-3, le=1e6, description="B of this gyroscope, of its zero record: what steady means")
+        float, ranged(1e-3, 1e6, "B of this gyroscope, of its zero record: what steady means")
     ] = 5.6
     turn_on_tolerance_deg_s: Annotated[
-        float, Meta(ge=1e-3, le=1e3, description="the output is on when it stays so close to what it comes to")
+        float, ranged(1e-3, 1e3, "the output is on when it stays so close to what it comes to")
     ] = 1.0
 
     @property

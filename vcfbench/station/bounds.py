@@ -4,9 +4,25 @@ They do not say what is wise on a station (that is what its ``[limits]`` are for
 number outside is a slip of the pen. docs/bench-file.md has them as a table, which a test holds to what stands here.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta
+
+
+def ranged(least: float, most: float, meaning: str | None = None, **extra: Any) -> Meta:
+    """Return the range of a setting, both ends included, with its meaning and `extra` as of :func:`said`."""
+    return Meta(ge=least, le=most, description=meaning, extra=extra or None)
+
+
+def several(least: int, most: int, meaning: str) -> Meta:
+    """Return the least and the largest number of values of a setting that is a list, and its meaning."""
+    return Meta(min_length=least, max_length=most, description=meaning)
+
+
+def said(meaning: str, **extra: Any) -> Meta:
+    """Return the meaning of a setting; ``option=True`` gives it an option of its own, or the name of that."""
+    return Meta(description=meaning, extra=extra or None)
+
 
 LEAST = 1e-6
 """Smallest number but 0, whatever the unit: no instrument of a bench resolves less."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import Annotated, Any, Self, cast
 
-from msgspec import Meta, Struct, structs, to_builtins
+from msgspec import Struct, structs, to_builtins
 from msgspec import field as key
 
 from vcfbench import interfaces
@@ -26,6 +26,7 @@ from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
 from vcfbench.records.devices import Characteristics, NewEntry, together
 from vcfbench.reports.document import Report
+from vcfbench.station.bounds import said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, setting_keys
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station
@@ -95,15 +96,15 @@ PARTS = (
 
 _BY_NAME = {each.name: each for each in PARTS}
 
-PartSettings = Annotated[dict[str, Any], Meta(description="settings of this part, as [procedure.NAME] has them")]
+PartSettings = Annotated[dict[str, Any], said("settings of this part, as [procedure.NAME] has them")]
 
 
 class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
     """The parts and their own settings; settings of the whole go to every part."""
 
-    parts: Annotated[
-        tuple[str, ...], Meta(min_length=1, max_length=50, description="procedures, in the order in which they are run")
-    ] = tuple(each.name for each in PARTS)
+    parts: Annotated[tuple[str, ...], several(1, 50, "procedures, in the order in which they are run")] = tuple(
+        each.name for each in PARTS
+    )
     warmup: PartSettings = key(default_factory=dict)
     polarity: PartSettings = key(default_factory=dict)
     power: PartSettings = key(default_factory=dict)

@@ -8,7 +8,7 @@ from msgspec import Meta, structs, to_builtins
 from vcfbench.procedures.health.plan import AC_WANTED, HEALTH
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates
-from vcfbench.station.bounds import Rate
+from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 
 
@@ -16,18 +16,17 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
     """Settings of the calibration of K_Vc, beside those of all procedures."""
 
     match_rates_deg_s: Annotated[
-        tuple[Rate, ...],
-        Meta(min_length=3, max_length=100, description="rates at which V_Vc is matched, each with both signs"),
+        tuple[Rate, ...], several(3, 100, "rates at which V_Vc is matched, each with both signs")
     ] = (10.0, 20.0, 50.0, 100.0, 200.0)
-    match_iterations: Annotated[int, Meta(ge=2, le=100, description="most settings of V_Vc that a search takes")] = 5
-    curve_order: Annotated[int, Meta(ge=3, le=7, description="order of the curve")] = 3
+    match_iterations: Annotated[int, ranged(2, 100, "most settings of V_Vc that a search takes")] = 5
+    curve_order: Annotated[int, ranged(3, 7, "order of the curve")] = 3
     validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the certificate, days")] = 365.0
     wanted_u95_ppm: Annotated[
         float, Meta(gt=0.0, le=1e6, description="U95 of K_Vc at which the device should come back to a table, ppm")
     ] = 500.0
-    health: Annotated[bool, Meta(description=HEALTH, extra={"option": True})] = True
-    ac_volts: Annotated[bool, Meta(description=AC_WANTED)] = False
-    axis_tilt_deg: Annotated[float, Meta(ge=0.0, le=90.0, description="of the table's axis, limit")] = 0.5
+    health: Annotated[bool, said(HEALTH, option=True)] = True
+    ac_volts: Annotated[bool, said(AC_WANTED)] = False
+    axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "of the table's axis, limit")] = 0.5
 
     def recalled(self) -> Self:
         """Return these settings with the device's characteristics, as earlier procedures found them."""

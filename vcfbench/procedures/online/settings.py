@@ -3,10 +3,8 @@
 from collections.abc import Iterator
 from typing import Annotated, ClassVar
 
-from msgspec import Meta
-
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings, level_for
-from vcfbench.station.bounds import Rate
+from vcfbench.station.bounds import Rate, ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import rate_words
 
@@ -26,27 +24,19 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
 
     rates_key: ClassVar[str] = "virtual_rate_deg_s"
 
-    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
-    modulation_hz: Annotated[
-        float, Meta(ge=0.02, le=5.0, description="frequency of the sine on V_Vc, far below the mode split")
-    ] = 0.25
-    virtual_rate_deg_s: Annotated[
-        float, Meta(ge=0.1, le=300.0, description="amplitude of the rate that the sine stands for")
-    ] = 50.0
-    window_s: Annotated[float, Meta(ge=1.0, le=102.4, description="a scale factor every so many seconds")] = 20.0
-    duration_s: Annotated[
-        float, Meta(ge=10.0, le=1e6, description="of the modulation, in whole bursts, at least three")
-    ] = 1800.0
-    rate_deg_s: Annotated[Rate, Meta(description="rate of the table meanwhile, where there is one")] = 0.0
+    warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
+    modulation_hz: Annotated[float, ranged(0.02, 5.0, "frequency of the sine on V_Vc, far below the mode split")] = 0.25
+    virtual_rate_deg_s: Annotated[float, ranged(0.1, 300.0, "amplitude of the rate that the sine stands for")] = 50.0
+    window_s: Annotated[float, ranged(1.0, 102.4, "a scale factor every so many seconds")] = 20.0
+    duration_s: Annotated[float, ranged(10.0, 1e6, "of the modulation, in whole bursts, at least three")] = 1800.0
+    rate_deg_s: Annotated[Rate, said("rate of the table meanwhile, where there is one")] = 0.0
     split_hz: Annotated[
-        float, Meta(ge=5.0, le=1000.0, description="mode split, as `bandwidth` finds it, for the response to the sine")
+        float, ranged(5.0, 1000.0, "mode split, as `bandwidth` finds it, for the response to the sine")
     ] = 24.8
-    u_split_hz: Annotated[float, Meta(ge=0.0, le=100.0, description="standard uncertainty of the split")] = 0.5
-    in_phase_split_hz: Annotated[
-        float, Meta(ge=10.0, le=2000.0, description="drive less in-phase sense frequency, roughly")
-    ] = 147.0
+    u_split_hz: Annotated[float, ranged(0.0, 100.0, "standard uncertainty of the split")] = 0.5
+    in_phase_split_hz: Annotated[float, ranged(10.0, 2000.0, "drive less in-phase sense frequency, roughly")] = 147.0
     in_phase_share: Annotated[
-        float, Meta(ge=0.0, le=0.9, description="of the in-phase mode in the response at rest, as `bandwidth` finds it")
+        float, ranged(0.0, 0.9, "of the in-phase mode in the response at rest, as `bandwidth` finds it")
     ] = 0.147
 
     @property

@@ -6,7 +6,7 @@ from itertools import product
 from statistics import NormalDist, fmean, stdev
 from typing import Annotated, Literal, Self
 
-from msgspec import Meta, Struct, structs
+from msgspec import Struct, structs
 from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
@@ -16,6 +16,7 @@ from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFa
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
 from vcfbench.specifications import SupplySpecification
+from vcfbench.station.bounds import ranged, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import Sources
 from vcfbench.steps import Acquire, Window
@@ -29,28 +30,21 @@ Varied = Literal["positive", "negative", "both"]
 class PowerSettings(LevelSettings, frozen=True, kw_only=True):
     """Settings of the test of the supply, beside those of all procedures."""
 
-    warm_up_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="wait after power-on")] = 1800.0
+    warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
     orders: Annotated[
-        tuple[Order, ...],
-        Meta(
-            min_length=1,
-            max_length=6,
-            description="power-on: both rails together, or this one first; only what the PCB bears",
-        ),
+        tuple[Order, ...], several(1, 6, "power-on: both rails together, or this one first; only what the PCB bears")
     ] = ("together",)
-    order_delay_s: Annotated[float, Meta(ge=0.1, le=600.0, description="from the first rail to the second")] = 1.0
-    log_s: Annotated[float, Meta(ge=1.0, le=600.0, description="how long a power-on is followed")] = 10.0
-    off_s: Annotated[float, Meta(ge=1.0, le=3600.0, description="without power between two of them")] = 10.0
+    order_delay_s: Annotated[float, ranged(0.1, 600.0, "from the first rail to the second")] = 1.0
+    log_s: Annotated[float, ranged(1.0, 600.0, "how long a power-on is followed")] = 10.0
+    off_s: Annotated[float, ranged(1.0, 3600.0, "without power between two of them")] = 10.0
     valid_tolerance_deg_s: Annotated[
-        float, Meta(ge=1e-3, le=1e3, description="the output is valid when it stays so close to what it comes to")
+        float, ranged(1e-3, 1e3, "the output is valid when it stays so close to what it comes to")
     ] = 1.0
-    rails_varied: Annotated[
-        tuple[Varied, ...], Meta(min_length=1, max_length=3, description="which rails are moved, by themselves or both")
-    ] = ("positive", "negative", "both")
-    rail_step_v: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="how far a rail is moved either way, within the limits")
-    ] = 0.2
-    cycles: Annotated[int, Meta(ge=1, le=100, description="times that each rail is moved up and down")] = 2
+    rails_varied: Annotated[tuple[Varied, ...], several(1, 3, "which rails are moved, by themselves or both")] = (
+        *("positive", "negative", "both"),
+    )
+    rail_step_v: Annotated[float, ranged(0.05, 5.0, "how far a rail is moved either way, within the limits")] = 0.2
+    cycles: Annotated[int, ranged(1, 100, "times that each rail is moved up and down")] = 2
 
     def moved(self, which: Varied, step_v: float) -> Self:
         """Return these settings with the rails `which` so much larger, V."""

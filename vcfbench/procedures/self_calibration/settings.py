@@ -3,24 +3,22 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from msgspec import Meta
-
 from vcfbench.procedures.health.plan import AC_WANTED, HEALTH
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.station.bounds import Rate
+from vcfbench.station.bounds import Rate, said, several
 from vcfbench.station.invalid_value import InvalidValue
 
 
 class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     """Settings of a self-calibration, beside those of all procedures."""
 
-    virtual_rates_deg_s: Annotated[
-        tuple[Rate, ...], Meta(min_length=2, max_length=100, description="rates that V_Vc stands for, with both signs")
-    ] = (10.0, 20.0, 50.0, 100.0, 200.0)
-    health: Annotated[bool, Meta(description=HEALTH, extra={"option": True})] = True
-    ac_volts: Annotated[
-        bool, Meta(description=f"{AC_WANTED}, if the certificate has them so and its oscilloscope is not here")
-    ] = True
+    virtual_rates_deg_s: Annotated[tuple[Rate, ...], several(2, 100, "rates that V_Vc stands for, with both signs")] = (
+        *(10.0, 20.0, 50.0, 100.0, 200.0),
+    )
+    health: Annotated[bool, said(HEALTH, option=True)] = True
+    ac_volts: Annotated[bool, said(f"{AC_WANTED}, if the certificate has them so and its oscilloscope is not here")] = (
+        True
+    )
 
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:

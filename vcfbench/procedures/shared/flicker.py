@@ -5,12 +5,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, cast
 
-from msgspec import Meta, structs
+from msgspec import structs
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.records.devices import DeviceStore, StaticNoise
+from vcfbench.station.bounds import said
 from vcfbench.station.settings import DeviceSettings
 
 S = TypeVar("S", bound=DeviceSettings)
@@ -19,7 +20,7 @@ S = TypeVar("S", bound=DeviceSettings)
 class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
     """Settings of procedures with the flicker of the device in their budgets."""
 
-    outdated: Annotated[bool, Meta(description="whether what is known may be used that is out of date")] = False
+    outdated: Annotated[bool, said("whether what is known may be used that is out of date")] = False
 
     def recalled(self) -> Self:
         """Return these settings with the flicker of the device."""

@@ -3,50 +3,43 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from msgspec import Meta, structs
+from msgspec import structs
 
 from vcfbench.procedures.bandwidth import BandwidthSettings
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings
+from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 
 STEADY_MEANS = 3
 """So many means in a row must stand still."""
-Celsius = Annotated[float, Meta(ge=-100.0, le=200.0)]
+Celsius = Annotated[float, ranged(-100.0, 200.0)]
 
 
 class TemperatureSettings(LevelSettings, frozen=True, kw_only=True):
     """Settings of the run over temperature, beside those of all procedures."""
 
-    temperatures_c: Annotated[
-        tuple[Celsius, ...], Meta(min_length=3, max_length=100, description="temperatures of the air, in their order")
-    ] = (0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0)
-    reference_c: Annotated[float, Meta(ge=-100.0, le=200.0, description="where the coefficients hold")] = 20.0
-    room_c: Annotated[float, Meta(ge=-50.0, le=60.0, description="where a person brings a chamber in the end")] = 20.0
-    ramp_k_min: Annotated[float, Meta(ge=0.1, le=1000.0, description="of the air, at most")] = 10.0
-    window_k: Annotated[float, Meta(ge=0.1, le=9.9, description="of the air about a temperature that is reached")] = 1.0
-    chamber_takes_s: Annotated[
-        float, Meta(ge=0.0, le=86_400.0, description="beyond the ramp, for a temperature to be reached")
-    ] = 900.0
-    soak_s: Annotated[float, Meta(ge=0.0, le=86_400.0, description="at a temperature, at least")] = 3600.0
-    longest_soak_s: Annotated[float, Meta(ge=0.0, le=864_000.0, description="and at most, else the run ends")] = (
-        14_400.0
+    temperatures_c: Annotated[tuple[Celsius, ...], several(3, 100, "temperatures of the air, in their order")] = (
+        *(0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0),
     )
+    reference_c: Annotated[float, ranged(-100.0, 200.0, "where the coefficients hold")] = 20.0
+    room_c: Annotated[float, ranged(-50.0, 60.0, "where a person brings a chamber in the end")] = 20.0
+    ramp_k_min: Annotated[float, ranged(0.1, 1000.0, "of the air, at most")] = 10.0
+    window_k: Annotated[float, ranged(0.1, 9.9, "of the air about a temperature that is reached")] = 1.0
+    chamber_takes_s: Annotated[float, ranged(0.0, 86_400.0, "beyond the ramp, for a temperature to be reached")] = 900.0
+    soak_s: Annotated[float, ranged(0.0, 86_400.0, "at a temperature, at least")] = 3600.0
+    longest_soak_s: Annotated[float, ranged(0.0, 864_000.0, "and at most, else the run ends")] = 14_400.0
     steady_ppm_min: Annotated[
-        float, Meta(ge=0.1, le=1e5, description="the soak is over when the output at level_deg_s moves less than this")
+        float, ranged(0.1, 1e5, "the soak is over when the output at level_deg_s moves less than this")
     ] = 10.0
-    soak_window_s: Annotated[float, Meta(ge=10.0, le=600.0, description="length of the three means that tell it")] = (
-        60.0
-    )
-    cycles: Annotated[int, Meta(ge=1, le=100, description="chopped blocks at each temperature")] = 2
-    split: Annotated[bool, Meta(description="whether the mode split is measured too, as bandwidth does")] = False
+    soak_window_s: Annotated[float, ranged(10.0, 600.0, "length of the three means that tell it")] = 60.0
+    cycles: Annotated[int, ranged(1, 100, "chopped blocks at each temperature")] = 2
+    split: Annotated[bool, said("whether the mode split is measured too, as bandwidth does")] = False
     u_temperature_k: Annotated[
-        float, Meta(ge=0.0, le=20.0, description="standard uncertainty of the temperatures, the same at all")
+        float, ranged(0.0, 20.0, "standard uncertainty of the temperatures, the same at all")
     ] = 0.5
-    u_each_temperature_k: Annotated[
-        float, Meta(ge=0.0, le=20.0, description="and of each by itself: regulation, resolution")
-    ] = 0.0
+    u_each_temperature_k: Annotated[float, ranged(0.0, 20.0, "and of each by itself: regulation, resolution")] = 0.0
     bias_instability_deg_h: Annotated[
-        float, Meta(ge=0.0, le=1e6, description="B of this gyroscope, of its zero record: how its bias wanders")
+        float, ranged(0.0, 1e6, "B of this gyroscope, of its zero record: how its bias wanders")
     ] = 5.6
 
     @property

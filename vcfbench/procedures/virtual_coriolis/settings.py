@@ -3,11 +3,9 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from msgspec import Meta
-
 from vcfbench.procedures.shared.null_comparison.plan import invalid_guess, invalid_match, invalid_match_rates
 from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
-from vcfbench.station.bounds import Rate
+from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import Match
 
@@ -17,21 +15,16 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
 
     match: Annotated[
         Match,
-        Meta(
-            description="how step 2 compares outputs: each from its own zero, or as they are (the paper's words)",
-            extra={"option": True},
-        ),
+        said("how step 2 compares outputs: each from its own zero, or as they are (the paper's words)", option=True),
     ] = Match.ZERO
-    match_rate_deg_s: Annotated[Rate, Meta(description="rate at which K_Vc is found")] = 10.0
-    match_iterations: Annotated[int, Meta(ge=2, le=100, description="most settings of V_Vc that step 2 may take")] = 4
-    match_windows: Annotated[int, Meta(ge=1, le=1000, description="windows of each mean that K_Vc hangs on")] = 4
+    match_rate_deg_s: Annotated[Rate, said("rate at which K_Vc is found")] = 10.0
+    match_iterations: Annotated[int, ranged(2, 100, "most settings of V_Vc that step 2 may take")] = 4
+    match_windows: Annotated[int, ranged(1, 1000, "windows of each mean that K_Vc hangs on")] = 4
     k_vc_by: Annotated[
-        KvcBy,
-        Meta(description="K_Vc by one match, half the difference at both signs, or a curve", extra={"option": "--kvc"}),
+        KvcBy, said("K_Vc by one match, half the difference at both signs, or a curve", option="--kvc")
     ] = KvcBy.ONE_POINT
     match_rates_deg_s: Annotated[
-        tuple[Rate, ...],
-        Meta(min_length=3, max_length=100, description="rates at which a curve is matched, each with both signs"),
+        tuple[Rate, ...], several(3, 100, "rates at which a curve is matched, each with both signs")
     ] = (10.0, 20.0, 50.0, 100.0, 200.0)
 
     @property

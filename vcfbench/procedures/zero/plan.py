@@ -24,6 +24,7 @@ from vcfbench.procedures.shared.kept_characteristics import KeptSettings, condit
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_read, scale_factor_used
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
 from vcfbench.records import devices
+from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import answer
@@ -46,39 +47,29 @@ class Mode(Enum):
 class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
     """Settings of the static record, beside those of all procedures."""
 
-    powered_s: Annotated[
-        float, Meta(ge=0.0, le=86_400.0, description="time under power before the record, at least warm_up_s")
-    ] = 1800.0
-    duration_s: Annotated[float, Meta(ge=10.0, le=864_000.0, description="length of the record")] = 3600.0
+    powered_s: Annotated[float, ranged(0.0, 86_400.0, "time under power before the record, at least warm_up_s")] = (
+        1800.0
+    )
+    duration_s: Annotated[float, ranged(10.0, 864_000.0, "length of the record")] = 3600.0
     mode: Annotated[
-        Mode,
-        Meta(
-            description="time between readings: as it is, corrected for, or none, the meter sampling by itself",
-            extra={"option": True},
-        ),
+        Mode, said("time between readings: as it is, corrected for, or none, the meter sampling by itself", option=True)
     ] = Mode.CORRECTED
     noise_bandwidth_hz: Annotated[
         float,
-        Meta(
-            ge=0.0,
-            le=1e4,
-            description="noise bandwidth of one reading, where a split lets more through; 0: not known, N is bounded",
-        ),
+        ranged(0.0, 1e4, "noise bandwidth of one reading, where a split lets more through; 0: not known, N is bounded"),
     ] = 0.0
     u_noise_bandwidth_hz: Annotated[
-        Annotated[float, Meta(ge=0.0, le=1e4)] | None,
-        Meta(
-            description="standard uncertainty of noise_bandwidth_hz; None: what a split lets through is known to 30 %, "
+        Annotated[float, ranged(0.0, 1e4)] | None,
+        said(
+            "standard uncertainty of noise_bandwidth_hz; None: what a split lets through is known to 30 %, "
             "which is assumed"
         ),
     ] = None
     noise_bandwidth_nplc: Annotated[
         Literal[1, 10, 100],
-        Meta(description="integration time for which noise_bandwidth_hz holds; with another nplc it is not known"),
+        said("integration time for which noise_bandwidth_hz holds; with another nplc it is not known"),
     ] = 10
-    burst_readings: Annotated[
-        int, Meta(ge=10, le=50_000, description="readings without gaps that the meter's memory holds")
-    ] = 500
+    burst_readings: Annotated[int, ranged(10, 50_000, "readings without gaps that the meter's memory holds")] = 500
 
     validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the flicker that is kept, days")] = 365.0
 

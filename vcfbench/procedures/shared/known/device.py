@@ -13,6 +13,7 @@ from vcfbench.procedures.shared.flicker import with_flicker
 from vcfbench.procedures.shared.known.k_vc_change import require_characterised
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.records import devices
+from vcfbench.station.bounds import ranged, said
 from vcfbench.station.settings import Gap, Limit, Station
 from vcfbench.station.strict import refusal, words
 
@@ -83,17 +84,14 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
 
     k_vc: Annotated[
         Annotated[str, Meta(min_length=1, max_length=4096)] | None,
-        Meta(
-            description="a certificate's file, or (deg/s)/V as a number; default the last certificate of --dut",
-            extra={"option": True},
-        ),
+        said("a certificate's file, or (deg/s)/V as a number; default the last certificate of --dut", option=True),
     ] = None
-    k_vc_u_deg_s_per_v: Annotated[float, Meta(ge=0.0, le=1e6, description="u of a K_Vc that is a number")] = 0.0
+    k_vc_u_deg_s_per_v: Annotated[float, ranged(0.0, 1e6, "u of a K_Vc that is a number")] = 0.0
     station: DeviceStation = field(default_factory=DeviceStation)
 
     max_drift_ppm: Annotated[
-        Annotated[float, Meta(ge=0.0, le=1e6)] | None,
-        Meta(description="of the scale factor since the certificate, for the verdict; without it E_n and CUSUM decide"),
+        Annotated[float, ranged(0.0, 1e6)] | None,
+        said("of the scale factor since the certificate, for the verdict; without it E_n and CUSUM decide"),
     ] = None
 
     rates_key: ClassVar[str] = "virtual_rates_deg_s"

@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
-from msgspec import Meta, Struct
+from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.procedures.shared.kept_characteristics import KeptSettings
+from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import DeviceSettings
@@ -29,16 +30,15 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
     """Settings that turn the output at rest into a rate."""
 
     scale_factor_v_per_deg_s: Annotated[
-        Annotated[float, Meta(ge=-1e3, le=1e3)] | None,
-        Meta(description="of this gyroscope; default that of a record, else what is expected, else the paper's"),
+        Annotated[float, ranged(-1e3, 1e3)] | None,
+        said("of this gyroscope; default that of a record, else what is expected, else the paper's"),
     ] = None
     scale_factor_u_v_per_deg_s: Annotated[
-        Annotated[float, Meta(ge=0.0, le=1e3)] | None,
-        Meta(description="its standard uncertainty; without it a bias in deg/s is incomplete"),
+        Annotated[float, ranged(0.0, 1e3)] | None,
+        said("its standard uncertainty; without it a bias in deg/s is incomplete"),
     ] = None
     scale_factor_from: Annotated[
-        str,
-        Meta(min_length=1, max_length=4096, description="record (a directory) of a calibration that tells it, or none"),
+        str, several(1, 4096, "record (a directory) of a calibration that tells it, or none")
     ] = "none"
 
     def contradictions(self) -> Iterator[InvalidValue]:
@@ -51,13 +51,12 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
 class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
     """Settings of procedures that take the scale factor at a level of both signs, and keep what they find."""
 
-    by: Annotated[
-        ScaleFactorBy,
-        Meta(description="what the scale factor is taken with: V_Vc or the table", extra={"option": True}),
-    ] = ScaleFactorBy.V_VC
-    level_deg_s: Annotated[
-        float, Meta(ge=1.0, le=10_000.0, description="rate of both signs, of the table or that V_Vc stands for")
-    ] = 200.0
+    by: Annotated[ScaleFactorBy, said("what the scale factor is taken with: V_Vc or the table", option=True)] = (
+        ScaleFactorBy.V_VC
+    )
+    level_deg_s: Annotated[float, ranged(1.0, 10_000.0, "rate of both signs, of the table or that V_Vc stands for")] = (
+        200.0
+    )
 
     @property
     def level_v(self) -> float:

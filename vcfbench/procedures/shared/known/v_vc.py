@@ -10,7 +10,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from msgspec import Meta, Struct
+from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
@@ -21,6 +21,7 @@ from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.records.devices import DeviceStore
 from vcfbench.records.schema import Point
 from vcfbench.specifications import AGILENT_33220A, LevelSpecification
+from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import DeviceSettings, ProcedureSettings
 from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter, MeasureVvc, Note, VvcMeasured, Window, move_leads
@@ -136,18 +137,15 @@ class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
 
     v_vc: Annotated[
         VvcKnown,
-        Meta(
-            description="V_Vc is measured (by v_vc_meter, or the one meter moved by hand), or believed as it is set",
-            extra={"option": True},
-        ),
+        said("V_Vc is measured (by v_vc_meter, or the one meter moved by hand), or believed as it is set", option=True),
     ] = VvcKnown.MEASURED
-    v_vc_range_v: Annotated[Literal[1, 10, 100], Meta(description="fixed range of the meter on V_Vc")] = 10
+    v_vc_range_v: Annotated[Literal[1, 10, 100], said("fixed range of the meter on V_Vc")] = 10
     temperature_c: Annotated[
-        Annotated[float, Meta(ge=-100.0, le=200.0)] | None, Meta(description="of the gyroscope, where it was measured")
+        Annotated[float, ranged(-100.0, 200.0)] | None, said("of the gyroscope, where it was measured")
     ] = None
-    cycles: Annotated[int, Meta(ge=1, le=100, description="times that every level is taken")] = 2
+    cycles: Annotated[int, ranged(1, 100, "times that every level is taken")] = 2
 
-    outdated: Annotated[bool, Meta(description="whether what is known may be used that is out of date")] = False
+    outdated: Annotated[bool, said("whether what is known may be used that is out of date")] = False
 
     @property
     def store(self) -> DeviceStore:

@@ -10,9 +10,8 @@ from enum import Enum
 from itertools import count
 from typing import Annotated, NamedTuple
 
-from msgspec import Meta
-
 from vcfbench.procedures.shared.flicker import KnownFlickerSettings
+from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import ProcedureSettings
 
@@ -71,31 +70,24 @@ class Earth(Enum):
 class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
     """Settings of procedures that visit rates: the defaults are the paper's."""
 
-    order: Annotated[
-        Order,
-        Meta(description="order of the rates; drift cancels in abba, a loop shows hysteresis", extra={"option": True}),
-    ] = Order.PAPER
+    order: Annotated[Order, said("order of the rates; drift cancels in abba, a loop shows hysteresis", option=True)] = (
+        Order.PAPER
+    )
     zeros: Annotated[
         Zeros,
-        Meta(
-            description="zeros about each series or each rate, their drift off; u grows by ends in the order paper",
-            extra={"option": "--zero"},
+        said(
+            "zeros about each series or each rate, their drift off; u grows by ends in the order paper", option="--zero"
         ),
     ] = Zeros.NONE
-    whole_turns: Annotated[
-        bool, Meta(description="windows on the table last whole revolutions", extra={"option": True})
-    ] = False
-    longest_turn_s: Annotated[
-        float, Meta(ge=1.0, le=86_400.0, description="of whole_turns: slower rates have ordinary windows")
-    ] = 360.0
-    repeat: Annotated[int, Meta(ge=1, le=100, description="times that the series is taken", extra={"option": True})] = 1
+    whole_turns: Annotated[bool, said("windows on the table last whole revolutions", option=True)] = False
+    longest_turn_s: Annotated[float, ranged(1.0, 86_400.0, "of whole_turns: slower rates have ordinary windows")] = (
+        360.0
+    )
+    repeat: Annotated[int, ranged(1, 100, "times that the series is taken", option=True)] = 1
     earth: Annotated[
-        Earth,
-        Meta(description="the Earth's rate stays in the bias, or is added to the table's rate", extra={"option": True}),
+        Earth, said("the Earth's rate stays in the bias, or is added to the table's rate", option=True)
     ] = Earth.BIAS
-    axis_tilt_deg: Annotated[
-        float, Meta(ge=0.0, le=90.0, description="of the table's axis, limit; counts where earth is rate")
-    ] = 0.5
+    axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "of the table's axis, limit; counts where earth is rate")] = 0.5
 
     @property
     def as_in_the_paper(self) -> bool:
