@@ -110,10 +110,6 @@ def _standard(source: Source, trials: int, rng: np.random.Generator) -> Floats:
             return rng.standard_normal(trials)
         case Distribution.RECTANGULAR:
             return rng.uniform(-math.sqrt(3.0), math.sqrt(3.0), trials)
-        case Distribution.TRIANGULAR:
-            return rng.triangular(-math.sqrt(6.0), 0.0, math.sqrt(6.0), trials)
-        case Distribution.ARCSINE:
-            return math.sqrt(2.0) * np.sin(rng.uniform(-math.pi, math.pi, trials))
 
 
 def _summary(name: str, values: Floats, confidence: float) -> Propagated:
@@ -135,6 +131,6 @@ def _summary(name: str, values: Floats, confidence: float) -> Propagated:
 
 def agreement(result: Result, propagated: Propagated) -> Agreement:
     """Compare a budget's result with the trials'."""
-    low, high = result.interval
+    low, high = result.value - result.expanded_u, result.value + result.expanded_u
     digits = math.floor(math.log10(propagated.u)) - 1 if propagated.u > 0.0 else 0
     return Agreement(abs(low - propagated.low), abs(high - propagated.high), 0.5 * 10.0**digits)

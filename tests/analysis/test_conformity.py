@@ -17,7 +17,7 @@ def test_e_n_of_the_papers_two_columns() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "guard_factor", "expected"),
+    ("value", "expanded_u", "expected"),
     [
         (8.0, 1.0, PASS),
         (9.0, 1.0, PASS),
@@ -32,13 +32,13 @@ def test_e_n_of_the_papers_two_columns() -> None:
         (9.4, 0.5, PASS),
     ],
 )
-def test_guard_bands(value: float, guard_factor: float, expected: Conformity) -> None:
-    assert conformity(value, 1.0, -10.0, 10.0, guard_factor) is expected
+def test_guard_bands(value: float, expanded_u: float, expected: Conformity) -> None:
+    assert conformity(value, expanded_u, -10.0, 10.0) is expected
 
 
 def test_one_limit_alone() -> None:
-    assert conformity(-1e9, 1.0, high=10.0) is PASS
-    assert conformity(1e9, 1.0, low=10.0) is PASS
+    assert conformity(-1e9, 1.0, -math.inf, 10.0) is PASS
+    assert conformity(1e9, 1.0, 10.0, math.inf) is PASS
 
 
 def test_a_tolerance_narrower_than_the_uncertainty_never_passes() -> None:

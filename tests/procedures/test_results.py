@@ -14,15 +14,19 @@ from vcfbench.analysis.column import Nonlinearity
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.columns import repeat_std_v, u_output_v
+from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
+from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.specifications import AGILENT_33220A
-from vcfbench.station.settings import Match
+from vcfbench.station.settings import Station
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
 K, K_VC, READINGS = -0.0125, 150.0, 10
+EXACT = Station(meter_resolution_v=0.0)
+SETTINGS, SWEEP = VirtualCoriolisSettings(station=EXACT), SweepSettings(station=EXACT)
 
 
 def point(step: int, rate: float, v_vc: float, output_v: float, std_v: float = 0.0) -> Point:
@@ -70,7 +74,7 @@ def test_stated_uncertainties_are_not_below_the_scatter_of_200_runs(
     results = []
     for _ in range(200):
         points = calibration(rng, noise_v=noise_v, wander_v=wander_v, level=level)
-        results.append(virtual_coriolis_results(points, Match.ZERO, 10.0, 0.0))
+        results.append(virtual_coriolis_results(SETTINGS, points))
     for value, u in (
         ([r.k_vc.value for r in results], [r.k_vc.u_fit for r in results]),
         ([r.scale_factor_error_percent for r in results], [r.scale_factor_error_u_readings_percent for r in results]),
@@ -110,23 +114,22 @@ def test_the_accuracy_of_the_generator_is_the_one_that_its_specimens_are_drawn_w
 
 def test_a_level_that_nobody_measured_is_known_to_per_cents() -> None:
     """2 % and 4 mV (2 mV into 50 ohm, open) at 66.7 mV: 8 %, rectangular."""
-    results = virtual_coriolis_results(calibration(np.random.default_rng(2)), Match.ZERO, 10.0, 0.0)
+    results = virtual_coriolis_results(SETTINGS, calibration(np.random.default_rng(2)))
     assert results.k_vc_u_generator / results.k_vc.value == pytest.approx(0.08 / math.sqrt(3), rel=1e-6)
-    assert results.k_vc.u is None
     assert results.k_vc.u_fit is not None
     assert results.k_vc.u_fit / results.k_vc.value == pytest.approx(3.86e-4 / math.sqrt(12), rel=1e-3)
 
 
 def test_a_turntable_run_has_no_generator() -> None:
-    run = turntable_results([point(1, rate, 0.0, K * rate, 1e-4) for rate in RATES], 0.0)
+    run = turntable_results(SWEEP, [point(1, rate, 0.0, K * rate, 1e-4) for rate in RATES])
     assert run.type_a is not None
     assert run.type_a.u_scale_factor == pytest.approx(1e-4 / math.sqrt(READINGS * 106060.0))
 
 
 def test_results_are_values_that_cannot_be_changed() -> None:
     points = calibration(np.random.default_rng(3), noise_v=1e-4)
-    results = virtual_coriolis_results(points, Match.ZERO, 10.0, 1e-5)
-    assert results == virtual_coriolis_results(points, Match.ZERO, 10.0, 1e-5)
+    results = virtual_coriolis_results(SETTINGS, points)
+    assert results == virtual_coriolis_results(SETTINGS, points)
     assert results == pickle.loads(pickle.dumps(results))  # noqa: S301  # ours
     assert len({results, results}) == 1
     with pytest.raises(AttributeError):
@@ -136,7 +139,7 @@ def test_results_are_values_that_cannot_be_changed() -> None:
 def test_what_is_written_has_the_names_of_the_fields() -> None:
     """Every number of a column is a field, and the definitions of non-linearity are those of the analysis."""
     assert list(Nonlinearity.__struct_fields__) == list(DEFINITIONS)
-    written = plain(turntable_results([point(1, rate, 0.0, K * rate, 1e-4) for rate in RATES], 1e-5))
+    written = plain(turntable_results(SWEEP, [point(1, rate, 0.0, K * rate, 1e-4) for rate in RATES]))
     assert list(written)[:4] == ["scale_factor", "bias", "nonlinearity_ppm", "asymmetry_ppm"]
     assert list(written["scale_factor"]) == ["value", "u", "unit", "u_fit", "complete", "missing"]
     assert list(written["polynomial"]) == ["c0", "c1", "c2", "c3", "s_v", "max_span_ppm"]

@@ -5,11 +5,13 @@ from typing import Any
 
 import pytest
 
+from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
+from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
 from vcfbench.station.acceptance import judged
-from vcfbench.station.settings import Limit, Match
+from vcfbench.station.settings import Limit, Station
 
 K, K_VC = -0.0125, 150.0
 RATES = (20.0, 10.0, 0.0, -10.0, -20.0)
@@ -29,9 +31,10 @@ def four_steps() -> list[Point]:
     return [*matching, *column(3), *column(4, 1.015 * K)]
 
 
+STATION = Station(meter_resolution_v=1e-5)
 POINTS = column(1)
-TURNTABLE = turntable_results(POINTS, 1e-5)
-RESULTS = virtual_coriolis_results(four_steps(), Match.ZERO, 10.0, 1e-5)
+TURNTABLE = turntable_results(SweepSettings(station=STATION), POINTS)
+RESULTS = virtual_coriolis_results(VirtualCoriolisSettings(station=STATION), four_steps())
 
 
 def verdicts(results: Any, *limits: Limit, points: list[Point] = POINTS) -> list[str]:

@@ -33,16 +33,6 @@ class Distribution(Enum):
     NORMAL = "normal"
     """With finite degrees of freedom: Student's t."""
     RECTANGULAR = "rectangular"
-    TRIANGULAR = "triangular"
-    ARCSINE = "arcsine"
-    """A sine of unknown phase."""
-
-
-HALF_WIDTHS = {
-    Distribution.RECTANGULAR: math.sqrt(3.0),
-    Distribution.TRIANGULAR: math.sqrt(6.0),
-    Distribution.ARCSINE: math.sqrt(2.0),
-}
 
 
 _CELLS = 3**8
@@ -62,22 +52,9 @@ class Source(Struct, frozen=True):
     distribution: Distribution = Distribution.NORMAL
 
     @classmethod
-    def within(
-        cls,
-        name: str,
-        value: float,
-        half_width: float,
-        unit: str = "",
-        distribution: Distribution = Distribution.RECTANGULAR,
-    ) -> Self:
-        """Return a source that lies within `half_width` of its value, as data sheets state it.
-
-        Raises:
-            ConfigError: a normal distribution has no half width.
-        """
-        if distribution not in HALF_WIDTHS:
-            raise ConfigError(f"{name}: a {distribution.value} distribution has no half width")
-        return cls(name, value, half_width / HALF_WIDTHS[distribution], unit, distribution=distribution)
+    def within(cls, name: str, value: float, half_width: float, unit: str = "") -> Self:
+        """Return a source that lies within `half_width` of its value, as data sheets state it."""
+        return cls(name, value, half_width / math.sqrt(3.0), unit, distribution=Distribution.RECTANGULAR)
 
 
 class Contribution(Struct, frozen=True):
@@ -111,11 +88,6 @@ class Result(Struct, frozen=True):
     def expanded_u(self) -> float:
         """Half width of the interval that holds the true value with `confidence`."""
         return self.coverage_factor * self.u
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Lower and upper end of that interval."""
-        return self.value - self.expanded_u, self.value + self.expanded_u
 
 
 class Budget(Struct, frozen=True):
@@ -252,12 +224,12 @@ def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> floa
     bounded = [line for line in result.contributions if kinds[line.source] is not Distribution.NORMAL and line.u]
     if not bounded:
         return result.coverage_factor
-    limits = [(kinds[line.source], _HALF_WIDTH[kinds[line.source]] * abs(line.u)) for line in bounded]
+    half_widths = [math.sqrt(3.0) * abs(line.u) for line in bounded]
     normal = (line.share for line in result.contributions if kinds[line.source] is Distribution.NORMAL)
     rest_share = max(0.0, math.fsum(normal))
     rest_u = result.u * math.sqrt(rest_share)
     rest_dof = result.dof * rest_share**2 if rest_share else math.inf  # Welch and Satterthwaite backwards
-    reach = math.fsum(half_width for _, half_width in limits) + rest_u * t_quantile(_LEFT_OUT, rest_dof)
+    reach = math.fsum(half_widths) + rest_u * t_quantile(_LEFT_OUT, rest_dof)
     edges = np.linspace(-reach, reach, _CELLS + 1)
     # The same of the normal or t part, by its density in the middles
     middles = 0.5 * (edges[1:] + edges[:-1])
@@ -269,36 +241,21 @@ def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> floa
         density = np.exp(-0.5 * (rest_dof + 1.0) * np.log1p((middles / rest_u) ** 2 / rest_dof))
     together = np.fft.rfft(np.asarray(np.fft.ifftshift(density / density.sum())))
     half_a_cell = float(edges[_CELLS // 2 + 1])
-    for kind, half_width in limits:
+    for half_width in half_widths:
         if half_width > half_a_cell:  # what stays within the middle cell moves nothing
-            together = together * np.fft.rfft(_cells(kind, edges, half_width))
+            together = together * np.fft.rfft(_cells(edges, half_width))
     # The upper end of the interval with equal tails about the middle
     below = np.concatenate([[0.0], np.cumsum(np.fft.fftshift(np.fft.irfft(together, _CELLS)))])
     return float(np.interp(0.5 * (1.0 + result.confidence), below, edges)) / result.u
 
 
-_HALF_WIDTH: Mapping[Distribution, float] = {
-    Distribution.RECTANGULAR: math.sqrt(3.0),
-    Distribution.TRIANGULAR: math.sqrt(6.0),
-    Distribution.ARCSINE: math.sqrt(2.0),
-}
-"""In standard uncertainties."""
-
-
-def _cells(kind: Distribution, edges: Floats, half_width: float) -> Floats:
+def _cells(edges: Floats, half_width: float) -> Floats:
     """Return the probability of each cell, the middle one first, of a source that goes beyond the middle cell."""
     first = int(edges.searchsorted(-half_width, "right")) - 1
     stop = int(edges.searchsorted(half_width)) + 1
     x = np.clip(edges[first:stop] / half_width, -1.0, 1.0)
-    match kind:
-        case Distribution.TRIANGULAR:
-            below = 0.5 + x - 0.5 * x * np.abs(x)
-        case Distribution.ARCSINE:
-            below = np.arcsin(x) / math.pi
-        case _:
-            below = 0.5 * x
     middle = edges.size // 2 - 1
-    inside, cells = np.diff(below), np.zeros(edges.size - 1)
+    inside, cells = np.diff(0.5 * x), np.zeros(edges.size - 1)
     cells[: stop - 1 - middle] = inside[middle - first :]
     cells[first - middle :] = inside[: middle - first]
     return cells

@@ -31,29 +31,20 @@ def e_n(first: float, expanded_u_first: float, second: float, expanded_u_second:
     return abs(difference) / expanded_u
 
 
-def conformity(
-    value: float,
-    expanded_u: float,
-    low: float = -math.inf,
-    high: float = math.inf,
-    guard_factor: float = 1.0,
-) -> Conformity:
-    """Judge a value against limits with a guard band of `guard_factor` times its expanded uncertainty.
+def conformity(value: float, expanded_u: float, low: float, high: float) -> Conformity:
+    """Judge a value against limits with its expanded uncertainty as guard band.
 
-    With 1 and 95 % a value passes that conforms with at least 97.5 %; with 0 the uncertainty is ignored (simple
-    acceptance), and nothing is marginal.
+    With 95 % a value passes that conforms with at least 97.5 %; with 0 the uncertainty is ignored (simple acceptance),
+    and nothing is marginal.
 
     Raises:
-        ConfigError: a lower limit above the upper one, or an uncertainty or factor that is negative or not finite.
+        ConfigError: a lower limit above the upper one, or an uncertainty that is negative or not finite.
     """
-    if not low <= high or not (0.0 <= expanded_u < math.inf and 0.0 <= guard_factor < math.inf):
-        raise ConfigError(
-            f"no verdict with limits {low:g} to {high:g}, U {expanded_u:g} and guard factor {guard_factor:g}"
-        )
+    if not low <= high or not 0.0 <= expanded_u < math.inf:
+        raise ConfigError(f"no verdict with limits {low:g} to {high:g} and U {expanded_u:g}")
     if not math.isfinite(value):
         raise ConfigError(f"no verdict on {value}")
-    guard = guard_factor * expanded_u
-    if value < low - guard or value > high + guard:
+    if value < low - expanded_u or value > high + expanded_u:
         return Conformity.FAIL
-    inside = low + guard <= value <= high - guard
+    inside = low + expanded_u <= value <= high - expanded_u
     return Conformity.PASS if inside else Conformity.MARGINAL

@@ -54,34 +54,6 @@ class KVcCurve(Struct, frozen=True):
         """K_Vc of small signals, (deg/s)/V."""
         return self.coefficients[1]
 
-    @property
-    def u_k_vc(self) -> float:
-        """Standard uncertainty of that."""
-        return math.sqrt(self.covariance[1][1])
-
-    def rate_deg_s(self, v_vc_v: ArrayLike) -> Floats:
-        """Return the rate that each V_Vc stands for.
-
-        Raises:
-            ConfigError: a V_Vc more than 5 % outside what was matched: a cubic says nothing there.
-        """
-        return np.asarray(self._powers(v_vc_v) @ np.array(self.coefficients))
-
-    def rate_covariance(self, v_vc_v: ArrayLike, v_vc_covariance: ArrayLike) -> Floats:
-        """Return the covariance of those rates: the curve's, which all share, and that of the V_Vc through its slope.
-
-        The square roots of its diagonal are the standard uncertainties. `v_vc_covariance` of zeros asks for the curve
-        alone. A meter that also measured the pairs has its gain and offset in both: leave them out of one.
-
-        Raises:
-            ConfigError: as above, or a covariance of another size.
-        """
-        v = np.atleast_1d(np.asarray(v_vc_v, dtype=np.float64))
-        powers = self._powers(v)
-        between = _covariance(v_vc_covariance, v.size, "V_Vc")
-        slope = _slope(np.array(self.coefficients), v)
-        return np.asarray(powers @ np.array(self.covariance) @ powers.T + between * np.outer(slope, slope))
-
     def curvature(self) -> Curvature:
         """Return the modulator's curve, with k1 as its unit; raises ConfigError for a fit below the third order."""
         if len(self.coefficients) < 4:
@@ -94,16 +66,6 @@ class KVcCurve(Struct, frozen=True):
             gradient[1], gradient[place] = -k[place] / k[1] ** 2, 1.0 / k[1]
             found += [float(k[place] / k[1]), math.sqrt(gradient @ covariance @ gradient)]
         return Curvature(*found)
-
-    def _powers(self, v_vc_v: ArrayLike) -> Floats:
-        v = np.atleast_1d(np.asarray(v_vc_v, dtype=np.float64))
-        margin = 0.05 * (self.v_vc_high_v - self.v_vc_low_v) / 2.0
-        outside = (v < self.v_vc_low_v - margin) | (v > self.v_vc_high_v + margin) | ~np.isfinite(v)
-        if outside.any():
-            raise ConfigError(
-                f"V_Vc {v[outside][0]:g} V lies outside the matched {self.v_vc_low_v:g} to {self.v_vc_high_v:g} V"
-            )
-        return np.vander(v, len(self.coefficients), increasing=True)
 
 
 def covariance_of(values: ArrayLike, u: ArrayLike, u_gain: float = 0.0, u_offset: float = 0.0) -> Floats:

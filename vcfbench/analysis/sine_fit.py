@@ -1,7 +1,6 @@
 """Sines in sampled waveforms: the four-parameter fit of IEEE 1057, and phases between channels.
 
-The model is ``offset + amplitude * cos(2 pi f t + phase)`` with t = 0 at the first sample. The uncertainties are those
-of least squares with the scatter of the residuals: independent noise of the samples is assumed.
+The model is ``offset + amplitude * cos(2 pi f t + phase)`` with t = 0 at the first sample.
 """
 
 import math
@@ -19,20 +18,12 @@ _SETTLED = 1e-9
 
 
 class Sine(Struct, frozen=True):
-    """A fitted sine; amplitude and offset in the unit of the samples."""
+    """A fitted sine; its amplitude in the unit of the samples."""
 
     frequency_hz: float
     amplitude: float
     phase_rad: float
     """At the first sample, of a cosine, in -pi to pi."""
-    offset: float
-    u_frequency_hz: float
-    u_amplitude: float
-    u_phase_rad: float
-    u_offset: float
-    residual_rms: float
-    """Standard deviation of the residuals."""
-    dof: int
 
 
 class PhaseDifference(Struct, frozen=True):
@@ -40,12 +31,8 @@ class PhaseDifference(Struct, frozen=True):
 
     phase_deg: float
     """Phase of the second less that of the first, -180 to 180: positive where the second leads."""
-    u_phase_deg: float
     gain: float
     """Amplitude of the second over that of the first."""
-    u_gain: float
-    frequency_hz: float
-    u_frequency_hz: float
 
 
 class _Common(Struct, frozen=True):
@@ -54,7 +41,6 @@ class _Common(Struct, frozen=True):
     frequency_hz: float
     cosine: Floats
     sine: Floats
-    offset: Floats
     left: Floats
     """Residuals, (channels, samples)."""
     rms: Floats
@@ -73,26 +59,12 @@ def fit_sine(samples: ArrayLike, interval_s: float, start_hz: float | None = Non
         MeasurementError: no sine that the fit settles on.
     """
     channels = _checked([samples])
-    fitted, covariance = _common(channels, interval_s, start_hz)
-    count = channels.shape[1]
+    fitted = _common(channels, interval_s, start_hz)
     # The phase is carried from the middle of the record to the first sample
     a, b = float(fitted.cosine[0]), float(fitted.sine[0])
-    amplitude = math.hypot(a, b)
-    lead_s = (count - 1) / 2.0 * interval_s
-    by_phase = np.array([-2.0 * math.pi * lead_s, b / amplitude**2, -a / amplitude**2, 0.0])
-    by_amplitude = np.array([0.0, a / amplitude, b / amplitude, 0.0])
-    return Sine(
-        frequency_hz=fitted.frequency_hz,
-        amplitude=amplitude,
-        phase_rad=math.remainder(math.atan2(-b, a) - 2.0 * math.pi * fitted.frequency_hz * lead_s, 2.0 * math.pi),
-        offset=float(fitted.offset[0]),
-        u_frequency_hz=math.sqrt(covariance[0, 0]),
-        u_amplitude=math.sqrt(by_amplitude @ covariance @ by_amplitude),
-        u_phase_rad=math.sqrt(by_phase @ covariance @ by_phase),
-        u_offset=math.sqrt(covariance[3, 3]),
-        residual_rms=float(fitted.rms[0]),
-        dof=count - 4,
-    )
+    lead_s = (channels.shape[1] - 1) / 2.0 * interval_s
+    phase_rad = math.atan2(-b, a) - 2.0 * math.pi * fitted.frequency_hz * lead_s
+    return Sine(fitted.frequency_hz, math.hypot(a, b), math.remainder(phase_rad, 2.0 * math.pi))
 
 
 def phase_difference(
@@ -103,24 +75,11 @@ def phase_difference(
     Raises:
         ConfigError: channels of different lengths, or as for :func:`fit_sine`.
     """
-    channels = _checked([first, second])
-    fitted, covariance = _common(channels, interval_s, start_hz)
+    fitted = _common(_checked([first, second]), interval_s, start_hz)
     amplitude = np.hypot(fitted.cosine, fitted.sine)
     phase = np.arctan2(-fitted.sine, fitted.cosine)
-    gain = float(amplitude[1] / amplitude[0])
-    by_phase, by_log_gain = np.zeros(7), np.zeros(7)
-    for channel, sign in ((0, -1.0), (1, 1.0)):
-        a, b, square = fitted.cosine[channel], fitted.sine[channel], amplitude[channel] ** 2
-        by_phase[1 + 3 * channel : 3 + 3 * channel] = sign * b / square, -sign * a / square
-        by_log_gain[1 + 3 * channel : 3 + 3 * channel] = sign * a / square, sign * b / square
-    return PhaseDifference(
-        phase_deg=math.degrees(math.remainder(float(phase[1] - phase[0]), 2.0 * math.pi)),
-        u_phase_deg=math.degrees(math.sqrt(by_phase @ covariance @ by_phase)),
-        gain=gain,
-        u_gain=gain * math.sqrt(by_log_gain @ covariance @ by_log_gain),
-        frequency_hz=fitted.frequency_hz,
-        u_frequency_hz=math.sqrt(covariance[0, 0]),
-    )
+    turned = math.remainder(float(phase[1] - phase[0]), 2.0 * math.pi)
+    return PhaseDifference(math.degrees(turned), float(amplitude[1] / amplitude[0]))
 
 
 def _spectral_peak_hz(samples: Floats, interval_s: float) -> float:
@@ -156,40 +115,33 @@ def _no_sine(why: str) -> MeasurementError:
     )
 
 
-def _common(channels: Floats, interval_s: float, start_hz: float | None) -> tuple[_Common, Floats]:
-    """Find the frequency that fits all channels best, by Gauss and Newton from `start_hz` or the spectrum.
-
-    Returns the fit, and the covariance of the frequency, then cosine, sine and offset of each channel.
-    """
+def _common(channels: Floats, interval_s: float, start_hz: float | None) -> _Common:
+    """Find the frequency that fits all channels best, by Gauss and Newton from `start_hz` or the spectrum."""
     count = channels.shape[1]
     times = np.asarray((np.arange(count) - (count - 1) / 2.0) * interval_s)
     strongest = channels[np.ptp(channels, axis=1).argmax()]
     frequency = _spectral_peak_hz(strongest, interval_s) if start_hz is None else start_hz
     most = 0.5 / (count * interval_s)
     for _ in range(_ROUNDS):
-        fitted = _at(channels, times, frequency, 3.0)
+        fitted = _at(channels, times, frequency)
         weight = np.repeat(1.0 / _floor(fitted.rms), times.size)
         rows = _design(fitted, times) * weight[:, None]
         step = float(np.linalg.solve(rows.T @ rows, rows.T @ (fitted.left.ravel() * weight))[0])
         frequency += max(-most, min(most, step))
         if abs(step) * count * interval_s < _SETTLED:
-            found = _at(channels, times, frequency, 3.0 + 1.0 / len(channels))
-            design = _design(found, times) / np.repeat(_floor(found.rms), times.size)[:, None]
-            exact = not (found.rms > 0.0).any()
-            covariance = np.zeros((design.shape[1],) * 2) if exact else np.linalg.inv(design.T @ design)
-            return found, np.asarray(covariance, dtype=np.float64)
+            return _at(channels, times, frequency)
     raise _no_sine(f"the fit does not settle near {frequency:g} Hz")
 
 
-def _at(channels: Floats, times: Floats, frequency_hz: float, used: float) -> _Common:
-    """Fit every channel at `frequency_hz`, without the covariance; `used` parameters a channel were determined."""
+def _at(channels: Floats, times: Floats, frequency_hz: float) -> _Common:
+    """Fit every channel at `frequency_hz`."""
     basis = _basis(frequency_hz, times)
     found, _, rank, _ = np.linalg.lstsq(basis, channels.T, rcond=1e-9)
     if rank < 3 or not 0.0 < frequency_hz < math.inf:
         raise ConfigError(f"samples over {times[-1] - times[0]:g} s do not tell a sine of {frequency_hz:g} Hz")
     left = channels.T - basis @ found
-    rms = np.sqrt(np.sum(left**2, axis=0) / (times.size - used))
-    return _Common(frequency_hz, found[0], found[1], found[2], left.T, rms)
+    rms = np.sqrt(np.sum(left**2, axis=0) / (times.size - 3.0))
+    return _Common(frequency_hz, found[0], found[1], left.T, rms)
 
 
 def _floor(rms: Floats) -> Floats:

@@ -72,8 +72,8 @@ def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[P
 class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
     """Result of a calibration on the rate table: its one column."""
 
-    uncertainty: Statement | None = None
-    """Combined uncertainties; None where only the points of the run are known."""
+    uncertainty: Statement
+    """Combined uncertainties."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return the values that ``[acceptance]`` limits, by its keys."""
@@ -90,17 +90,12 @@ class SweptTurntableResult(TurntableResult, frozen=True, kw_only=True):
     sweep: SweepFound
 
 
-def turntable_results(
-    points: Sequence[Point], meter_resolution_v: float, settings: ProcedureSettings | None = None
-) -> TurntableResult:
-    """Return the results of a turntable calibration: those of its one column, with `settings` its uncertainties."""
-    if settings is None:
-        return TurntableResult(
-            **asdict(columns.fitted_column(points, columns.u_output_v(points, meter_resolution_v)).column())
-        )
+def turntable_results(settings: ProcedureSettings, points: Sequence[Point]) -> TurntableResult:
+    """Return the results of a turntable calibration: those of its one column."""
     sweep = sweep_of(settings, points, STEP)
     stated = turntable_statement(settings, points)
-    column = columns.fitted_column(sweep.points, sweep.u_v(columns.u_output_v(points, meter_resolution_v))).column()
+    u_v = sweep.u_v(columns.u_output_v(points, settings.meter_resolution_v))
+    column = columns.fitted_column(sweep.points, u_v).column()
     values = {**asdict(columns.with_statement(column, stated)), "uncertainty": stated}
     if not columns.is_swept(settings):
         return TurntableResult(**values)
@@ -154,7 +149,7 @@ TURNTABLE = Procedure(
     needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_table": Rotates},
     uses={**PAPER_USES, "rate_source": SetsVoltage},
     plan=turntable,
-    results=lambda settings, points: turntable_results(points, settings.meter_resolution_v, settings),
+    results=turntable_results,
     report=turntable_report,
 )
 """The turntable calibration."""

@@ -17,7 +17,7 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.shared.sweep.schedule import KvcBy
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
-from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, null_results
+from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, virtual_coriolis_results
 from vcfbench.records.schema import Point
 from vcfbench.reports.text import text_of
 from vcfbench.sim.simulation import physical_parameters
@@ -204,8 +204,7 @@ def test_values_scatter_as_stated_when_generators_are_drawn(by: KvcBy) -> None:
         names = ("k_vc", "virtual.scale_factor", "virtual.bias", "scale_factor_error_percent")
         for name, value in zip(names, values, strict=True):
             drawn.setdefault(name, []).append(float(value))
-    noisy = null_results(Drawn(61, 20e-6).points(settings), settings).uncertainty
-    assert noisy is not None
+    noisy = virtual_coriolis_results(settings, Drawn(61, 20e-6).points(settings)).uncertainty
     for name, values in drawn.items():
         widest = 1.5 if name == "virtual.bias" and by is KvcBy.PLUS_MINUS else 1.25
         assert 0.75 < noisy.value(name).u / np.std(values) < widest, name
@@ -218,8 +217,7 @@ def test_a_match_next_to_the_end_of_a_range_has_the_errors_of_the_range_that_it_
     settings = make_settings(k_vc_by=KvcBy.CURVE, **TOLD)
     u = []
     for held_v in (0.319, 0.322):  # where 0.333 V would match
-        stated = null_results(Drawn(0, 0.0).points(settings, {50.0: held_v}), settings).uncertainty
-        assert stated is not None
+        stated = virtual_coriolis_results(settings, Drawn(0, 0.0).points(settings, {50.0: held_v})).uncertainty
         shares = stated.value("virtual.scale_factor").contributions
         u.append(next(each.u for each in shares if each.source == "generator gain, 0.32 V range"))
     assert u[0] > 5.0 * u[1]

@@ -44,7 +44,7 @@ def moved(points: list[Point], by_v: NDArray[np.float64]) -> list[Point]:
 
 
 def found(settings: SweepSettings, points: list[Point]) -> SweptTurntableResult:
-    results = turntable_results(points, 0.0, settings)
+    results = turntable_results(settings, points)
     assert isinstance(results, SweptTurntableResult)
     return results
 
@@ -185,7 +185,7 @@ def test_which_b_is_in_the_budget_is_said() -> None:
 
 def test_as_in_the_paper_results_have_nothing_more() -> None:
     settings = make_settings(station=WHITE, samples=READINGS)
-    assert type(turntable_results(blank(settings), 0.0, settings)) is TurntableResult
+    assert type(turntable_results(settings, blank(settings))) is TurntableResult
 
 
 # --- on the simulated bench ---

@@ -41,14 +41,13 @@ _STATED = MappingProxyType(
 """The keys of ``[acceptance]`` by the names of stated values, those of the table's column without its name."""
 
 
-def acceptance_u95(statement: Statement | None) -> dict[str, float]:
+def acceptance_u95(statement: Statement) -> dict[str, float]:
     """Return the expanded uncertainties of the values that ``[acceptance]`` limits, by its keys."""
-    stated = () if statement is None else statement.values
-    named = {each.name.removeprefix("turntable."): each.u95 for each in stated}
+    named = {each.name.removeprefix("turntable."): each.u95 for each in statement.values}
     return {_STATED[name]: u95 for name, u95 in named.items() if name in _STATED}
 
 
-def with_statement(column: CalibrationColumn, statement: Statement | None, before: str = "") -> CalibrationColumn:
+def with_statement(column: CalibrationColumn, statement: Statement, before: str = "") -> CalibrationColumn:
     """Return a column with the combined uncertainties that are stated of it under names that begin with `before`."""
     return replace(
         column,
@@ -57,10 +56,8 @@ def with_statement(column: CalibrationColumn, statement: Statement | None, befor
     )
 
 
-def combined(of_fit: Quantity, statement: Statement | None, name: str) -> Quantity:
-    """Return a value with the combined uncertainty that is stated of it, if any is."""
-    if statement is None:
-        return replace(of_fit, complete=False, missing=("combined uncertainty",))
+def combined(of_fit: Quantity, statement: Statement, name: str) -> Quantity:
+    """Return a value with the combined uncertainty that is stated of it."""
     stated = statement.value(name)
     return replace(of_fit, u=stated.u, complete=stated.complete, missing=stated.missing)
 
@@ -144,10 +141,8 @@ _LEAST_SHARE = 0.001
 """Share of the variance from which a contribution is shown; all are in the JSON."""
 
 
-def statement_tables(statement: Statement | None) -> list[Table | Text]:
+def statement_tables(statement: Statement) -> list[Table | Text]:
     """Lay out the combined uncertainties, their contributions, E_n, and their omissions."""
-    if statement is None:
-        return []
     columns = (
         *(Column("value", align="left"), Column("", "", ".7g"), Column("U95", "", ".2g"), Column("u", "", ".2g")),
         *(Column("k", "", ".2f"), Column("unit", align="left"), Column("of what", align="left")),

@@ -190,11 +190,7 @@ VIRTUAL_CORIOLIS = Procedure(
     ),
     settings=VirtualCoriolisSettings,
     plan=virtual_coriolis,
-    results=lambda given, points: (
-        results.virtual_coriolis_results(points, given.match, given.match_rate_deg_s, given.meter_resolution_v, given)
-        if given.k_vc_by is KvcBy.ONE_POINT
-        else results.null_results(points, given)
-    ),
+    results=results.virtual_coriolis_results,
     report=results.virtual_coriolis_report,
     uses={**PAPER_USES, "v_vc_meter": ReadsVoltage},
 )

@@ -20,18 +20,18 @@ from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, nul
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
-from vcfbench.station.settings import Match, ProcedureSettings
+from vcfbench.station.settings import Match
 
 
 class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     """Result of a four-step calibration: K_Vc, the columns of table and virtual Coriolis force, and their difference.
 
     V_Vc is that which a second meter measured, where the bench has one, else what the generator was set to.
-    `scale_factor_error_u_percent` is combined, None where only the points are known. `scale_factor_error_u_fit_percent`
-    is the scatter about the two lines, that is, lack of fit, and `scale_factor_error_u_readings_percent` what noise and
-    the resolutions of meter and generator allow, through both slopes and K_Vc. Neither of these includes the
-    generator's accuracy. A V_Vc that is set and not measured may be off by as much as `k_vc_u_generator` says (standard
-    uncertainty), at step 2 and at each level of step 4 differently.
+    `scale_factor_error_u_percent` is combined. `scale_factor_error_u_fit_percent` is the scatter about the two lines,
+    that is, lack of fit, and `scale_factor_error_u_readings_percent` what noise and the resolutions of meter and
+    generator allow, through both slopes and K_Vc. Neither of these includes the generator's accuracy. A V_Vc that is
+    set and not measured may be off by as much as `k_vc_u_generator` says (standard uncertainty), at step 2 and at each
+    level of step 4 differently.
     """
 
     k_vc: Quantity
@@ -46,7 +46,7 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     """Step 4: outputs against the rates that V_Vc stood for."""
     scale_factor_error_percent: float
     """Difference of the virtual scale factor from that of the table."""
-    scale_factor_error_u_percent: float | None
+    scale_factor_error_u_percent: float
     scale_factor_error_u_fit_percent: float
     scale_factor_error_u_readings_percent: float
     comparison: Comparison
@@ -57,8 +57,8 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     u_output_v: float
     """Standard uncertainty of one window's mean."""
     meter_resolution_v: float
-    uncertainty: Statement | None = None
-    """Combined uncertainties; None where only the points of the run are known."""
+    uncertainty: Statement
+    """Combined uncertainties."""
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         """Return the values that ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
@@ -66,7 +66,7 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
             **columns.acceptance_values(self.turntable),
             "k_vc_deg_s_per_v": self.k_vc.value,
             "scale_factor_error_percent": self.scale_factor_error_percent,
-            **({} if self.uncertainty is None or self.uncertainty.e_n is None else {"e_n": self.uncertainty.e_n}),
+            **({} if self.uncertainty.e_n is None else {"e_n": self.uncertainty.e_n}),
         }
 
     def acceptance_u95(self) -> Mapping[str, float]:
@@ -109,35 +109,26 @@ class NullVirtualCoriolisResult(SweptVirtualCoriolisResult, frozen=True, kw_only
         return math.fsum(each * v_vc_v ** (place + 1) for place, each in enumerate(self.coefficients))
 
 
-def virtual_coriolis_results(
-    points: Sequence[Point],
-    match: Match,
-    match_rate_deg_s: float,
-    meter_resolution_v: float,
-    settings: ProcedureSettings | None = None,
-) -> VirtualCoriolisResult:
-    """Return the results of a four-step calibration, with `settings` their uncertainties."""
+def virtual_coriolis_results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
+    """Return the results of a four-step calibration."""
     points = at_measured_levels(points)
-    matching = Matching.of(points, match, match_rate_deg_s)
-    asked = {"match": match, "match_rate_deg_s": match_rate_deg_s, "meter_resolution_v": meter_resolution_v}
-    values = _four_steps(points, matching, meter_resolution_v, settings) | asked
-    if settings is None or not columns.is_swept(settings):
+    if settings.k_vc_by is not KvcBy.ONE_POINT:
+        return _null_results(settings, points)
+    matching = Matching.of(points, settings.match, settings.match_rate_deg_s)
+    values = _four_steps(settings, points, matching)
+    if not columns.is_swept(settings):
         return VirtualCoriolisResult(**values)
     return SweptVirtualCoriolisResult(**values, **_sweeps(settings, standing_for(points, 4, matching.rate_of)))
 
 
-def null_results(points: Sequence[Point], settings: VirtualCoriolisSettings) -> NullVirtualCoriolisResult:
-    """Return the results of a four-step calibration whose K_Vc is from null comparisons at both signs."""
-    points = at_measured_levels(points)
+def _null_results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> NullVirtualCoriolisResult:
+    """Return the results of one whose K_Vc is from null comparisons at both signs."""
     matching = null_matching(settings, points)
     curve = matching.curve
     pairs = (matching.rate_deg_s, matching.v_vc_v, matching.residuals_deg_s, matching.left_v)
     return NullVirtualCoriolisResult(
-        **_four_steps(points, matching, settings.meter_resolution_v, settings),
+        **_four_steps(settings, points, matching),
         **_sweeps(settings, standing_for(points, 4, matching.rate_of)),
-        match=settings.match,
-        match_rate_deg_s=settings.match_rate_deg_s,
-        meter_resolution_v=settings.meter_resolution_v,
         k_vc_by=settings.k_vc_by,
         coefficients=tuple(matching.coefficients.tolist()),
         pairs=tuple(NullPair(*map(float, each)) for each in zip(*pairs, strict=True)),
@@ -152,32 +143,27 @@ def _sweeps(settings: SweepSettings, points: Sequence[Point]) -> dict[str, Any]:
 
 
 def _four_steps(
-    points: Sequence[Point],
-    matching: Matching | NullMatching,
-    meter_resolution_v: float,
-    settings: ProcedureSettings | None,
+    settings: VirtualCoriolisSettings, points: Sequence[Point], matching: Matching | NullMatching
 ) -> dict[str, Any]:
     """Return K_Vc, both columns and how they differ, from points at the V_Vc that they are known to have."""
     measured = any(point.v_vc_measured_v is not None for point in points)
-    generator = generator_sheet(settings or ProcedureSettings())
-    u_v = columns.u_output_v(points, meter_resolution_v)
+    generator, resolution_v = generator_sheet(settings), settings.meter_resolution_v
+    u_v = columns.u_output_v(points, resolution_v)
     u_level = 0.0 if measured else math.ldexp(2.0 * math.sqrt(10.0), -generator.bits) / math.sqrt(12.0)
     points = standing_for(points, 4, matching.rate_of)
-    noise_k_vc = matching.u_k_vc(columns.noise_std_v(points), columns.u_resolution_v(meter_resolution_v))
+    noise_k_vc = matching.u_k_vc(columns.noise_std_v(points), columns.u_resolution_v(resolution_v))
     u_k_vc = math.hypot(noise_k_vc, u_level * matching.k_vc)
-    table, driven = (sweep_of(settings or ProcedureSettings(), points, step) for step in (3, 4))
+    table, driven = (sweep_of(settings, points, step) for step in (3, 4))
     turntable = columns.fitted_column(table.points, table.u_v(u_v))
     levels = zip(driven.noise_gains, (u_level * matching.slope * point.v_vc_v for point in driven.points), strict=True)
     virtual = columns.fitted_column(driven.points, [math.hypot(gain * u_v, u_level_v) for gain, u_level_v in levels])
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
-    stated = None
-    if settings is not None and isinstance(matching, Matching):
-        stated = four_step_statement(settings, points, matching)
-    elif settings is not None and isinstance(matching, NullMatching):
-        stated = null_statement(settings, points, matching)
-    set_v = matching.v_vc_equal_v if isinstance(matching, Matching) else math.inf  # an offset cancels in pairs
+    if isinstance(matching, Matching):
+        stated, set_v = four_step_statement(settings, points, matching), matching.v_vc_equal_v
+    else:
+        stated, set_v = null_statement(settings, points, matching), math.inf  # an offset cancels in pairs
     # Of a level that is known by its setting alone: relative, rectangular limits
     u_generator = 0.0 if measured else (generator.setting + generator.offset_v / abs(set_v)) / math.sqrt(3.0)
     return {
@@ -187,12 +173,15 @@ def _four_steps(
         "turntable": columns.with_statement(turntable.column(), stated, "turntable."),
         "virtual": columns.with_statement(virtual.column(), stated, "virtual."),
         "scale_factor_error_percent": comparison.scale_factor_error_percent,
-        "scale_factor_error_u_percent": None if stated is None else stated.value("scale_factor_error_percent").u,
+        "scale_factor_error_u_percent": stated.value("scale_factor_error_percent").u,
         "scale_factor_error_u_fit_percent": comparison.u_fit_scale_factor_error_percent,
         "scale_factor_error_u_readings_percent": 100.0 * ratio * relative,
         "comparison": comparison,
+        "match": settings.match,
+        "match_rate_deg_s": settings.match_rate_deg_s,
         "match_residual_v": matching.residual_v,
         "u_output_v": u_v,
+        "meter_resolution_v": resolution_v,
         "uncertainty": stated,
     }
 
