@@ -7,7 +7,7 @@ holds it at resonance.
 
 from collections.abc import Sequence
 from statistics import fmean
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from msgspec import Struct, structs
 
@@ -30,7 +30,7 @@ from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.scope import scale_v_per_div
-from vcfbench.steps.step import Context, Effect, Routine, Step, StepResult, answer
+from vcfbench.steps.step import Context, Effect, Routine, Step, StepResult, answer, does
 
 _SENSE_RECORD, _DRIVE_RECORD = (0.05, 20_000), (0.02, 50_000)
 """Time base (s/div) and points of the records: half a second and a fifth."""
@@ -64,12 +64,9 @@ class SenseDecay(StepResult, Struct, frozen=True):
         return ", ".join(f"{mode.frequency_hz:.2f} Hz with Q {mode.q:.4g}" for mode in self.modes)
 
 
+@does(Effect.MEASURES, "waveforms", overhead_s=2.0)
 class CaptureDecay(Step, Struct, frozen=True):
     """Take a record of drive and sense signal that begins at once, and fit the modes that ring down in it."""
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "waveforms"
-    overhead_s: ClassVar[float] = 2.0
 
     channels: tuple[int, int]
     amplitudes_v: tuple[float, float]
@@ -97,7 +94,6 @@ class CaptureDecay(Step, Struct, frozen=True):
         return SenseDecay(drive_hz, tuple(RingingMode(each.frequency_hz, each.q, each.amplitude) for each in modes))
 
     def predict(self, gyro: LinearGyro) -> SenseDecay:
-        del gyro
         return self.expected
 
 
@@ -112,16 +108,13 @@ class DriveDecay(StepResult, Struct, frozen=True):
         return self.trouble or f"{self.frequency_hz:.3f} Hz with Q {self.q:.5g}"
 
 
+@does(Effect.MEASURES, "drive signal", overhead_s=1.0)
 class ReleaseDrive(Step, Struct, frozen=True):
     """Switch the supply off and record the drive signal meanwhile.
 
     Its loop stops below a voltage at which the board still shows the drive, which rings down until the board is dead.
     `drive_hz` is where it is, roughly.
     """
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "drive signal"
-    overhead_s: ClassVar[float] = 1.0
 
     channel: int
     amplitude_v: float
@@ -144,7 +137,6 @@ class ReleaseDrive(Step, Struct, frozen=True):
         return DriveDecay(found.frequency_hz, found.q)
 
     def predict(self, gyro: LinearGyro) -> DriveDecay:
-        del gyro
         return DriveDecay(self.drive_hz, 1000.0)
 
 

@@ -345,7 +345,6 @@ class SwitchedOn(StepResult, Struct, frozen=True):
     log: tuple[Reading, ...]
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        del step
         return replace(self, log=tuple(each.corrected(known) for each in self.log))
 
     def describe(self) -> str:

@@ -1,7 +1,5 @@
 """Everything about temperature: a chamber or a stream of air, or one that a person sets."""
 
-from typing import ClassVar
-
 from msgspec import Struct
 
 from vcfbench.bench.bench import Bench
@@ -9,7 +7,7 @@ from vcfbench.clock import sleep
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.operator import AskOperator
-from vcfbench.steps.step import Context, Effect, Step, StepResult, problem
+from vcfbench.steps.step import Context, Effect, Step, StepResult, does, problem
 
 _POLL_S = 2.0
 
@@ -26,12 +24,9 @@ class TemperatureReading(StepResult, Struct, frozen=True):
         return f"air {self.air_c:.1f} degC{device}"
 
 
+@does(Effect.SETS, "temperature", overhead_s=0.5)
 class SetTemperature(Step, Struct, frozen=True):
     """Go to a temperature with at most `ramp_k_min`, air on; reached is `soak_s` within `window_k` of it."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "temperature"
-    overhead_s: ClassVar[float] = 0.5
 
     temperature_c: float
     ramp_k_min: float
@@ -52,14 +47,13 @@ class SetTemperature(Step, Struct, frozen=True):
             chamber.enable_flow()
 
 
+@does(Effect.WAITS)
 class AwaitTemperature(Step, Struct, frozen=True):
     """Wait until the temperature is reached and has been held.
 
     `ramp_s` is what the way takes, `soak_s` how long it is held: what a plan knows of the time. `deadline_s` is the
     longest wait.
     """
-
-    effect: ClassVar[Effect] = Effect.WAITS
 
     temperature_c: float
     ramp_s: float
@@ -94,17 +88,12 @@ class AwaitTemperature(Step, Struct, frozen=True):
         return TemperatureReading(chamber.air_temperature_c(), chamber.device_temperature_c(), clock.now())
 
     def predict(self, gyro: LinearGyro) -> TemperatureReading:
-        del gyro
         return TemperatureReading(self.temperature_c, None, 0.0)
 
 
+@does(Effect.SETS, "temperature", "air off", overhead_s=0.2)
 class StopFlow(Step, Struct, frozen=True):
     """Stop the air; the device comes to the room's temperature by itself."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "temperature"
-    instruction: ClassVar[str] = "air off"
-    overhead_s: ClassVar[float] = 0.2
 
     def command(self, bench: Bench) -> None:
         bench.chamber.disable_flow()

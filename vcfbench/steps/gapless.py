@@ -29,7 +29,6 @@ class AcquireGapless(Acquire, frozen=True, kw_only=True):
         return self.physical_s + -(-self.samples // self.burst) * _BETWEEN_S
 
     def _read(self, start_s: float, tally: Tally, context: Context) -> None:
-        del start_s
         clock, meter = context.bench.clock, context.bench.multimeter
         if not isinstance(meter, SamplesVoltage):
             raise problem(meter, "it takes no readings by itself, which a record without gaps needs")

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -14,7 +14,7 @@ from vcfbench.records.schema import Point, fits_one_chunk
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.scatter import NoiseSeen
-from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, does, problem
 from vcfbench.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
 from vcfbench.steps.table import read_rate
 from vcfbench.steps.tally import Tally
@@ -48,7 +48,6 @@ class Window(StepResult, Struct, frozen=True):
         return self.point
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        del step
         readings = tuple(each.corrected(known) for each in self.readings)
         return replace(self, readings=readings, point=known.corrected_point(self.point))
 
@@ -82,12 +81,9 @@ class ZeroWindow(Window, frozen=True):
         return
 
 
+@does(Effect.SETS, "multimeter", overhead_s=0.1)
 class ConfigureMeter(Step, Struct, frozen=True):
     """Select the multimeter's fixed DC range and integration time."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "multimeter"
-    overhead_s: ClassVar[float] = 0.1
 
     range_v: float
     nplc: float
@@ -118,14 +114,12 @@ class OutputSeen(StepResult, Struct, frozen=True):
         return f"{self.mean_v:+.5f} V"
 
 
+@does(Effect.MEASURES, "the output")
 class LookAtOutput(Step, Struct, frozen=True):
     """Read the output `count` times, at least two, with the table at `rate_deg_s`.
 
     Where it turns it must read back that rate, within `tolerance_deg_s`, when the readings are taken.
     """
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "the output"
 
     count: int
     rate_deg_s: float = 0.0
@@ -159,15 +153,13 @@ class AcMeasured(StepResult, Struct, frozen=True):
         return f"{math.fsum(self.voltages_v) / len(self.voltages_v):.5f} V rms, {self.range_v:g} V range"
 
 
+@does(Effect.MEASURES, "an alternating voltage")
 class MeasureAc(Step, Struct, frozen=True):
     """Read the alternating voltage of `node`, where the leads of the multimeter are, `count` times.
 
     `range_v` is that of the meter, None: what fits. `expected_v` is what a dry run answers with, V rms. The multimeter
     has to be configured again afterwards.
     """
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "an alternating voltage"
 
     node: str
     count: int
@@ -194,10 +186,10 @@ class MeasureAc(Step, Struct, frozen=True):
         return AcMeasured(*meter.read_ac_voltages_v(self.count, self.range_v))
 
     def predict(self, gyro: LinearGyro) -> AcMeasured:
-        del gyro
         return AcMeasured((self.expected_v,) * self.count, self.range_v or 1.0)
 
 
+@does(Effect.MEASURES, "output")
 class Acquire(Step, Struct, frozen=True):
     """Take `samples` readings on a grid of `interval_s`; the window counts `samples * interval_s` seconds.
 
@@ -207,9 +199,6 @@ class Acquire(Step, Struct, frozen=True):
     that of one reading; `noise_v` is what the scatter of the readings is expected to be, (least, most), None when
     nothing is known of it.
     """
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "output"
 
     step: int
     rate_deg_s: float

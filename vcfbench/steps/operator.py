@@ -6,7 +6,7 @@ from msgspec import Struct
 
 from vcfbench.bench.bench import Bench
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.steps.step import Context, Effect, Operator, Request, Step, StepResult
+from vcfbench.steps.step import Context, Effect, Operator, Request, Step, StepResult, does
 
 _NAMES = {"v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative": "negative rail"}
 
@@ -20,6 +20,7 @@ class OperatorAnswer(StepResult, Struct, frozen=True):
         return self.answer or "done"
 
 
+@does(Effect.SETS, "what hands do")
 class AskOperator(Step, Struct, frozen=True):
     """Ask a person to do something, in words that follow "please": ``move the leads ...``; wait until it is done.
 
@@ -27,8 +28,6 @@ class AskOperator(Step, Struct, frozen=True):
     simulated bench, as ``vcfbench sim ctl set`` takes them: there the world is changed, and the time passes.
     """
 
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "what hands do"
     waits_for_person: ClassVar[bool] = True
 
     words: str
@@ -48,7 +47,6 @@ class AskOperator(Step, Struct, frozen=True):
         return OperatorAnswer(context.operator(Request(self.words, self.takes_s, dict(self.adjustments))))
 
     def predict(self, gyro: LinearGyro) -> OperatorAnswer:
-        del gyro
         return OperatorAnswer("done")
 
     @property

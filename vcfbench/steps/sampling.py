@@ -1,7 +1,7 @@
 """Records that an instrument takes by itself: readings of the multimeter on a grid, the response to a sine."""
 
 import math
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -10,7 +10,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Multimeter, SamplesVoltage
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
-from vcfbench.steps.step import Context, Effect, Step, StepResult
+from vcfbench.steps.step import Context, Effect, Step, StepResult, does
 from vcfbench.steps.table import read_rate
 
 
@@ -26,7 +26,6 @@ class SineResponse(StepResult, Struct, frozen=True):
     voltages_v: tuple[float, ...]
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        del step
         return replace(self, voltages_v=tuple(map(known.corrected, self.voltages_v)))
 
     def describe(self) -> str:
@@ -35,16 +34,13 @@ class SineResponse(StepResult, Struct, frozen=True):
         return f"{math.sqrt(2.0 * square):.4g} V"
 
 
+@does(Effect.MEASURES, "output", overhead_s=0.5)
 class SampleSine(Step, Struct, frozen=True):
     """Sample the output while V_Vc is a sine: `samples` readings, one every `interval_s`, taken by the meter itself.
 
     The frequency (Hz) and amplitude (V) of V_Vc stand here for the record. A dry run answers with `gain` over that at
     rest, or where there is none with a response that peaks at `split_hz`.
     """
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "output"
-    overhead_s: ClassVar[float] = 0.5
 
     frequency_hz: float
     amplitude_v: float
@@ -117,6 +113,7 @@ class ModulatedRecord(StepResult, Struct, frozen=True):
         return ", V_Vc ".join(means)
 
 
+@does(Effect.MEASURES, "output", overhead_s=0.5)
 class SampleModulated(Step, Struct, frozen=True):
     """Sample while V_Vc is a sine, or rests: `samples` readings, one every `interval_s`, by the meters themselves.
 
@@ -126,10 +123,6 @@ class SampleModulated(Step, Struct, frozen=True):
     V_Vc by its own meter. Frequency (Hz) and amplitude (V) of V_Vc stand here for the record; 0 V is rest.
     `table_deg_s` is what the table must read back at the end, within `tolerance_deg_s`; None asks no table.
     """
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "output"
-    overhead_s: ClassVar[float] = 0.5
 
     frequency_hz: float
     amplitude_v: float

@@ -1,7 +1,6 @@
 """Everything about the oscilloscope: it looks at the drive signal before anything is measured."""
 
 from statistics import fmean
-from typing import ClassVar
 
 from msgspec import Struct
 
@@ -9,7 +8,7 @@ from vcfbench.clock import Clock
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import AveragesWaveforms, Oscilloscope
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.steps.step import Context, Effect, Step, StepResult
+from vcfbench.steps.step import Context, Effect, Step, StepResult, does
 
 _DIVISIONS = 3.0
 """Divisions of the oscilloscope's screen (eight high) that an amplitude shall fill."""
@@ -56,12 +55,9 @@ class DriveReading(StepResult, Struct, frozen=True):
         return f"{self.frequency_hz:.2f} Hz, {self.amplitude_v:.4g} V, {self.phase_deg:+.2f} deg"
 
 
+@does(Effect.SETS, "oscilloscope", overhead_s=0.1)
 class ConfigureScope(Step, Struct, frozen=True):
     """Set time base and trigger for the drive signal; beyond its amplitude records begin anywhere in its period."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "oscilloscope"
-    overhead_s: ClassVar[float] = 0.1
 
     timebase_s_per_div: float
     trigger_channel: int
@@ -79,19 +75,15 @@ class ConfigureScope(Step, Struct, frozen=True):
         return ready
 
     def predict(self, gyro: LinearGyro) -> ScopeReady:
-        del gyro
         return ScopeReady(0.0)
 
 
+@does(Effect.CHECKS, "drive signal", overhead_s=0.4)
 class FindDrive(Step, Struct, frozen=True):
     """Show drive and carrier at the scale of the largest amplitude allowed, V, and measure roughly how large they are.
 
     `expected_v` is what a dry run answers.
     """
-
-    effect: ClassVar[Effect] = Effect.CHECKS
-    subject: ClassVar[str] = "drive signal"
-    overhead_s: ClassVar[float] = 0.4
 
     drive_channel: int
     carrier_channel: int
@@ -110,7 +102,6 @@ class FindDrive(Step, Struct, frozen=True):
         return DriveAmplitudes(*(_amplitude_or_none(scope, channel) for channel in channels))
 
     def predict(self, gyro: LinearGyro) -> DriveAmplitudes:
-        del gyro
         return DriveAmplitudes(self.expected_v, self.expected_v)
 
 
@@ -122,15 +113,12 @@ def _amplitude_or_none(scope: Oscilloscope, channel: int) -> float:
         return 0.0
 
 
+@does(Effect.CHECKS, "drive signal", overhead_s=0.5)
 class MeasureDrive(Step, Struct, frozen=True):
     """Take one record of drive and carrier at fitting scales and measure frequency, amplitude and phase.
 
     `drive_v` and `carrier_v` are the amplitudes that fill the screen. `expected` is what a dry run answers: Hz, V, deg.
     """
-
-    effect: ClassVar[Effect] = Effect.CHECKS
-    subject: ClassVar[str] = "drive signal"
-    overhead_s: ClassVar[float] = 0.5
 
     drive_channel: int
     carrier_channel: int
@@ -159,7 +147,6 @@ class MeasureDrive(Step, Struct, frozen=True):
 
     def predict(self, gyro: LinearGyro) -> DriveReading:
         """Predict that the drive is as expected."""
-        del gyro
         return DriveReading(*self.expected, 0.0)
 
 
@@ -187,15 +174,13 @@ class SineRecords(StepResult, Struct, frozen=True):
         return f"{fmean(each.frequency_hz for each in self.records):.3f} Hz; {', '.join(parts)}"
 
 
+@does(Effect.MEASURES, "waveforms")
 class CaptureSines(Step, Struct, frozen=True):
     """Download `count` records of some channels and fit a sine of one frequency to each (IEEE 1057, four parameters).
 
     `amplitudes_v` are what fills the screen; `expected` is what a dry run answers. Records begin `spacing_s` apart at
     least: of noise that is slower than a record, those close together have the same.
     """
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "waveforms"
 
     channels: tuple[int, ...]
     amplitudes_v: tuple[float, ...]
@@ -245,7 +230,6 @@ class CaptureSines(Step, Struct, frozen=True):
         scope.acquire(*self.channels)
 
     def predict(self, gyro: LinearGyro) -> SineRecords:
-        del gyro
         return SineRecords(self.channels, (self.expected,) * self.count)
 
 
@@ -277,12 +261,9 @@ _DIGIT = 8.0 / 256.0
 """Last bit of a screen of eight divisions, in divisions. A smaller amplitude may show as nothing, and is not."""
 
 
+@does(Effect.MEASURES, "waveforms", overhead_s=1.0)
 class FindAmplitudes(Step, Struct, frozen=True):
     """Find how large channels are: at the scale of `largest_v`, then at one that fits. `expected_v`: of a dry run."""
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "waveforms"
-    overhead_s: ClassVar[float] = 1.0
 
     channels: tuple[int, ...]
     largest_v: float
@@ -309,7 +290,6 @@ class FindAmplitudes(Step, Struct, frozen=True):
         return Amplitudes(self.channels, tuple(levels_v))
 
     def predict(self, gyro: LinearGyro) -> Amplitudes:
-        del gyro
         return Amplitudes(self.channels, (self.expected_v,) * len(self.channels))
 
 
@@ -333,15 +313,13 @@ class Rotations(StepResult, Struct, frozen=True):
         return f"{first.difference_hz:+.3f} Hz to the drive, output at {first.reference_deg:+.2f} deg"
 
 
+@does(Effect.MEASURES, "waveforms")
 class CaptureRotations(Step, Struct, frozen=True):
     """Download `count` records of drive, sense and output while V_Vc moves the sense signal off the drive's frequency.
 
     `difference_hz` is by how much, roughly. `amplitudes_v` are what fills the screen, in the order of `channels`.
     `drive_hz` is what a dry run answers with.
     """
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "waveforms"
 
     channels: tuple[int, int, int]
     amplitudes_v: tuple[float, float, float]
@@ -381,5 +359,4 @@ class CaptureRotations(Step, Struct, frozen=True):
 
     def predict(self, gyro: LinearGyro) -> Rotations:
         """Predict a reference a quarter turn from the drive, and no delay."""
-        del gyro
         return Rotations((RotationRecord(self.drive_hz, self.difference_hz, 90.0, 1.0, 1.0),) * self.count)

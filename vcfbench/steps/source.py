@@ -8,7 +8,7 @@ from vcfbench.bench.bench import Bench
 from vcfbench.interfaces import FunctionGenerator
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.steps.step import Context, Done, Effect, Step, StepResult, problem
+from vcfbench.steps.step import Context, Done, Effect, Step, StepResult, does, problem
 
 
 class VvcSetting(StepResult, Struct, frozen=True):
@@ -20,12 +20,9 @@ class VvcSetting(StepResult, Struct, frozen=True):
         return f"reads {self.v_vc_v:+.6g} V"
 
 
+@does(Effect.SETS, "V_Vc", overhead_s=0.05)
 class SetVvc(Step, Struct, frozen=True):
     """Set V_Vc; the result is the level read back."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "V_Vc"
-    overhead_s: ClassVar[float] = 0.05
 
     v_vc_v: float
 
@@ -45,12 +42,9 @@ class SetVvc(Step, Struct, frozen=True):
         return VvcSetting(self.v_vc_v)
 
 
+@does(Effect.SETS, "V_Vc", overhead_s=0.1)
 class ConfigureGenerator(Step, Struct, frozen=True):
     """Select DC at `v_vc_v` into the high impedance of the PCB; the output switch stays as it is."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "V_Vc"
-    overhead_s: ClassVar[float] = 0.1
 
     v_vc_v: float
 
@@ -74,15 +68,12 @@ class ConfigureGenerator(Step, Struct, frozen=True):
         return VvcSetting(self.v_vc_v)
 
 
+@does(Effect.SETS, "V_Vc", overhead_s=0.1)
 class SetSine(Step, Struct, frozen=True):
     """Let V_Vc be a sine about 0 V, which the generator reads back; its output switch stays as it is.
 
     `amplitude_v` is its peak.
     """
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "V_Vc"
-    overhead_s: ClassVar[float] = 0.1
 
     frequency_hz: float
     amplitude_v: float
@@ -110,13 +101,9 @@ class SetVibration(SetSine, frozen=True):
         bench.vibration_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)
 
 
+@does(Effect.SETS, "generator output", "generator output on", overhead_s=0.05)
 class EnableVvc(Step, Struct, frozen=True):
     """Switch the generator's output on."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "generator output"
-    instruction: ClassVar[str] = "generator output on"
-    overhead_s: ClassVar[float] = 0.05
 
     def command(self, bench: Bench) -> None:
         _switch(bench.rate_source, on=True)
@@ -126,13 +113,9 @@ class EnableVvc(Step, Struct, frozen=True):
         return Done()
 
 
+@does(Effect.SETS, "generator output", "generator output off, the PCB holds V_Vc at 0 V", overhead_s=0.05)
 class DisableVvc(Step, Struct, frozen=True):
     """Switch the generator's output off: the PCB pulls the V_Vc node to 0 V."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "generator output"
-    instruction: ClassVar[str] = "generator output off, the PCB holds V_Vc at 0 V"
-    overhead_s: ClassVar[float] = 0.05
 
     def command(self, bench: Bench) -> None:
         _switch(bench.rate_source, on=False)
@@ -143,25 +126,17 @@ class DisableVvc(Step, Struct, frozen=True):
         return Done()
 
 
+@does(Effect.SETS, "vibration output", "output of the vibration generator on", overhead_s=0.05)
 class EnableVibration(Step, Struct, frozen=True):
     """Switch the second generator's output on."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "vibration output"
-    instruction: ClassVar[str] = "output of the vibration generator on"
-    overhead_s: ClassVar[float] = 0.05
 
     def command(self, bench: Bench) -> None:
         _switch(bench.vibration_source, on=True)
 
 
+@does(Effect.SETS, "vibration output", "output of the vibration generator off", overhead_s=0.05)
 class DisableVibration(Step, Struct, frozen=True):
     """Switch the second generator's output off."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "vibration output"
-    instruction: ClassVar[str] = "output of the vibration generator off"
-    overhead_s: ClassVar[float] = 0.05
 
     def command(self, bench: Bench) -> None:
         _switch(bench.vibration_source, on=False)

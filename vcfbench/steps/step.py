@@ -204,12 +204,10 @@ class StepResult:
         The procedure's results are made of the corrected ones; the journal keeps the readings. By default nothing is
         corrected.
         """
-        del step, known
         return self
 
     def counted_from(self, moved_v: float, u_v: float) -> Self:
         """Return the same, measured since the output had moved by `moved_v` (V, with its u) in pauses of the run."""
-        del moved_v, u_v
         return self
 
     def referred(self) -> Self:
@@ -274,7 +272,6 @@ class Step:
 
         By default it is done, and there is nothing to look at.
         """
-        del gyro
         return Done()
 
     def within(self, limits: LimitChecks) -> None:
@@ -315,6 +312,21 @@ class Step:
     def duration_s(self) -> float:
         """Estimate of the time the step takes, s."""
         return self.physical_s + self.overhead_s
+
+
+_Kind = TypeVar("_Kind", bound=type[Step])
+
+
+def does(
+    effect: Effect, subject: str = "", instruction: str = "", *, overhead_s: float = 0.0
+) -> Callable[[_Kind], _Kind]:
+    """Say in one line what a kind of step does: the class attributes of these names."""
+
+    def said(kind: _Kind) -> _Kind:
+        kind.effect, kind.subject, kind.instruction, kind.overhead_s = effect, subject, instruction, overhead_s
+        return kind
+
+    return said
 
 
 class Outcome(Struct, frozen=True):

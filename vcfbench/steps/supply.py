@@ -1,7 +1,6 @@
 """Everything about the supply of the rails."""
 
 from contextlib import suppress
-from typing import ClassVar
 
 from msgspec import Struct
 
@@ -10,7 +9,7 @@ from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.interfaces import PowerSupply, Regulation
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.steps.step import LOOK_AT_SIGNALS, Context, Effect, Step, StepResult, problem
+from vcfbench.steps.step import LOOK_AT_SIGNALS, Context, Effect, Step, StepResult, does, problem
 
 
 class RailReading(Struct, frozen=True):
@@ -31,12 +30,9 @@ class RailsReading(StepResult, Struct, frozen=True):
         return ", ".join(f"{rail.rail} {rail.voltage_v:+.3f} V {rail.current_a:.4f} A" for rail in self.rails)
 
 
+@does(Effect.SETS, "rail", overhead_s=0.05)
 class ConfigureRail(Step, Struct, frozen=True):
     """Set level and current limit of one supply output, outputs off."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "rail"
-    overhead_s: ClassVar[float] = 0.05
 
     rail: str
     output: str
@@ -58,36 +54,25 @@ class ConfigureRail(Step, Struct, frozen=True):
         bench.power.configure_output(self.output, self.voltage_v, self.current_limit_a)
 
 
+@does(Effect.SETS, "supply outputs", "supply outputs on", overhead_s=0.05)
 class EnableSupply(Step, Struct, frozen=True):
     """Switch the supply outputs on."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "supply outputs"
-    instruction: ClassVar[str] = "supply outputs on"
-    overhead_s: ClassVar[float] = 0.05
 
     def command(self, bench: Bench) -> None:
         bench.power.enable_outputs()
 
 
+@does(Effect.SETS, "supply outputs", "supply outputs off", overhead_s=0.05)
 class DisableSupply(Step, Struct, frozen=True):
     """Switch the supply outputs off."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "supply outputs"
-    instruction: ClassVar[str] = "supply outputs off"
-    overhead_s: ClassVar[float] = 0.05
 
     def command(self, bench: Bench) -> None:
         bench.power.disable_outputs()
 
 
+@does(Effect.CHECKS, "rails", overhead_s=0.2)
 class CheckRails(Step, Struct, frozen=True):
     """Read back rails and currents; each must be regulated in voltage and within `tolerance_v` of its level."""
-
-    effect: ClassVar[Effect] = Effect.CHECKS
-    subject: ClassVar[str] = "rails"
-    overhead_s: ClassVar[float] = 0.2
 
     rails: tuple[ConfigureRail, ...]
     tolerance_v: float
@@ -102,7 +87,6 @@ class CheckRails(Step, Struct, frozen=True):
         return RailsReading(tuple(read_rail(context, rail, self.tolerance_v) for rail in self.rails))
 
     def predict(self, gyro: LinearGyro) -> RailsReading:
-        del gyro
         return RailsReading(tuple(map(predicted_rail, self.rails)))
 
 

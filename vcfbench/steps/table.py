@@ -1,7 +1,5 @@
 """Everything about the rate table."""
 
-from typing import ClassVar
-
 from msgspec import Struct
 
 from vcfbench.bench.bench import Bench
@@ -10,7 +8,7 @@ from vcfbench.errors import InterlockError
 from vcfbench.interfaces import RateTable
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.steps.step import Context, Effect, Step, StepResult, problem
+from vcfbench.steps.step import Context, Effect, Step, StepResult, does, problem
 from vcfbench.steps.wait import Settle
 
 _POLL_S = 0.05
@@ -27,13 +25,9 @@ class RateReading(StepResult, Struct, frozen=True):
         return f"reads {self.rate_deg_s:+.4f} deg/s"
 
 
+@does(Effect.SETS, "table servo", "table enabled, at rest", overhead_s=0.1)
 class EnableTable(Step, Struct, frozen=True):
     """Close the table's servo at zero demand."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "table servo"
-    instruction: ClassVar[str] = "table enabled, at rest"
-    overhead_s: ClassVar[float] = 0.1
 
     @property
     def sets(self) -> tuple[str, ...]:
@@ -43,13 +37,9 @@ class EnableTable(Step, Struct, frozen=True):
         bench.rate_table.enable()
 
 
+@does(Effect.SETS, "table servo", "table disabled", overhead_s=0.1)
 class DisableTable(Step, Struct, frozen=True):
     """Open the table's servo; the table is at rest."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "table servo"
-    instruction: ClassVar[str] = "table disabled"
-    overhead_s: ClassVar[float] = 0.1
 
     @property
     def sets(self) -> tuple[str, ...]:
@@ -59,12 +49,9 @@ class DisableTable(Step, Struct, frozen=True):
         bench.rate_table.disable()
 
 
+@does(Effect.SETS, "table rate", overhead_s=0.02)
 class SetRate(Step, Struct, frozen=True):
     """Start the table's ramp from `previous_deg_s` to `rate_deg_s`; :class:`AwaitRate` sees it through."""
-
-    effect: ClassVar[Effect] = Effect.SETS
-    subject: ClassVar[str] = "table rate"
-    overhead_s: ClassVar[float] = 0.02
 
     rate_deg_s: float
     acceleration_deg_s2: float
@@ -91,12 +78,9 @@ class SetRate(Step, Struct, frozen=True):
         bench.rate_table.set_rate(self.rate_deg_s, self.acceleration_deg_s2)
 
 
+@does(Effect.WAITS, "table rate", overhead_s=0.1)
 class AwaitRate(Step, Struct, frozen=True):
     """Wait for the ramp, then until the table says at-rate *and* its read-back is within `tolerance_deg_s`."""
-
-    effect: ClassVar[Effect] = Effect.WAITS
-    subject: ClassVar[str] = "table rate"
-    overhead_s: ClassVar[float] = 0.1
 
     rate_deg_s: float
     ramp_s: float
@@ -129,7 +113,6 @@ class AwaitRate(Step, Struct, frozen=True):
             sleep(clock, _POLL_S)
 
     def predict(self, gyro: LinearGyro) -> RateReading:
-        del gyro
         return RateReading(self.rate_deg_s, 0.0)
 
 

@@ -12,7 +12,7 @@ from vcfbench.records.schema import Point
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.meter import Acquire, ConfigureMeter, Window
-from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, problem
+from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, does, problem
 from vcfbench.steps.supply import RailReading
 from vcfbench.steps.tally import Tally
 
@@ -145,15 +145,13 @@ class VvcMeasured(StepResult, Struct, frozen=True):
         return f"V_Vc {self.mean_v:+.6g} V, s {self.std_v:.1e} V"
 
 
+@does(Effect.MEASURES, "V_Vc")
 class MeasureVvc(Step, Struct, frozen=True):
     """Measure V_Vc alone: `samples` readings on a grid of `interval_s`, and nothing of the output.
 
     `meter` is the one whose leads are on V_Vc: a bench with one meter has them moved there before, and back after.
     Their mean must be within `tolerance_v` of the setting `v_vc_v`.
     """
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "V_Vc"
 
     v_vc_v: float
     samples: int
@@ -187,7 +185,6 @@ class MeasureVvc(Step, Struct, frozen=True):
 
     def predict(self, gyro: LinearGyro) -> VvcMeasured:
         """Predict the setting, without noise."""
-        del gyro
         return _measured([Reading(number * self.interval_s, self.v_vc_v) for number in range(self.samples)])
 
 

@@ -1,12 +1,10 @@
 """Steps that set nothing: headings, checks that are left out, and waiting."""
 
-from typing import ClassVar
-
 from msgspec import Struct
 
 from vcfbench.bench.bench import Bench
 from vcfbench.clock import sleep
-from vcfbench.steps.step import Effect, Step
+from vcfbench.steps.step import Effect, Step, does
 
 
 class Note(Step, Struct, frozen=True):
@@ -39,10 +37,9 @@ class NotChecked(Step, Struct, frozen=True):
         """Do nothing."""
 
 
+@does(Effect.WAITS)
 class Settle(Step, Struct, frozen=True):
     """Wait for the bench to come to rest."""
-
-    effect: ClassVar[Effect] = Effect.WAITS
 
     seconds: float
     reason: str

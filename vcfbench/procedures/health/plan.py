@@ -150,7 +150,6 @@ class CaptureFar(steps.CaptureRotations, frozen=True):
         return steps.RotationRecord(found.drive_hz, found.difference_hz, 0.0, found.turning, 0.0)
 
     def predict(self, gyro: LinearGyro) -> steps.Rotations:
-        del gyro
         modes = _expected(self.drive_hz)
         turning_v = abs(modes.answer(_SHARE, self.difference_hz) / modes.answer(_SHARE, 0.0))
         record = steps.RotationRecord(self.drive_hz, self.difference_hz, 0.0, turning_v, 0.0)

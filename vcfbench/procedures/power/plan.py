@@ -5,7 +5,7 @@ currents when it is warm; and each rail moved up and down within the limits of t
 against drift, with bias and scale factor taken each time (by V_Vc of both signs, or by the table).
 """
 
-from typing import Any, ClassVar
+from typing import Any
 
 from msgspec import Struct, structs
 
@@ -25,7 +25,7 @@ from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.steps.step import Context, Effect, Reading, Routine, Step
+from vcfbench.steps.step import Context, Effect, Reading, Routine, Step, does
 
 _QUICK_NPLC = 1.0
 _ROUND_S = 0.05
@@ -91,11 +91,9 @@ class RailOnAndLog(_Logged, steps.ConfigureRail, frozen=True):
         return self.log(context, begun_s)
 
 
+@does(Effect.MEASURES, "rails")
 class MeasureRails(Step, Struct, frozen=True):
     """Read voltage and current of each rail `samples` times, every `interval_s`."""
-
-    effect: ClassVar[Effect] = Effect.MEASURES
-    subject: ClassVar[str] = "rails"
 
     rails: tuple[steps.ConfigureRail, ...]
     samples: int
@@ -120,7 +118,6 @@ class MeasureRails(Step, Struct, frozen=True):
         return RailsDrawn(tuple(drawn))
 
     def predict(self, gyro: LinearGyro) -> RailsDrawn:
-        del gyro
         drawn = [RailDraw(0.0, rail.output, rail.voltage_v, 0.0) for _ in range(self.samples) for rail in self.rails]
         return RailsDrawn(tuple(drawn))
 

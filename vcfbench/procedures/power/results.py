@@ -102,7 +102,6 @@ class RailsLogged(StepResult, Struct, frozen=True):
     outputs: tuple[Reading, ...]
 
     def corrected(self, step: Step, known: Sources) -> Self:
-        del step
         return replace(self, outputs=tuple(each.corrected(known) for each in self.outputs))
 
     def describe(self) -> str:

@@ -97,12 +97,10 @@ class ReadScaleFactor(Step, Struct, frozen=True):
 
     def perform(self, context: Context) -> ScaleFactorRead:
         """Read the record's ``result.json``; ConfigError where it has no scale factor."""
-        del context
         return scale_factor_of(Path(self.record))
 
     def predict(self, gyro: LinearGyro) -> ScaleFactorRead:
         """Read it as well: a dry run finds out that there is none."""
-        del gyro
         return scale_factor_of(Path(self.record))
 
 
