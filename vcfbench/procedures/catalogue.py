@@ -36,7 +36,7 @@ BUILT_IN = {
     ),
     "zero": ("zero.plan:ZERO", "Record the output at rest: Allan deviation, noise coefficients, bias stability."),
     "kvc": (
-        "kvc.plan:K_VC",
+        "kvc:K_VC",
         "Calibrate K_Vc as a curve on the rate table, V_Vc measured: the certificate of a device.",
     ),
     "warmup": (

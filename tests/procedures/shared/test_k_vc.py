@@ -16,8 +16,7 @@ import vcfbench
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.kvc.plan import K_VC
-from vcfbench.procedures.kvc.results import UNSEEN
+from vcfbench.procedures.kvc import K_VC, UNSEEN
 from vcfbench.records.devices import Certificate, Characterisation, Characteristics, Conditions, DeviceStore, Measured
 from vcfbench.sim.simulation import physical_parameters
 

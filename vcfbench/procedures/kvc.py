@@ -1,11 +1,21 @@
-"""K_Vc from the points of its calibration: curve, covariance, budget; the certificate and the report of them."""
+"""K_Vc as a curve: the V_Vc that gives the same output as the table, at rates of both signs; a device's certificate.
+
+At each rate the output is chopped, 0, +, -, -, + and 0, first on the table with the generator off, then at rest with
+V_Vc on: what drifts linearly cancels in each block, what is added to the output (bias, the Earth's rate along the axis,
+the modulator's leakage) in the difference from the block's own zeros. Both differences are equal but for a rest of a
+thousandth, so the multimeter's errors cancel too: it only compares. Rates of both signs keep the modulator's even order
+out of K_Vc (one point at +10 deg/s: +0.094 %), and several rates its odd order (the paper's one point: +2 % at 200).
+V_Vc is measured; the paper takes the generator's setting, which is good to 2 % and 4 mV.
+"""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import timedelta
+from functools import partial
+from typing import Annotated, Self
 
 import numpy as np
-from msgspec import Struct, structs
+from msgspec import Meta, Struct, structs, to_builtins
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
@@ -18,9 +28,12 @@ from vcfbench.analysis.k_vc_curve import (
     fit_k_vc_curve,
 )
 from vcfbench.errors import ConfigError
+from vcfbench.interfaces import ReadsVoltage
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.health.by_meter import compared_amplitudes
 from vcfbench.procedures.health.found import Health, health_of, with_output_curve
-from vcfbench.procedures.kvc.settings import KVcSettings
-from vcfbench.procedures.procedure import Provenance
+from vcfbench.procedures.health.plan import AC_WANTED, HEALTH, examined
+from vcfbench.procedures.procedure import PAPER_NEEDS, PAPER_USES, Procedure, Provenance
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
@@ -29,17 +42,62 @@ from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.device import UNSEEN
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
 from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
-from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT
+from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels, ready_meters, take_level
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
-from vcfbench.procedures.shared.null_comparison.plan import block
+from vcfbench.procedures.shared.null_comparison.plan import NullTerms, block, invalid_match_rates, nulled
+from vcfbench.procedures.shared.routines import framed, powered
+from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
 from vcfbench.records.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry, Sensitivity
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.station.bounds import Rate, ranged, said, several
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.steps import Outcome, Plan, Settle
 from vcfbench.steps.measured import Measured
 from vcfbench.typed import typed
+
+
+class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
+    """Settings of the calibration of K_Vc, beside those of all procedures."""
+
+    match_rates_deg_s: Annotated[
+        tuple[Rate, ...], several(3, 100, "rates at which V_Vc is matched, each with both signs")
+    ] = (10.0, 20.0, 50.0, 100.0, 200.0)
+    match_iterations: Annotated[int, ranged(2, 100, "most settings of V_Vc that a search takes")] = 5
+    curve_order: Annotated[int, ranged(3, 7, "order of the curve")] = 3
+    validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the certificate, days")] = 365.0
+    wanted_u95_ppm: Annotated[
+        float, Meta(gt=0.0, le=1e6, description="U95 of K_Vc at which the device should come back to a table, ppm")
+    ] = 500.0
+    health: Annotated[bool, said(HEALTH, option=True)] = True
+    ac_volts: Annotated[bool, said(AC_WANTED)] = False
+    axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "of the table's axis, limit")] = 0.5
+
+    def recalled(self) -> Self:
+        """Return these settings with the device's characteristics, as earlier procedures found them."""
+        settings = super().recalled()
+        seen = None if self.dut is None else self.store.characteristics(self.dut)
+        plain = {} if seen is None else to_builtins(seen)
+        return structs.replace(settings, station=structs.replace(settings.station, characteristics=plain))
+
+    @property
+    def fastest_deg_s(self) -> float:
+        return max(map(abs, self.match_rates_deg_s))
+
+    @property
+    def magnitudes_deg_s(self) -> tuple[float, ...]:
+        """The rates without sign, each once, rising: the search goes on from the result at the rate before."""
+        return tuple(sorted({abs(rate) for rate in self.match_rates_deg_s}))
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        yield from super().contradictions()
+        yield from invalid_match_rates(self, self.match_rates_deg_s, self.curve_order)
+        largest_v = self.fastest_deg_s / max(abs(self.k_vc_guess_deg_s_per_v), 1e-9)
+        yield from self.beyond_range(largest_v, self.fastest_deg_s)
+
 
 TABLE, SEARCH, DRIVEN = 1, 2, 3
 """The steps, as in its points: the table's blocks, the search for V_Vc, the blocks of V_Vc."""
@@ -359,3 +417,46 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
             Text("\n  ".join(["what a self-calibration by this K_Vc cannot see:", *UNSEEN])),
         ]
     )
+
+
+@framed(powered, watched)
+def k_vc(settings: KVcSettings) -> Plan:
+    """Find the V_Vc of each rate by a null comparison with the table."""
+    yield from ready_meters(settings)
+    yield Settle(settings.settle_s, "gyro settles, table at rest")
+    found = yield from nulled(
+        settings,
+        NullTerms(
+            magnitudes_deg_s=settings.magnitudes_deg_s,
+            cycles=settings.cycles,
+            iterations=settings.match_iterations,
+            take=partial(take_level, settings, table_deg_s=0.0),
+            table=TABLE,
+            search=SEARCH,
+            driven=DRIVEN,
+        ),
+    )
+    yield from examined(settings, None, looked_for=settings.health)
+    if settings.ac_volts:
+        yield from compared_amplitudes(settings)
+    yield from measured_levels(settings, (0.0, *found.levels_v.values()))
+    return Outcome(f"V_Vc matched at {2 * len(settings.magnitudes_deg_s)} rates, {settings.cycles} times")
+
+
+K_VC = Procedure(
+    name="kvc",
+    title=BUILT_IN["kvc"][1],
+    method=(
+        "The table turns the gyroscope at rates of both signs; at each, V_Vc is adjusted with the table at rest until "
+        "the output, less its zero, is the same (a null comparison), and V_Vc is measured. Rate over V_Vc, as a curve "
+        "with its uncertainty, is the certificate of the device."
+    ),
+    settings=KVcSettings,
+    plan=k_vc,
+    results=k_vc_results,
+    report=k_vc_report,
+    entry=certificate,
+    needs=PAPER_NEEDS,
+    uses={**PAPER_USES, "v_vc_meter": ReadsVoltage},
+)
+"""The calibration of K_Vc."""
