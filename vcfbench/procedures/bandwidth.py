@@ -14,9 +14,9 @@ from msgspec.structs import replace
 
 from vcfbench import steps
 from vcfbench.analysis import rate_band
-from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
+from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared import tones as sampling
 from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
@@ -282,7 +282,7 @@ BANDWIDTH = Procedure(
     results=results,
     report=report,
     entry=Keeps("bandwidth", lambda _, found: characteristics(found)),
-    needs={"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage},
-    uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates},
+    needs=roles("power", rate_source=FunctionGenerator, multimeter=SamplesVoltage),
+    uses=roles("oscilloscope", "rate_table"),
 )
 """The rate response."""

@@ -28,12 +28,11 @@ from vcfbench.analysis.k_vc_curve import (
     fit_k_vc_curve,
 )
 from vcfbench.errors import ConfigError
-from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.by_meter import compared_amplitudes
 from vcfbench.procedures.health.found import Health, health_of, with_output_curve
 from vcfbench.procedures.health.plan import AC_WANTED, HEALTH, examined
-from vcfbench.procedures.procedure import PAPER_NEEDS, PAPER_USES, Procedure, Provenance
+from vcfbench.procedures.procedure import PAPER_NEEDS, Procedure, Provenance, roles
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
@@ -457,6 +456,6 @@ K_VC = Procedure(
     report=k_vc_report,
     entry=certificate,
     needs=PAPER_NEEDS,
-    uses={**PAPER_USES, "v_vc_meter": ReadsVoltage},
+    uses=roles("oscilloscope", "v_vc_meter"),
 )
 """The calibration of K_Vc."""

@@ -17,9 +17,9 @@ from msgspec import Struct, structs
 from vcfbench import steps
 from vcfbench.analysis.rotating import Rotation, reference_phase
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates
+from vcfbench.interfaces import FunctionGenerator
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
@@ -439,12 +439,6 @@ PHASE = Procedure(
         Phases.__struct_fields__, "it is the scatter of the records, which go on until target_deg"
     ),
     entry=Keeps("phase", phase_characteristics),
-    needs={
-        "power": PowersRails,
-        "rate_source": FunctionGenerator,
-        "multimeter": ReadsVoltage,
-        "oscilloscope": MeasuresWaveforms,
-        "rate_table": Rotates,
-    },
+    needs={**roles("power", rate_source=FunctionGenerator), **roles("multimeter", "oscilloscope", "rate_table")},
 )
 """The phases of carrier, Coriolis and virtual signal and demodulator."""

@@ -17,9 +17,8 @@ from msgspec import Meta, Struct, structs
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import both_signs, ready_v_vc_meter
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
@@ -321,7 +320,7 @@ POLARITY = Procedure(
     plan=polarity,
     results=results,
     report=report,
-    needs={"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage},
-    uses={"oscilloscope": MeasuresWaveforms, "v_vc_meter": ReadsVoltage, "rate_table": Rotates},
+    needs=roles("power", "rate_source", "multimeter"),
+    uses=roles("oscilloscope", "v_vc_meter", "rate_table"),
 )
 """The check of the signs."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 from msgspec import Struct, field
 
 from vcfbench.errors import ConfigError
-from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
+from vcfbench.interfaces import ForcesTemperature, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.models import ROLES
 from vcfbench.reports.generic import generic_report
 from vcfbench.station.settings import ProcedureSettings
@@ -28,12 +28,28 @@ if TYPE_CHECKING:
 S = TypeVar("S", bound=ProcedureSettings)
 R = TypeVar("R")
 
-PAPER_NEEDS: Mapping[str, type] = MappingProxyType(
-    {"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage, "rate_table": Rotates}
+_USUAL: Mapping[str, type] = MappingProxyType(
+    {
+        "power": PowersRails,
+        "rate_source": SetsVoltage,
+        "multimeter": ReadsVoltage,
+        "rate_table": Rotates,
+        "oscilloscope": MeasuresWaveforms,
+        "v_vc_meter": ReadsVoltage,
+        "chamber": ForcesTemperature,
+    }
 )
+
+
+def roles(*usual: str, **others: type) -> Mapping[str, type]:
+    """Return roles with the capability that procedures usually ask of each, and `others` with one of their own."""
+    return MappingProxyType({**{role: _USUAL[role] for role in usual}, **others})
+
+
+PAPER_NEEDS = roles("power", "rate_source", "multimeter", "rate_table")
 """Roles that the calibrations of the paper need, each with the necessary capability."""
 
-PAPER_USES: Mapping[str, type] = MappingProxyType({"oscilloscope": MeasuresWaveforms})
+PAPER_USES = roles("oscilloscope")
 """Instrument that they look at the drive signal with; without it they say that it was not checked."""
 
 

@@ -18,9 +18,8 @@ from vcfbench import steps
 from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, u_of_combination
-from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_read, scale_factor_used
@@ -204,8 +203,8 @@ REPEATABILITY = Procedure(
     plan=repeatability,
     results=results,
     report=report,
-    needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
-    uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates},
+    needs=roles("power", "multimeter", "rate_source"),
+    uses=roles("oscilloscope", "rate_table"),
     in_one_piece="its switch-ons are alike only where nothing comes between them",
 )
 """The repeatability over switch-ons."""

@@ -11,14 +11,15 @@ from typing import Annotated
 
 from msgspec import Struct, structs
 
-from vcfbench import interfaces, steps
+from vcfbench import steps
 from vcfbench.analysis.decays import fit_decays, fit_release
 from vcfbench.analysis.sine_fit import fit_sine
 from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
@@ -321,12 +322,7 @@ RESONANCE = Procedure(
         ("drive_q", "sense_q_ring_down", "split_ring_down_hz", "in_phase_q"), "it is the scatter of a few ring-downs"
     ),
     entry=Keeps("resonance", resonance_characteristics),
-    needs={
-        "power": interfaces.PowersRails,
-        "rate_source": interfaces.FunctionGenerator,
-        "multimeter": interfaces.SamplesVoltage,
-        "oscilloscope": interfaces.MeasuresWaveforms,
-    },
-    uses={"rate_table": interfaces.Rotates},
+    needs={**roles("power", rate_source=FunctionGenerator, multimeter=SamplesVoltage), **roles("oscilloscope")},
+    uses=roles("rate_table"),
 )
 """Resonances of drive and sense modes."""

@@ -6,9 +6,8 @@ from functools import partial
 from msgspec.structs import asdict
 
 from vcfbench.analysis.column import CalibrationColumn
-from vcfbench.interfaces import PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import PAPER_USES, Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import columns
 from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, line_statement
@@ -146,8 +145,8 @@ TURNTABLE = Procedure(
         "non-linearity. Uncertainties are combined after the GUM (JCGM 100)."
     ),
     settings=schedule.SweepSettings,
-    needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_table": Rotates},
-    uses={**PAPER_USES, "rate_source": SetsVoltage},
+    needs=roles("power", "multimeter", "rate_table"),
+    uses=roles("oscilloscope", "rate_source"),
     plan=turntable,
     results=turntable_results,
     report=turntable_report,

@@ -18,9 +18,9 @@ from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.modulation import flicker_share
 from vcfbench.analysis.rate_band import Tone, split_response
 from vcfbench.analysis.tails import t_of_largest
-from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage, SetsVoltage
+from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines, tones
 from vcfbench.procedures.shared.known.v_vc import both_signs, generator_sheet, has_v_vc_meter
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
@@ -324,12 +324,7 @@ VIBRATION = Procedure(
     plan=vibration,
     results=results,
     report=report,
-    needs={
-        "power": PowersRails,
-        "rate_source": SetsVoltage,
-        "vibration_source": FunctionGenerator,
-        "multimeter": SamplesVoltage,
-    },
-    uses={"oscilloscope": MeasuresWaveforms, "v_vc_meter": SamplesVoltage, "rate_table": Rotates},
+    needs=roles("power", "rate_source", vibration_source=FunctionGenerator, multimeter=SamplesVoltage),
+    uses={**roles("oscilloscope", v_vc_meter=SamplesVoltage), **roles("rate_table")},
 )
 """The virtual vibration."""

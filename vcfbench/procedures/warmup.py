@@ -20,9 +20,8 @@ from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients
 from vcfbench.clock import sleep
-from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known import scale_factor as scale_factors
@@ -448,7 +447,7 @@ WARMUP = Procedure(
     report=warmup_report,
     unforeseen=dict.fromkeys(("amplitude", "time_constant", "warm_up"), "it goes with how the output warms up"),
     in_one_piece="a warm-up begins with power-on; after a break the gyroscope is warm, or cold again",
-    needs={"power": PowersRails, "multimeter": ReadsVoltage},
-    uses={"oscilloscope": MeasuresWaveforms, "rate_source": SetsVoltage, "rate_table": Rotates},
+    needs=roles("power", "multimeter"),
+    uses=roles("oscilloscope", "rate_source", "rate_table"),
 )
 """The warm-up."""

@@ -21,7 +21,7 @@ from vcfbench.models import data_sheet_of, driver_of, find_model
 from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.layers import meter_worth
-from vcfbench.procedures.procedure import AnyProcedure, Procedure, Provenance
+from vcfbench.procedures.procedure import AnyProcedure, Procedure, Provenance, roles
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
 from vcfbench.records.devices import Characteristics, NewEntry, together
@@ -452,14 +452,8 @@ CHARACTERIZE = Procedure(
     plan=plan,
     results=results,
     report=report,
-    needs={"power": interfaces.PowersRails, "multimeter": interfaces.ReadsVoltage},
-    uses={
-        "rate_source": interfaces.SetsVoltage,
-        "oscilloscope": interfaces.MeasuresWaveforms,
-        "rate_table": interfaces.Rotates,
-        "v_vc_meter": interfaces.ReadsVoltage,
-        "chamber": interfaces.ForcesTemperature,
-    },
+    needs=roles("power", "multimeter"),
+    uses=roles("rate_source", "oscilloscope", "rate_table", "v_vc_meter", "chamber"),
     entry=entry,
 )
 """All of it in one session."""

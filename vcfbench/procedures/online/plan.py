@@ -8,11 +8,11 @@ before and after. Neither a table nor an oscilloscope is needed; where there is 
 from typing import Literal
 
 from vcfbench import steps
-from vcfbench.interfaces import FunctionGenerator, MeasuresWaveforms, PowersRails, Rotates, SamplesVoltage
+from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.online.results import online_report, online_results
 from vcfbench.procedures.online.settings import OnlineSettings
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import ready_meters
 from vcfbench.steps.step import Routine
@@ -83,7 +83,7 @@ ONLINE = Procedure(
     results=online_results,
     report=online_report,
     unforeseen={"disturbance": "it is the scatter of a few records"},
-    needs={"power": PowersRails, "rate_source": FunctionGenerator, "multimeter": SamplesVoltage},
-    uses={"oscilloscope": MeasuresWaveforms, "v_vc_meter": SamplesVoltage, "rate_table": Rotates},
+    needs=roles("power", rate_source=FunctionGenerator, multimeter=SamplesVoltage),
+    uses={**roles("oscilloscope", v_vc_meter=SamplesVoltage), **roles("rate_table")},
 )
 """The calibration while the gyroscope measures."""

@@ -12,11 +12,10 @@ from msgspec import Struct, structs
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.clock import sleep
-from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.power import results
 from vcfbench.procedures.power.results import PowerResult, PowerSettings, RailDraw, RailsDrawn, RailsLogged
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import table_due_deg_s
 from vcfbench.procedures.shared.kept_characteristics import Keeps
@@ -209,7 +208,7 @@ POWER = Procedure(
     results=results.power_results,
     report=results.power_report,
     entry=Keeps("power", power_characteristics),
-    needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
-    uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates},
+    needs=roles("power", "multimeter", "rate_source"),
+    uses=roles("oscilloscope", "rate_table"),
 )
 """The test of the supply."""

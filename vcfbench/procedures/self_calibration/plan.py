@@ -6,11 +6,10 @@ needed: supply, generator, a multimeter, and where there is one a second on V_Vc
 """
 
 from vcfbench.analysis.chopped import CHOPPED
-from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.by_meter import compared_amplitudes, same_oscilloscope
 from vcfbench.procedures.health.plan import examined, way_of
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.self_calibration import results
 from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
 from vcfbench.procedures.shared.known.device import level_for
@@ -74,7 +73,7 @@ SELF_CALIBRATION = Procedure(
     results=results.self_calibration_results,
     report=results.self_calibration_report,
     entry=results.entry_of,
-    needs={"power": PowersRails, "rate_source": SetsVoltage, "multimeter": ReadsVoltage},
-    uses={"oscilloscope": MeasuresWaveforms, "v_vc_meter": ReadsVoltage},
+    needs=roles("power", "rate_source", "multimeter"),
+    uses=roles("oscilloscope", "v_vc_meter"),
 )
 """Self-calibration by V_Vc."""

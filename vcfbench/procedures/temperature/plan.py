@@ -12,17 +12,9 @@ from statistics import fmean
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import (
-    ForcesTemperature,
-    MeasuresWaveforms,
-    PowersRails,
-    ReadsVoltage,
-    Rotates,
-    SetsVoltage,
-)
 from vcfbench.procedures.bandwidth import sweep
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
 from vcfbench.procedures.shared.kept_characteristics import Keeps
@@ -172,7 +164,7 @@ TEMPERATURE = Procedure(
         ),
     },
     entry=Keeps("temperature", temperature_characteristics),
-    needs={"power": PowersRails, "multimeter": ReadsVoltage, "rate_source": SetsVoltage},
-    uses={"oscilloscope": MeasuresWaveforms, "rate_table": Rotates, "chamber": ForcesTemperature},
+    needs=roles("power", "multimeter", "rate_source"),
+    uses=roles("oscilloscope", "rate_table", "chamber"),
 )
 """The run over temperature."""

@@ -10,9 +10,8 @@ from functools import partial
 from itertools import groupby
 
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import ReadsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import PAPER_USES, Procedure
+from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
 from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled
@@ -192,6 +191,6 @@ VIRTUAL_CORIOLIS = Procedure(
     plan=virtual_coriolis,
     results=results.virtual_coriolis_results,
     report=results.virtual_coriolis_report,
-    uses={**PAPER_USES, "v_vc_meter": ReadsVoltage},
+    uses=roles("oscilloscope", "v_vc_meter"),
 )
 """The virtual Coriolis calibration."""

@@ -16,9 +16,8 @@ from msgspec import Meta
 
 from vcfbench import steps
 from vcfbench.analysis.allan import Sampling, block_means
-from vcfbench.interfaces import MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.procedure import Procedure, Provenance
+from vcfbench.procedures.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept_characteristics import KeptSettings, conditions_of
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_read, scale_factor_used
@@ -216,7 +215,7 @@ ZERO = Procedure(
     results=results,
     report=lambda own, _, results: zero_report(results, bandwidth_stated=own.passed_hz is not None),
     entry=entry,
-    needs={"power": PowersRails, "multimeter": ReadsVoltage},
-    uses={"oscilloscope": MeasuresWaveforms, "rate_source": SetsVoltage, "rate_table": Rotates},
+    needs=roles("power", "multimeter"),
+    uses=roles("oscilloscope", "rate_source", "rate_table"),
 )
 """The static record."""
