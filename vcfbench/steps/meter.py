@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import ConfigError
-from vcfbench.interfaces import ReadsAcVoltage
+from vcfbench.interfaces import ReadsAcVoltage, SamplesVoltage
 from vcfbench.records.schema import Point, fits_one_chunk
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
@@ -212,6 +212,10 @@ class Acquire(Step, Struct, frozen=True):
     resolution_v: float
     noise_v: tuple[float, float] | None = None
 
+    columns: ClassVar[tuple[str, ...]] = ("voltage_v",)
+    """Fields of a reading that are summed up."""
+    taken_as: ClassVar[type[Window]] = Window
+
     def describe(self) -> str:
         return (
             f"average {self.samples} readings, one every {self.interval_s:g} s: "
@@ -231,14 +235,15 @@ class Acquire(Step, Struct, frozen=True):
         """
         clock = context.bench.clock
         start_s = clock.now()
-        tally = self._new_tally()
-        self._read(start_s, tally, context)
+        tallies = self._tallies()
+        tally = tallies[0]
+        self._read(start_s, tallies, context)
         rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in self.rails)
         table_deg_s = self.table_deg_s  # read back, where the point stands on one
         if table_deg_s is not None:
             table_deg_s = read_rate(context, table_deg_s, self.tolerance_deg_s)
         last = context.rest()
-        self._add(tally, last)
+        self._add(tallies, last)
         # Raise MeasurementError unless the readings scatter as the bench file expects, apart from drift
         if self.noise_v is not None and not self.noise_v[0] <= tally.within_std_v <= self.noise_v[1]:
             low_v, high_v = self.noise_v
@@ -247,50 +252,47 @@ class Acquire(Step, Struct, frozen=True):
                 f"the readings scatter by {tally.within_std_v:.2g} V, the bench file expects {low_v:g} to {high_v:g} V "
                 "(expected.reading_noise_v)",
             )
-        self._require_like_the_run(last, tally, context)
-        window = self._window(last if tally.chunks == 1 else (), tally, table_deg_s, rails)
+        self._require_like_the_run(last, tally.count, context)
+        window = self.taken_as(last if tally.chunks == 1 else (), table_deg_s, rails, self._point(*tallies))
         clock.sleep_until(start_s + self.samples * self.interval_s)
         return window
 
     def predict(self, gyro: LinearGyro) -> Window:
         output_v = gyro.output_v(self.table_deg_s or 0.0)
         rails = tuple(map(predicted_rail, self.rails))
-        tally = self._new_tally()
+        tallies = self._tallies()
         if not fits_one_chunk(self.samples, self.interval_s):
-            tally.count, tally.mean_v = self.samples, output_v
-            return self._window((), tally, self.table_deg_s, rails)
+            tallies[0].count, tallies[0].mean_v = self.samples, output_v
+            return self.taken_as((), self.table_deg_s, rails, self._point(*tallies))
         times_s = [number * self.interval_s for number in range(self.samples)]
         readings = tuple(self._predicted(t_s, output_v + gyro.noise_v(t_s)) for t_s in times_s)
-        self._add(tally, readings)
-        return self._window(readings, tally, self.table_deg_s, rails)
+        self._add(tallies, readings)
+        return self.taken_as(readings, self.table_deg_s, rails, self._point(*tallies))
 
     def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
         if "point" in result or not result.get("readings"):
             return result
-        tally = Tally()
-        tally.add([reading["voltage_v"] for reading in result["readings"]])
-        return {**result, "point": self._point(tally).as_json()}
+        tallies = self._tallies()
+        for tally, name in zip(tallies, self.columns, strict=True):
+            tally.add([reading[name] for reading in result["readings"]])
+        return {**result, "point": self._point(*tallies).as_json()}
 
     def recall(self, readings_v: Sequence[float], context: Context) -> None:
         if context.noise is None:
             context.noise = NoiseSeen(self.resolution_v)
         context.noise.doubt(readings_v, turning=bool(self.table_deg_s))  # nothing is wrong with them: the run went on
 
-    def _window(
-        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]
-    ) -> Window:
-        return Window(readings, table_deg_s, rails, self._point(tally))
+    def _point(self, output: Tally, *_others: Tally) -> Point:
+        return Point(self.step, self.rate_deg_s, self.v_vc_v, output.mean_v, output.std_v, output.count)
 
-    def _point(self, tally: Tally) -> Point:
-        return Point(self.step, self.rate_deg_s, self.v_vc_v, tally.mean_v, tally.std_v, tally.count)
+    def _tallies(self) -> list[Tally]:
+        """Return the empty sums of the window, one of each column."""
+        return [Tally() for _ in self.columns]
 
-    def _new_tally(self) -> Tally:
-        """Return the empty tally that sums up the readings of the window."""
-        return Tally()
-
-    def _add(self, tally: Tally, readings: Sequence[Reading]) -> None:
+    def _add(self, tallies: Sequence[Tally], readings: Sequence[Reading]) -> None:
         """Add one chunk to the sums."""
-        tally.add(_volts(readings))
+        for tally, name in zip(tallies, self.columns, strict=True):
+            tally.add([getattr(reading, name) for reading in readings])
 
     def _reading(self, t_s: float, context: Context) -> Reading:
         """Take one reading; `t_s` is the bench time at which it is asked for."""
@@ -300,51 +302,78 @@ class Acquire(Step, Struct, frozen=True):
         """Return the reading that `output_v` would give."""
         return Reading(t_s, output_v)
 
-    def _read(self, start_s: float, tally: Tally, context: Context) -> None:
-        """Take all readings; sum up each chunk of a long window as it is closed."""
-        for number in range(self.samples):
-            if closed := self._read_at(start_s + number * self.interval_s, number, context):
-                self._take_in(closed, tally, context)
-
-    def _read_at(self, instant_s: float, number: int, context: Context) -> tuple[Reading, ...]:
+    def _read(self, start_s: float, tallies: Sequence[Tally], context: Context) -> None:
+        """Take all readings."""
         clock, meter = context.bench.clock, context.bench.multimeter
-        clock.sleep_until(instant_s)
-        t_s = clock.now()
-        if t_s - instant_s > 0.5 * self.interval_s:
-            raise problem(
-                meter,
-                f"reading {number + 1} of {self.samples} began {t_s - instant_s:.2g} s late: "
-                f"the meter cannot follow one reading every {self.interval_s:g} s",
-            )
-        return context.take(self._reading(t_s, context))
+        for number in range(self.samples):
+            instant_s = start_s + number * self.interval_s
+            clock.sleep_until(instant_s)
+            t_s = clock.now()
+            if t_s - instant_s > 0.5 * self.interval_s:
+                raise problem(
+                    meter,
+                    f"reading {number + 1} of {self.samples} began {t_s - instant_s:.2g} s late: "
+                    f"the meter cannot follow one reading every {self.interval_s:g} s",
+                )
+            self._take(self._reading(t_s, context), tallies, context)
 
-    def _take_in(self, chunk: tuple[Reading, ...], tally: Tally, context: Context) -> None:
-        """Add a chunk of a long window, and do not wait for the window's end to doubt it."""
-        self._add(tally, chunk)
-        self._require_like_the_run(chunk, tally, context)
+    def _take(self, reading: Reading, tallies: Sequence[Tally], context: Context) -> None:
+        """Take a reading; sum up and doubt each chunk of a long window as it is closed."""
+        if closed := context.take(reading):
+            self._add(tallies, closed)
+            self._require_like_the_run(closed, tallies[0].count, context)
 
-    def _require_like_the_run(self, chunk: tuple[Reading, ...], tally: Tally, context: Context) -> None:
-        """See that the latest chunk, which may be the whole window, scatters as those of the run do."""
+    def _require_like_the_run(self, chunk: tuple[Reading, ...], count: int, context: Context) -> None:
+        """See that the latest chunk of `count` readings, or the whole window, scatters as those of the run do."""
         if context.noise is None:
             context.noise = NoiseSeen(self.resolution_v)
-        if said := context.noise.doubt(_volts(chunk), turning=bool(self.table_deg_s)):
-            first = tally.count - len(chunk) + 1
-            among = "" if len(chunk) == self.samples else f" (readings {first} to {tally.count} of {self.samples})"
+        if said := context.noise.doubt([each.voltage_v for each in chunk], turning=bool(self.table_deg_s)):
+            first = count - len(chunk) + 1
+            among = "" if len(chunk) == self.samples else f" (readings {first} to {count} of {self.samples})"
             raise problem(context.bench.multimeter, f"{said}{among}; a mean of them is no measurement")
-
-
-def _volts(readings: Sequence[Reading]) -> list[float]:
-    return [reading.voltage_v for reading in readings]
 
 
 class VerifyZero(Acquire, frozen=True):
     """Take the zero before or after everything else, or a level again: a window that is compared, and is no point."""
 
+    taken_as: ClassVar[type[Window]] = ZeroWindow
+
     def describe(self) -> str:
         at = f"V_Vc of {self.v_vc_v:+.6g} V again" if self.v_vc_v else "the zero"
         return f"{at}, to compare: {self.samples} readings, one every {self.interval_s:g} s"
 
-    def _window(
-        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]
-    ) -> Window:
-        return ZeroWindow(readings, table_deg_s, rails, self._point(tally))
+
+_BETWEEN_S = 2.0
+"""Estimated time between two bursts: both transfers, autozero, setting up."""
+
+
+class AcquireGapless(Acquire, frozen=True, kw_only=True):
+    """Take `samples` readings without time between them, in bursts of `burst`, which the meter's memory must hold.
+
+    `interval_s` is one integration time. Between bursts the readings are fetched and a zero is taken, which is the
+    only time that is lost. The times of readings are those at which they were due.
+    """
+
+    burst: int
+
+    def describe(self) -> str:
+        return (
+            f"{self.samples} readings of {self.interval_s:g} s without gaps, in bursts of {self.burst} that the meter "
+            "takes by itself"
+        )
+
+    @property
+    def duration_s(self) -> float:
+        return self.physical_s + -(-self.samples // self.burst) * _BETWEEN_S
+
+    def _read(self, start_s: float, tallies: Sequence[Tally], context: Context) -> None:
+        clock, meter = context.bench.clock, context.bench.multimeter
+        if not isinstance(meter, SamplesVoltage):
+            raise problem(meter, "it takes no readings by itself, which a record without gaps needs")
+        for first in range(0, self.samples, self.burst):
+            count = min(self.burst, self.samples - first)
+            lasts_s = meter.start_sampling(count, self.interval_s)
+            begun_s = clock.now()
+            clock.sleep_until(begun_s + lasts_s)
+            for number, voltage_v in enumerate(context.believable(meter.sampled_voltages_v)):
+                self._take(Reading(begun_s + number * self.interval_s, voltage_v), tallies, context)

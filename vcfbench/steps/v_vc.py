@@ -1,9 +1,9 @@
 """V_Vc measured, not only set: beside the output by a second multimeter, or alone by whichever has its leads there."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, Self
+from collections.abc import Sequence
+from typing import ClassVar, Literal, Self
 
-from msgspec import Struct, field
+from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.bench.bench import Bench
@@ -13,7 +13,6 @@ from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.meter import Acquire, ConfigureMeter, Window
 from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, does, problem
-from vcfbench.steps.supply import RailReading
 from vcfbench.steps.tally import Tally
 
 
@@ -47,12 +46,6 @@ class VvcWindow(Window, frozen=True):
         return f"{Window.describe(self)}, V_Vc measured {self.point.v_vc_measured_v:+.6g} V"
 
 
-class _PairedTally(Tally):
-    """The sums of both columns of a window."""
-
-    v_vc: Tally = field(default_factory=Tally)
-
-
 class AcquireWithVvc(Acquire, frozen=True, kw_only=True):
     """Take a window of the output, and with each reading one of the meter on V_Vc, on the same grid.
 
@@ -62,22 +55,11 @@ class AcquireWithVvc(Acquire, frozen=True, kw_only=True):
 
     v_vc_tolerance_v: float
 
+    columns: ClassVar[tuple[str, ...]] = ("voltage_v", "v_vc_v")
+    taken_as: ClassVar[type[Window]] = VvcWindow
+
     def describe(self) -> str:
         return f"{Acquire.describe(self)}, V_Vc measured"
-
-    def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
-        if "point" in result or not result.get("readings"):
-            return result
-        tally = self._new_tally()
-        self._add(tally, [PairedReading(**reading) for reading in result["readings"]])
-        return {**result, "point": self._point(tally).as_json()}
-
-    def _new_tally(self) -> Tally:
-        return _PairedTally()
-
-    def _add(self, tally: Tally, readings: Sequence[Reading]) -> None:
-        tally.add([each.voltage_v for each in readings])
-        v_vc_of(tally).add([each.v_vc_v for each in readings if isinstance(each, PairedReading)])
 
     def _reading(self, t_s: float, context: Context) -> Reading:
         """Read both; a V_Vc that could not be begun is read afterwards."""
@@ -100,32 +82,10 @@ class AcquireWithVvc(Acquire, frozen=True, kw_only=True):
             require_as_set(context.bench.v_vc_meter, measured_v, self.v_vc_v, self.v_vc_tolerance_v)
         return window
 
-    def _point(self, tally: Tally) -> Point:
-        v_vc = v_vc_of(tally)
-        count = tally.count
-        return Point(
-            self.step,
-            self.rate_deg_s,
-            self.v_vc_v,
-            tally.mean_v,
-            tally.std_v,
-            count,
-            v_vc_measured_v=v_vc.mean_v if v_vc.count else self.v_vc_v,
-            v_vc_std_v=v_vc.std_v,
-        )
-
-    def _window(
-        self, readings: tuple[Reading, ...], tally: Tally, table_deg_s: float | None, rails: tuple[RailReading, ...]
-    ) -> Window:
-        paired = tuple(each for each in readings if isinstance(each, PairedReading))
-        return VvcWindow(paired, table_deg_s, rails, self._point(tally))
-
-
-def v_vc_of(tally: Tally) -> Tally:
-    """Return the sums of the V_Vc column."""
-    if not isinstance(tally, _PairedTally):
-        raise TypeError("these are the sums of one column only")
-    return tally.v_vc
+    def _point(self, output: Tally, *others: Tally) -> Point:
+        (v_vc,) = others
+        measured_v = v_vc.mean_v if v_vc.count else self.v_vc_v
+        return replace(super()._point(output), v_vc_measured_v=measured_v, v_vc_std_v=v_vc.std_v)
 
 
 class VvcMeasured(StepResult, Struct, frozen=True):
