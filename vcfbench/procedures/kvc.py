@@ -51,7 +51,7 @@ from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
 from vcfbench.records.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry, Sensitivity
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.records.schema import Point
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps import Outcome, Plan, Settle
@@ -375,10 +375,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
 
 def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:
     """Report the pairs, the curve, the budget of K_Vc, and the sources that are in no uncertainty."""
-    columns = (
-        *(Column("rate", "deg/s", "g"), Column("V_Vc", "V", ".6f"), Column("u", "V", ".1e")),
-        *(Column("rate - curve", "deg/s", ".1e"), Column("left", "V", ".1e")),
-    )
+    columns = heads("rate [deg/s]:g | V_Vc [V]:.6f | u [V]:.1e | rate - curve [deg/s]:.1e | left [V]:.1e")
     rows = [(p.rate_deg_s, p.v_vc_v, p.u_v_vc_v, p.residual_deg_s, p.left_v) for p in results.pairs]
     curve, curved = results.curve, results.curvature
     fits = f"chi-square {curve.chi_square:.1f}, {curve.dof} degrees of freedom, p = {curve.lack_of_fit_p or 0.0:.2g}"

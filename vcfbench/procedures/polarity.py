@@ -23,7 +23,7 @@ from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import both_signs, ready_v_vc_meter
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.records.schema import Point
-from vcfbench.reports.document import Column, Report, Table, Text
+from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words
 from vcfbench.steps.drive_check import check_drive
@@ -270,11 +270,7 @@ def _explained(wrong: set[What], seen: set[What]) -> tuple[tuple[str, ...], tupl
 def report(settings: PolaritySettings, _points: Sequence[Point], found: PolarityResult) -> Report:
     """Report each sign, and the explanation of the wrong ones."""
     words = {-1: "-", 0: "no response", 1: "+"}
-    columns = (
-        *(Column("sign of the output for", align="left"), Column("expected"), Column("found")),
-        *(Column("response", format=".5g"), Column("u", format=".1g"), Column("unit", align="left")),
-        Column("verdict", align="left"),
-    )
+    columns = heads("<sign of the output for | expected | found | response:.5g | u:.1g | <unit | <verdict")
     rows = [
         (
             *(_LONG[each.what], words[each.expected], words[each.found], each.response, each.u_response, each.unit),

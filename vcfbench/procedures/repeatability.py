@@ -26,7 +26,7 @@ from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_f
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, mean_of_records, quantity_row
 from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.records.schema import Point
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged
 from vcfbench.steps.measured import Measured
 
@@ -160,19 +160,13 @@ def _spread(values: Sequence[float], by_noise: float, unit: str) -> Spread:
 def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: RepeatabilityResult) -> Report:
     """Report each switch-on, and the spread."""
     numbers = list(range(1, len(found.switch_ons) + 1))
-    columns = (
-        *(Column("switch-on"), Column("bias", "deg/s", ".5f"), Column("slope", "mV/(deg/s)", ".6f")),
-        Column("transient", "deg/s", ".4f"),
-    )
+    columns = heads("switch-on | bias [deg/s]:.5f | slope [mV/(deg/s)]:.6f | transient [deg/s]:.4f")
     rows = [
         (number, each.bias_deg_s, 1e3 * each.slope, each.transient_deg_s)
         for number, each in zip(numbers, found.switch_ons, strict=True)
     ]
     spreads = [("bias", found.bias), ("scale factor", found.scale_factor)]
-    heads = (
-        *(Column("repeatability", align="left"), Column("s", format=".3g"), Column("from, 95 %", format=".3g")),
-        *(Column("to, 95 %", format=".3g"), Column("by noise alone", format=".2g"), Column("unit", align="left")),
-    )
+    spread = heads("<repeatability | s:.3g | from, 95 %:.3g | to, 95 %:.3g | by noise alone:.2g | <unit")
     with_what = "the table" if settings.by.value == "table" else "V_Vc"
     said = (
         f"s is the standard deviation over {len(numbers)} switch-ons, each after {settings.off_s:g} s without power "
@@ -182,7 +176,7 @@ def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: Rep
     biases = Series("bias", numbers, [each.bias_deg_s for each in found.switch_ons])
     return Report(
         [
-            Table(heads, [(name, s.value, s.low, s.high, s.by_noise, s.unit) for name, s in spreads]),
+            Table(spread, [(name, s.value, s.low, s.high, s.by_noise, s.unit) for name, s in spreads]),
             Table(QUANTITY_COLUMNS, [quantity_row(*each) for each in found.quantities()]),
             Table(columns, rows, "Switch-ons"),
             Text(said),

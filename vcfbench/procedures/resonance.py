@@ -25,7 +25,7 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mea
 from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
 from vcfbench.procedures.shared.routines import at_rest, energised, framed, rails_of, set_v_vc, v_vc_level_again
 from vcfbench.records.devices import Characteristics
-from vcfbench.reports.document import Column, Report, Table, Text
+from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import ProcedureSettings
@@ -279,11 +279,7 @@ def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances)
         ("sense frequency, in phase", "ring-down", found.in_phase_hz, None),
         ("Q of the in-phase mode", "ring-down", found.in_phase_q, None),
     )
-    columns = (
-        *(Column("quantity", align="left"), Column("by", align="left")),
-        *(Column("value", format=".8g"), Column("u", format=".2g"), Column("U95", format=".2g")),
-        *(Column("unit", align="left"), Column("E_n", format=".2f")),
-    )
+    columns = heads("<quantity | <by | value:.8g | u:.2g | U95:.2g | <unit | E_n:.2f")
     rows = [(name, way, *each.printed(), each.unit, e_n) for name, way, each, e_n in named if each]
     missing = [f"{name} by {way}: not seen" for name, way, each, _ in named if each is None]
     said = [*missing, *([found.why_no_drive] if found.why_no_drive else []), NOT_HELD]

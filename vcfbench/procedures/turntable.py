@@ -19,7 +19,7 @@ from vcfbench.procedures.shared.sweep.agreement import require_expected_column, 
 from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found
 from vcfbench.procedures.shared.sweep.windows import WindowNoise, sweep_of
 from vcfbench.records.schema import Point
-from vcfbench.reports.document import Column, Report, Table, Text
+from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Note, Outcome, Plan, Settle
 from vcfbench.steps.step import Routine
@@ -120,12 +120,11 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point]) ->
 def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:
     """Report a turntable calibration: its column, its line, and its residuals."""
     points = [point for point in points if point.step == STEP]
-    heads = (Column("Omega_z", "deg/s", "g"), Column("output", "V", ".5f"), Column("s", "V", ".1e"))
     rows = [(p.rate_deg_s, p.output_v, p.std_v) for p in points]
     drawn = [("turntable", points, results)]
     return Report(
         [
-            Table(heads, rows),
+            Table(heads("Omega_z [deg/s]:g | output [V]:.5f | s [V]:.1e"), rows),
             Text(columns.line_words("turntable", results)),
             *([columns.sweep_text("turntable", results.sweep)] if isinstance(results, SweptTurntableResult) else []),
             *columns.statement_tables(results.uncertainty),

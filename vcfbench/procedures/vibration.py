@@ -26,7 +26,7 @@ from vcfbench.procedures.shared.known.v_vc import both_signs, generator_sheet, h
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.steady.watched import watched
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, several
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps.measured import Measured
@@ -281,11 +281,9 @@ def _closed_form(
 
 def report(_settings: VibrationSettings, _measured: Measured, found: VibrationResult) -> Report:
     """Report the responses beside the closed form."""
-    columns = (
-        *(Column("frequency", "Hz", "g"), Column("virtual rate", "deg/s", ".4g"), Column("output", "V", ".5g")),
-        *(Column("response", "", ".5f"), Column("U95", "", ".1g"), Column("expected", "", ".5f")),
-        *(Column("U95", "", ".1g"), Column("difference", "%", "+.3f"), Column("E_n", "", ".2f")),
-        Column("u is made of", align="left"),
+    columns = heads(
+        "frequency [Hz]:g | virtual rate [deg/s]:.4g | output [V]:.5g | response:.5f | U95:.1g | "
+        "expected:.5f | U95:.1g | difference [%]:+.3f | E_n:.2f | <u is made of"
     )
     rows = [
         (

@@ -28,7 +28,7 @@ from vcfbench.procedures.shared.known import scale_factor as scale_factors
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.records.schema import Point
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.linear_gyro import LinearGyro
@@ -304,8 +304,7 @@ def _stated(values_s: Floats, likely: Floats, found: tuple[float, float]) -> Mea
 def warmup_report(_settings: object, _measured: Measured, found: WarmupResult) -> Report:
     """Report a warm-up: the figures, their omissions, and the curve."""
     scale = found.scale_factor_v_per_deg_s
-    columns = [Column("", align="left"), Column("value", format=".5g"), Column("u", format=".2g")]
-    columns += [Column("U95", format=".2g"), Column("unit")]
+    columns = heads("< | value:.5g | u:.2g | U95:.2g | unit")
     rows: list[Any] = [
         ("turn-on", found.turn_on_s, None, None, "s"),
         ("b_inf", *found.bias_end.printed(), found.bias_end.unit),

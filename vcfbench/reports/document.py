@@ -5,6 +5,7 @@ the labels of its axes; what cannot be shown (ragged rows, unequal series) is re
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
@@ -72,6 +73,15 @@ class Column(Struct, frozen=True):
         if not self.unit:
             return self.name
         return f"{self.name} / ({self.unit})" if "/" in self.unit else f"{self.name} / {self.unit}"
+
+
+_HEAD = re.compile(r"^(<?)(.*?)(?: \[(.*?)\])?(?::([^:]*))?$")
+
+
+def heads(said: str) -> tuple[Column, ...]:
+    """Return columns by their heads, ``"<name | rate [deg/s]:.5f"``: to the left, unit and format where they are."""
+    found = (_HEAD.findall(each)[0] for each in said.split(" | "))
+    return tuple(Column(name, unit, form, "left" if left else "right") for left, name, unit, form in found)
 
 
 class Table(Struct, frozen=True):

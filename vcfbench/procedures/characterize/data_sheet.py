@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from vcfbench.records.plain import field_names
 from vcfbench.reports.digits import stated_cells
-from vcfbench.reports.document import Column, Report, Table, Text
+from vcfbench.reports.document import Report, Table, Text, heads
 
 _UNITS = (
     *(("_v_per_deg_s", "V/(deg/s)"), ("_deg_s_per_v", "(deg/s)/V"), ("_deg_sqrt_h", "deg/sqrt(h)")),
@@ -91,11 +91,7 @@ def _words(name: str) -> str:
 
 def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]], common: str) -> Report:
     """Return the report of a data sheet."""
-    columns = (
-        *(Column("quantity", align="left"), Column("value", format=".7g"), Column("U95", format=".2g")),
-        *(Column("u", format=".2g"), Column("unit", align="left"), Column("conditions", align="left")),
-        Column("procedure", align="left"),
-    )
+    columns = heads("<quantity | value:.7g | U95:.2g | u:.2g | <unit | <conditions | <procedure")
     table: list[Any] = []
     for row in rows:
         found: tuple[Any, Any, Any] = row.value, row.u, row.u95

@@ -12,7 +12,7 @@ from vcfbench.procedures.shared.known.k_vc_change import ASSUMED, k_vc_change
 from vcfbench.procedures.shared.measurand import UncertaintyPart
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
-from vcfbench.reports.document import Column, Table, Text
+from vcfbench.reports.document import Table, Text, heads
 
 NOT_MEASURED: Final = "not measured"
 AMPLITUDES: Final = "carrier over drive, amplitudes"
@@ -256,11 +256,7 @@ def _ratio(of: Characteristics) -> float:
 
 def health_parts(found: HealthCheck) -> list[Table | Text]:
     """Return the table of all causes, and their total."""
-    columns = (
-        *(Column("cause", align="left"), Column("then", format=".7g"), Column("now", format=".7g")),
-        *(Column("unit", align="left"), Column("K_Vc", "ppm", "+.1f"), Column("u", "ppm", ".2g")),
-        Column("done", align="left"),
-    )
+    columns = heads("<cause | then:.7g | now:.7g | <unit | K_Vc [ppm]:+.1f | u [ppm]:.2g | <done")
     rows = [(each.cause, each.then, each.now, each.unit, each.ppm, each.u_ppm, each.done) for each in found.causes]
     together = f"{found.ppm:+.1f} ppm, u {found.u_ppm:.2g}, of which {found.together_ppm:+.1f} ppm beyond the sum"
     words = [f"K_Vc has changed by {together}", *(f"K_Vc is not stated: {why}" for why in found.refused)]

@@ -25,7 +25,7 @@ from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, made_of, measurand, said_of
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.steps import ModulatedRecord, SampleModulated
 from vcfbench.steps.measured import Measured
 
@@ -429,10 +429,7 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
         *results.since,
         *v_vc.known_words(settings),
     ]
-    columns = (
-        *(Column("t", "s", ".1f"), Column("scale factor", "V/(deg/s)", ".8f")),
-        *(Column("u of its readings", "ppm", ".1f"), Column("u", "ppm", ".1f")),
-    )
+    columns = heads("t [s]:.1f | scale factor [V/(deg/s)]:.8f | u of its readings [ppm]:.1f | u [ppm]:.1f")
     rows = [
         (each.t_s, each.scale_factor_v_per_deg_s, _ppm(each.u_readings, each), _ppm(each.u, each))
         for each in results.windows

@@ -14,7 +14,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.models import data_sheet_of
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactor, scale_factor_used
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.specifications import SupplySpecification
 from vcfbench.station.bounds import ranged, several
 from vcfbench.station.invalid_value import InvalidValue
@@ -414,12 +414,7 @@ def _rails_words(rails: str) -> str:
 def power_report(settings: PowerSettings, _measured: Measured, results: PowerResult) -> Report:
     """Report power-on, currents and sensitivities."""
     halves = Table(
-        (
-            *(Column("rails", align="left"), Column("step", "V", ".4f"), Column("imbalance", "V", "+.4f")),
-            Column("", align="left"),
-            *(Column("lowered", format=".4g"), Column("u", format=".2g"), Column("raised", format=".4g")),
-            *(Column("u", format=".2g"), Column("unit", align="left")),
-        ),
+        heads("<rails | step [V]:.4f | imbalance [V]:+.4f | < | lowered:.4g | u:.2g | raised:.4g | u:.2g | <unit"),
         [
             (effect.rails, effect.step_v, effect.imbalance_v, name, low.value, low.u, high.value, high.u, low.unit)
             for effect in results.effects

@@ -35,7 +35,7 @@ from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.records.schema import Point
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.steps.measured import Foreseen, Measured
 
 AT_REST, DRIVEN = 1, 2
@@ -388,7 +388,7 @@ def self_calibration_report(
     """Report the levels, the results with their budget, the drift, and the errors that the method cannot see."""
     if isinstance(results, NotStated):
         return Report([*health_check.health_parts(results.health), Text(said_of("bias, generator off", results.bias))])
-    columns = (Column("rate", "deg/s", ".4f"), Column("V_Vc", "V", ".6f"), Column("output - zero", "V", ".5f"))
+    columns = heads("rate [deg/s]:.4f | V_Vc [V]:.6f | output - zero [V]:.5f")
     rows = [(level.rate_deg_s, level.v_vc_v, level.output_v) for level in results.levels]
     words = [
         said_of("scale factor, small signals", results.scale_factor),

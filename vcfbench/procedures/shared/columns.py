@@ -14,7 +14,7 @@ from vcfbench.procedures.shared.sweep.found import SweepFound
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.reports.digits import incomplete, stated_cells
-from vcfbench.reports.document import Axis, Column, Figure, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
 
 
@@ -143,18 +143,12 @@ _LEAST_SHARE = 0.001
 
 def statement_tables(statement: Statement) -> list[Table | Text]:
     """Lay out the combined uncertainties, their contributions, E_n, and their omissions."""
-    columns = (
-        *(Column("value", align="left"), Column("", "", ".7g"), Column("U95", "", ".2g"), Column("u", "", ".2g")),
-        *(Column("k", "", ".2f"), Column("unit", align="left"), Column("of what", align="left")),
-    )
+    columns = heads("<value | :.7g | U95:.2g | u:.2g | k:.2f | <unit | <of what")
     rows = []
     for v in statement.values:
         value, u, u95 = stated_cells(v.value, v.u, v.u95)
         rows.append((v.name, value, u95, u, v.coverage_factor, v.unit, v.of + incomplete(v.missing)))
-    shares = (
-        *(Column("value", align="left"), Column("contribution", align="left"), Column("u", "", ".2g")),
-        *(Column("unit", align="left"), Column("share", "%", ".1f")),
-    )
+    shares = heads("<value | <contribution | u:.2g | <unit | share [%]:.1f")
     # a bias has its contributions once, as a rate: those of its voltage are the same
     names = {value.name for value in statement.values}
     lines = [

@@ -9,7 +9,7 @@ from msgspec import Struct
 from vcfbench.analysis.budget import Distribution, Source, convolved_coverage_factor, evaluate
 from vcfbench.records.devices import Measured, Share
 from vcfbench.reports.digits import digits_of_u, digits_of_value, incomplete, stated_cells
-from vcfbench.reports.document import Cell, Column, Table
+from vcfbench.reports.document import Cell, Table, heads
 
 _PREVAILS = 0.05
 """Part of the variance from which on a rectangle shows in U95; below, the sum is as normal as can be told."""
@@ -102,10 +102,7 @@ def said_of(name: str, found: Measurand) -> str:
     return f"{name}: {value} {found.unit}, u {u}{relative}, U95 {u95} ({factor}){incomplete(found.missing)}"
 
 
-QUANTITY_COLUMNS = (
-    *(Column("quantity", align="left"), Column("value", format=".6g"), Column("u", format=".2g")),
-    *(Column("U95", format=".2g"), Column("unit", align="left"), Column("u is made of", align="left")),
-)
+QUANTITY_COLUMNS = heads("<quantity | value:.6g | u:.2g | U95:.2g | <unit | <u is made of")
 
 
 def quantity_table(quantities: Mapping[str, Measurand], title: str = "") -> Table:
@@ -125,9 +122,8 @@ def made_of(found: Measurand, digits: str = ".2g") -> str:
 
 def budget_table(name: str, found: Measurand) -> Table:
     """Return the contributions to the uncertainty of `found`, the largest first."""
-    columns = (
-        *(Column("source", align="left"), Column("u", found.unit, ".2g"), Column("u", "ppm", ".2f")),
-        *(Column("share", "%", ".1f"), Column("degrees of freedom", "", ".3g"), Column("shared with", align="left")),
+    columns = heads(
+        f"<source | u [{found.unit}]:.2g | u [ppm]:.2f | share [%]:.1f | degrees of freedom:.3g | <shared with"
     )
     rows = []
     for part in found.parts:

@@ -12,7 +12,7 @@ from msgspec import Struct
 from vcfbench import steps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.procedures.shared.routines import set_sine
-from vcfbench.reports.document import Axis, Column, Figure, Series, Table
+from vcfbench.reports.document import Axis, Figure, Series, Table, heads
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine
@@ -91,7 +91,7 @@ def phase_parts(points: Sequence[PhasePoint]) -> list[Table | Figure]:
     """Lay out the phases, and draw them."""
     if not points:
         return []
-    columns = (Column("frequency", "Hz", ".4g"), Column("phase", "deg"), Column("u", "deg"), Column("U95", "deg"))
+    columns = heads("frequency [Hz]:.4g | phase [deg] | u [deg] | U95 [deg]")
     rows = [(each.frequency_hz, *each.phase_deg.printed()) for each in points]
     at_hz, phases = [each.frequency_hz for each in points], [each.phase_deg for each in points]
     series = Series("measured", at_hz, [each.value for each in phases], [each.u for each in phases])

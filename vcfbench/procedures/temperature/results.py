@@ -19,7 +19,7 @@ from vcfbench.procedures.shared.known.v_vc import generator_sheet, meter_error
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.temperature.settings import TemperatureSettings
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.steps import SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step
@@ -412,10 +412,9 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
         for name, each in results.quantities()
     ]
     unit = results.scale_factor.unit
-    of_points = (
-        *(Column("temperature", "degC", ".1f"), Column("direction", align="left"), Column("scale factor", unit, ".7g")),
-        *(Column("u", unit, ".1g"), Column("bias", "deg/s", ".5f"), Column("u", "deg/s", ".1g")),
-        *(Column("drive frequency", "Hz", ".4f"), Column("mode split", "Hz", ".4f")),
+    of_points = heads(
+        f"temperature [degC]:.1f | <direction | scale factor [{unit}]:.7g | u [{unit}]:.1g | "
+        "bias [deg/s]:.5f | u [deg/s]:.1g | drive frequency [Hz]:.4f | mode split [Hz]:.4f"
     )
     points = [
         (

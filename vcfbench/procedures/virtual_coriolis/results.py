@@ -19,7 +19,7 @@ from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
-from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.settings import Match
 
 
@@ -200,10 +200,7 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
     virtual = [point for point in points if point.step == 4]
     lines = [("turntable", table, found.turntable), ("virtual Coriolis", virtual, found.virtual)]
     # Lay out steps 3 and 4 with the V_Vc that stood for each rate
-    heads = (
-        *(Column("Omega_z", "deg/s", "g"), Column("turntable", "V", ".5f")),
-        *(Column("virtual Coriolis", "V", ".5f"), Column("V_Vc", "V", ".5f")),
-    )
+    four = heads("Omega_z [deg/s]:g | turntable [V]:.5f | virtual Coriolis [V]:.5f | V_Vc [V]:.5f")
     pairs = list(zip(table, virtual, strict=True))
     noise = found.turntable.type_a, found.virtual.type_a
     u_v = None if None in noise else math.hypot(*(each.u_output_v for each in noise if each is not None))
@@ -229,7 +226,7 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
     fits = (columns.line_words("turntable", found.turntable), columns.line_words("virtual Coriolis", found.virtual))
     return Report(
         [
-            Table(heads, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs]),
+            Table(four, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs]),
             Text("\n".join([k_vc_line, *fits, error_line, u_line])),
             *_nulls(found),
             *(columns.sweep_text(name, sweep) for name, sweep in sweeps.items()),
@@ -245,12 +242,9 @@ def _nulls(found: VirtualCoriolisResult) -> list[Table | Text]:
     """Lay out the matches where K_Vc is from null comparisons, and the curve through them."""
     if not isinstance(found, NullVirtualCoriolisResult):
         return []
-    heads = (
-        *(Column("rate", "deg/s", "g"), Column("V_Vc", "V", ".6f")),
-        *(Column("rate - K_Vc", "deg/s", ".1e"), Column("left", "V", ".1e")),
-    )
+    left = heads("rate [deg/s]:g | V_Vc [V]:.6f | rate - K_Vc [deg/s]:.1e | left [V]:.1e")
     rows = [(p.rate_deg_s, p.v_vc_v, p.residual_deg_s, p.left_v) for p in found.pairs]
-    matches = Table(heads, rows, f"V_Vc with the same zero-subtracted output as the table ({found.k_vc_by.value})")
+    matches = Table(left, rows, f"V_Vc with the same zero-subtracted output as the table ({found.k_vc_by.value})")
     if found.lack_of_fit_p is None:
         return [matches]
     terms = " ".join(f"{each:+.8g} V^{place}" for place, each in enumerate(found.coefficients, start=1))

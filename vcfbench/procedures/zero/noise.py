@@ -11,7 +11,7 @@ from vcfbench.analysis import allan
 from vcfbench.analysis.allan import BiasStability, Sampling, bias_stability, deviation_factor
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import NoiseFit, Term, fit_noise, fit_shown_noise
-from vcfbench.reports.document import Axis, Cell, Column, Figure, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
@@ -187,25 +187,19 @@ def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
     """Return the coefficients, or words where there are none."""
     if not noise:
         return Text("no noise: the readings scatter by less than the meter resolves")
-    columns = [Column("noise", align="left"), Column("value", format=".4g"), Column("u", format=".2g")]
-    columns += [Column("below, 95 %", format=".3g"), Column("unit", align="left")]
+    columns = heads("<noise | value:.4g | u:.2g | below, 95 %:.3g | <unit")
     return Table(columns, [(each.name, each.value, each.u, each.upper_95, each.unit) for each in noise])
 
 
 def allan_table(rows: Sequence[AllanRow]) -> Table:
     """Return the Allan curve as a table, without a column that says nothing: a gapless record has no dead time."""
-    columns: list[tuple[Column, list[float | None]]] = [
-        (Column("tau", "s", "g"), [row.tau_s for row in rows]),
-        (Column("Allan deviation", "deg/h", ".3f"), [row.observed for row in rows]),
-        (Column("low 95 %", "deg/h", ".3f"), [row.low for row in rows]),
-        (Column("high 95 %", "deg/h", ".3f"), [row.high for row in rows]),
-        (Column("edf", format=".3g"), [row.edf for row in rows]),
-        (Column("without dead time", "deg/h", ".3f"), [row.corrected for row in rows]),
-        (Column("fit", "deg/h", ".3f"), [row.fit for row in rows]),
-    ]
-    filled = [(head, column) for head, column in columns if any(value is not None for value in column)]
-    cells = zip(*(column for _, column in filled), strict=True)
-    return Table([head for head, _ in filled], [[Cell(None) if v is None else v for v in row] for row in cells])
+    columns = heads(
+        "tau [s]:g | Allan deviation [deg/h]:.3f | low 95 % [deg/h]:.3f | high 95 % [deg/h]:.3f | edf:.3g | "
+        "without dead time [deg/h]:.3f | fit [deg/h]:.3f"
+    )
+    cells = [(row.tau_s, row.observed, row.low, row.high, row.edf, row.corrected, row.fit) for row in rows]
+    filled = [place for place in range(len(columns)) if any(row[place] is not None for row in cells)]
+    return Table([columns[place] for place in filled], [[row[place] for place in filled] for row in cells])
 
 
 def stability_table(found: BiasStability) -> Table:
@@ -219,7 +213,7 @@ def stability_table(found: BiasStability) -> Table:
         (f"Allan minimum, at {found.allan_minimum_tau_s:g} s", found.allan_minimum),
         ("Allan minimum / 0.664", found.bias_instability_read_off),
     ]
-    return Table([Column("bias stability", align="left"), Column("value", "deg/h", ".3g")], rows)
+    return Table(heads("<bias stability | value [deg/h]:.3g"), rows)
 
 
 def allan_figure(all_rows: Sequence[AllanRow], white_noise_seen: float) -> Figure | Text:

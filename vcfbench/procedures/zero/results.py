@@ -19,7 +19,7 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, bud
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.procedures.zero import noise as noises
 from vcfbench.reports.digits import incomplete
-from vcfbench.reports.document import Column, Report, Table, Text
+from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
 
 _DEG_H = 3600.0
@@ -244,8 +244,7 @@ def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
     """Report a static record: its sampling, its results, the Allan table and its figure."""
     flicker = results.flicker  # as the key of the bench file
     said = [f"for [uncertainty] of the bench file: bias_instability_deg_h = {flicker[0]:.3g}"] if flicker else []
-    columns = [Column("", align="left"), Column("value", format=".6g"), Column("u", format=".2g")]
-    columns += [Column("dof", format=".3g"), Column("U95", format=".2g"), Column("unit", align="left")]
+    columns = heads("< | value:.6g | u:.2g | dof:.3g | U95:.2g | <unit")
     rows: list[Any] = [
         ("output, mean", results.bias_v, None, None, None, "V"),
         ("bias, mean", results.bias_deg_s, None, None, None, "deg/s"),

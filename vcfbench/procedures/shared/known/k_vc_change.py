@@ -12,7 +12,7 @@ from msgspec import Struct, structs
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
 from vcfbench.errors import ConfigError
 from vcfbench.records.devices import Characteristics, Measured, Sensitivity
-from vcfbench.reports.document import Column, Table
+from vcfbench.reports.document import Table, heads
 
 
 def _within(value: float, limit: float) -> Measured:
@@ -188,10 +188,7 @@ def at_temperature(known: Characteristics, at_c: Measured | None) -> Characteris
 
 def sensitivity_table(found: Sequence[Sensitivity]) -> Table:
     """Return the sensitivities as reports show them."""
-    columns = (
-        *(Column("quantity", align="left"), Column("K_Vc", "ppm for one", ".4g"), Column("u", "ppm for one", ".2g")),
-        *(Column("unit", align="left"), Column("the quantity is", align="left")),
-    )
+    columns = heads("<quantity | K_Vc [ppm for one]:.4g | u [ppm for one]:.2g | <unit | <the quantity is")
     rows = [
         (each.quantity, each.ppm_per_unit, each.u_ppm_per_unit, each.unit, "assumed" if each.assumed else "measured")
         for each in found
