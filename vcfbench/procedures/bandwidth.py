@@ -22,7 +22,7 @@ from vcfbench.procedures.shared import tones as sampling
 from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
-from vcfbench.procedures.shared.routines import at_rest, energised, framed, rails_of, set_sine, v_vc_on
+from vcfbench.procedures.shared.routines import drive_seen, energised, framed, held_at_rest, rails_of, set_sine, v_vc_on
 from vcfbench.records import devices
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.bounds import ranged, said, several
@@ -107,7 +107,7 @@ PHASE_HOLDS = (
 )
 
 
-@framed(energised, at_rest)
+@framed(energised, drive_seen, held_at_rest)
 def plan(settings: BandwidthSettings) -> steps.Plan:
     """Sweep the sine over all frequencies, find the split, and go closely about it."""
     found = yield from sweep(settings)

@@ -23,7 +23,15 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared.kept_characteristics import Keeps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
-from vcfbench.procedures.shared.routines import at_rest, energised, framed, rails_of, set_v_vc, v_vc_level_again
+from vcfbench.procedures.shared.routines import (
+    drive_seen,
+    energised,
+    framed,
+    held_at_rest,
+    rails_of,
+    set_v_vc,
+    v_vc_level_again,
+)
 from vcfbench.records.devices import Characteristics
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged
@@ -175,7 +183,7 @@ NOT_HELD = (
 )
 
 
-@framed(energised, at_rest)
+@framed(energised, drive_seen, held_at_rest)
 def plan(settings: ResonanceSettings) -> steps.Plan:
     """Sweep, then let the sense modes ring down, then the drive."""
     swept = yield from sweep(settings)

@@ -115,7 +115,7 @@ def _unshaken(_settings: VibrationSettings, work: steps.Plan) -> steps.Plan:
     return (yield from work)
 
 
-@routines.framed(_unshaken, routines.energised, routines.at_rest)
+@routines.framed(_unshaken, routines.energised, routines.drive_seen, routines.held_at_rest)
 def vibration(settings: VibrationSettings) -> steps.Plan:
     """Take the response at rest, then the vibrations."""
     yield from watched(settings, _static(settings))

@@ -211,8 +211,17 @@ class Executor:
 
         Errors of the bench are in the result, not raised: what was measured must not be lost with them.
         """
+        advance: Callable[[], Step] = partial(next, plan)
         try:
-            self._walk(plan)
+            while True:
+                try:
+                    step = advance()
+                except StopIteration:
+                    break
+                except BenchError as error:
+                    self._keep(error)
+                    break
+                advance = self._perform(plan, step)
             self._walked = True
         finally:
             abandon(plan)
@@ -253,27 +262,24 @@ class Executor:
             while True:
                 step = advance()
                 try:
-                    result = self._again(step, why, context)
+                    start_s = self._now()
+                    self._tell(StepStarted(self._number, start_s, step))
+                    context.begin()
+                    result = step.perform(context)
+                    self._disturbed.update(step.sets)
+                    self._physical_s += step.physical_s
+                    line = {**self._done(step, result, start_s), **({} if why == _AGAIN else {"why": why})}
+                    self.journal.write("restored", line)
                 except BenchError as error:
                     if error.step is None:
                         error.step = f"{why} ({step.describe()})"
                     raise
+                self._asked_again += (f"{why}: {said}" for said in context.asked_again)
+                self._tell(StepFinished(self._number, self._now(), step, result, tuple(context.asked_again)))
                 advance = partial(steps.send, result)
         except StopIteration as end:
             done: _T = end.value
             return done
-
-    def _again(self, step: Step, why: str, context: Context) -> StepResult:
-        start_s = self._now()
-        self._tell(StepStarted(self._number, start_s, step))
-        context.begin()
-        result = step.perform(context)
-        self._disturbed.update(step.sets)
-        self._physical_s += step.physical_s
-        self.journal.write("restored", {**self._done(step, result, start_s), **({} if why == _AGAIN else {"why": why})})
-        self._asked_again += (f"{why}: {said}" for said in context.asked_again)
-        self._tell(StepFinished(self._number, self._now(), step, result, tuple(context.asked_again)))
-        return result
 
     def _pause_if_wanted(self) -> None:
         """Pause, where somebody wants that: the bench at rest until somebody wants the run to go on, then as it was."""
@@ -331,18 +337,6 @@ class Executor:
             tuple(self._not_checked),
             tuple(self._pauses),
         )
-
-    def _walk(self, plan: Plan) -> None:
-        advance: Callable[[], Step] = partial(next, plan)
-        while True:
-            try:
-                step = advance()
-            except StopIteration:
-                return
-            except BenchError as error:
-                self._keep(error)
-                return
-            advance = self._perform(plan, step)
 
     def _perform(self, plan: Plan, step: Step) -> Callable[[], Step]:
         """Do one step, after a pause if one is wanted; return how the plan goes on: with the result, or the error."""

@@ -25,7 +25,7 @@ _ANSWERS = 10.0
 
 
 def framed(*frames: Callable[[Any, Plan], Plan]) -> Callable[[Callable[[S], Plan]], Callable[[S], Plan]]:
-    """Have a plan done inside of `frames`, the first of which is the outermost: ``@framed(energised, at_rest)``."""
+    """Have a plan done inside of `frames`, the first of which is the outermost: ``@framed(powered, watched)``."""
 
     def of(plan: Callable[[S], Plan]) -> Callable[[S], Plan]:
         @wraps(plan)
@@ -216,12 +216,7 @@ def window_of(settings: ProcedureSettings) -> dict[str, Any]:
 
 def powered(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     """Do `work` with the bench started up; whatever happens, table to rest, then outputs off, then supply off."""
-
-    def with_drive() -> Routine[T]:
-        yield from look_at_drive(settings)
-        return (yield from under_servo(settings, work))
-
-    return (yield from energised(settings, with_drive()))
+    return (yield from energised(settings, drive_seen(settings, under_servo(settings, work))))
 
 
 def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
@@ -245,15 +240,10 @@ def under_servo(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
         return (yield from work)
     finally:
         yield steps.Note("Shut down")
-        yield from table_to_rest(settings)
+        yield steps.SetRate(0.0, settings.acceleration_deg_s2, 0.0)  # from whatever rate it has
+        deadline_s = 2.0 * settings.fastest_deg_s / settings.acceleration_deg_s2 + settings.rate_deadline_s
+        yield steps.AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
         yield steps.DisableTable()
-
-
-def table_to_rest(settings: ProcedureSettings) -> Routine[None]:
-    """Demand zero from whatever rate the table has, and see it come to rest."""
-    yield steps.SetRate(0.0, settings.acceleration_deg_s2, 0.0)
-    deadline_s = 2.0 * settings.fastest_deg_s / settings.acceleration_deg_s2 + settings.rate_deadline_s
-    yield steps.AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
 
 
 def power_down(settings: ProcedureSettings) -> Routine[None]:
@@ -282,10 +272,10 @@ def held_at_rest(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> R
     return (yield from (under_servo(settings, work) if held else work))
 
 
-def at_rest(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
-    """Look at the drive, then do `work` with the table held at rest under servo, where the bench has one."""
+def drive_seen(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
+    """Look at the drive, then do `work`."""
     yield from look_at_drive(settings)
-    return (yield from held_at_rest(settings, work))
+    return (yield from work)
 
 
 def off_afterwards(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:

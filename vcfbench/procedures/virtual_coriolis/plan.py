@@ -33,29 +33,21 @@ from vcfbench.steps.step import Routine
 def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
     """Calibrate on the rate table and by the virtual Coriolis force, and compare."""
     yield from ready_v_vc_meter(settings, V_VC_RANGE_V)
+    rates: Matching | NullMatching
     if settings.k_vc_by is KvcBy.ONE_POINT:
         yield Note(f"Step 1: the table turns at {settings.match_rate_deg_s:g} deg/s, generator off")
-        points = yield from _table_reference(settings)
+        yield Settle(settings.settle_s, "gyro settles, table at rest")
+        # The zero output and the output at the matching rate, in turn
+        rates_deg_s = [settings.match_rate_deg_s if turning else 0.0 for turning in _in_turn(settings.match_windows)]
+        look = partial(agreement.require_expected_column, expected=settings.expected)
+        points = yield from routines.at_rates(settings, 1, rates_deg_s, look)
+        yield from routines.ramp_to(settings, 0.0, previous_deg_s=rates_deg_s[-1])
         yield Note("Step 2: table at rest, generator on; V_Vc is adjusted until the output equals that of step 1")
-        driven, matching = yield from _match(settings, points)
-        rates: Matching | NullMatching = matching
+        driven, rates = yield from _match(settings, points)
     else:
-        points, driven, rates = yield from _null_match(settings)
-    yield Note("Step 3: the table turns at each rate, generator off")
-    yield DisableVvc()
-    yield from table_sweep(settings, 3, points)
-    yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {rates.k_vc:.6g} (deg/s)/V")
-    yield from _virtual_sweep(settings, rates, driven)
-    return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
-
-
-def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point], list[Point], NullMatching]]:
-    """Do steps 1 and 2 at rates of both signs, in turn; return the points of both, and their match."""
-    yield Note("Steps 1 and 2: at each rate of both signs V_Vc is matched to the output on the table")
-    yield Settle(settings.settle_s, "gyro settles, table at rest")
-    found = yield from nulled(
-        settings,
-        NullTerms(
+        yield Note("Steps 1 and 2: at each rate of both signs V_Vc is matched to the output on the table")
+        yield Settle(settings.settle_s, "gyro settles, table at rest")
+        terms = NullTerms(
             magnitudes_deg_s=settings.magnitudes_deg_s,
             cycles=settings.null_cycles,
             iterations=settings.match_iterations,
@@ -63,26 +55,18 @@ def _null_match(settings: VirtualCoriolisSettings) -> Routine[tuple[list[Point],
             table=1,
             search=SEARCH,
             driven=2,
-        ),
-    )
-    agreement.require_expected_column(found.table, settings.expected)
-    matching = null_matching(settings, [*found.table, *found.driven])
-    agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
-    return list(found.table), list(found.driven), matching
-
-
-def _table_reference(settings: VirtualCoriolisSettings) -> Routine[list[Point]]:
-    """Step 1: the zero output and the output at the matching rate, in turn."""
-
-    def look(points: list[Point]) -> None:
-        if len(points) > 1:
-            agreement.require_expected_column(points, settings.expected)
-
-    yield Settle(settings.settle_s, "gyro settles, table at rest")
-    rates_deg_s = [settings.match_rate_deg_s if turning else 0.0 for turning in _in_turn(settings.match_windows)]
-    points = yield from routines.at_rates(settings, 1, rates_deg_s, look)
-    yield from routines.ramp_to(settings, 0.0, previous_deg_s=rates_deg_s[-1])
-    return points
+        )
+        found = yield from nulled(settings, terms)
+        agreement.require_expected_column(found.table, settings.expected)
+        points, driven = list(found.table), list(found.driven)
+        rates = null_matching(settings, [*points, *driven])
+        agreement.require_expected_k_vc(rates.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
+    yield Note("Step 3: the table turns at each rate, generator off")
+    yield DisableVvc()
+    yield from table_sweep(settings, 3, points)
+    yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {rates.k_vc:.6g} (deg/s)/V")
+    yield from _virtual_sweep(settings, rates, driven)
+    return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
 
 
 def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tuple[list[Point], Matching]]:

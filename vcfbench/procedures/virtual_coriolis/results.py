@@ -112,17 +112,12 @@ class NullVirtualCoriolisResult(SweptVirtualCoriolisResult, frozen=True, kw_only
 def virtual_coriolis_results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> VirtualCoriolisResult:
     """Return the results of a four-step calibration."""
     points = at_measured_levels(points)
-    if settings.k_vc_by is not KvcBy.ONE_POINT:
-        return _null_results(settings, points)
-    matching = Matching.of(points, settings.match, settings.match_rate_deg_s)
-    values = _four_steps(settings, points, matching)
-    if not columns.is_swept(settings):
-        return VirtualCoriolisResult(**values)
-    return SweptVirtualCoriolisResult(**values, **_sweeps(settings, standing_for(points, 4, matching.rate_of)))
-
-
-def _null_results(settings: VirtualCoriolisSettings, points: Sequence[Point]) -> NullVirtualCoriolisResult:
-    """Return the results of one whose K_Vc is from null comparisons at both signs."""
+    if settings.k_vc_by is KvcBy.ONE_POINT:
+        matched = Matching.of(points, settings.match, settings.match_rate_deg_s)
+        values = _four_steps(settings, points, matched)
+        if not columns.is_swept(settings):
+            return VirtualCoriolisResult(**values)
+        return SweptVirtualCoriolisResult(**values, **_sweeps(settings, standing_for(points, 4, matched.rate_of)))
     matching = null_matching(settings, points)
     curve = matching.curve
     pairs = (matching.rate_deg_s, matching.v_vc_v, matching.residuals_deg_s, matching.left_v)

@@ -95,8 +95,13 @@ def _slope(left: Point, right: Point) -> float:
 
 
 def require_expected_column(points: Sequence[Point], expected: Expected) -> None:
-    """Raise MeasurementError unless scale factor and bias on the table are those that the bench file expects."""
+    """Raise MeasurementError unless scale factor and bias on the table are those that the bench file expects.
+
+    Points at one rate alone tell neither.
+    """
     ordered = _distinct(points)
+    if len(ordered) < 2:
+        return
     scale_factor = _slope(ordered[0], ordered[-1])
     zero = min(ordered, key=lambda point: abs(point.rate_deg_s))
     bias_v = zero.output_v - scale_factor * zero.rate_deg_s
