@@ -145,6 +145,4 @@ def flicker_share(begin_s: Sequence[float], length_s: float, weights: Sequence[f
     begin, weight = np.asarray(begin_s, dtype=np.float64), np.asarray(weights, dtype=np.float64)
     times = np.concatenate([begin + length_s, begin])
     shares = np.concatenate([weight, -weight]) / length_s
-    lags = times[:, None] - times
-    covariance = PhaseNoise(flicker=1.0).covariance(lags.ravel()).reshape(lags.shape)
-    return float(shares @ covariance @ shares)
+    return float(shares @ PhaseNoise(flicker=1.0).among(times) @ shares)

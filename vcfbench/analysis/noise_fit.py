@@ -298,12 +298,11 @@ def u_of_combination(
         raise ConfigError(f"the weights must add up to 0, not to {float(weight.sum()):g}: no mean of slow noise exists")
     times = np.concatenate([end, begin]) / sampling.interval_s
     shares = np.concatenate([weight, -weight]) / np.tile((end - begin) / sampling.interval_s, 2)
-    lags = times[:, None] - times
     # What a coefficient of 1 contributes; the ramp is no noise but a line of slope 1, with phases of t^2 / 2
     squares = []
     for name in Coefficients.__struct_fields__[:-1]:
         unit = Coefficients(**{name: 1.0}).phase_noise(sampling)
-        squares.append(float(shares @ unit.covariance(lags.ravel()).reshape(lags.shape) @ shares))
-    squares.append(float(shares @ (lags[0] ** 2 / 2.0)) ** 2 * sampling.interval_s**2)
+        squares.append(float(shares @ unit.among(times) @ shares))
+    squares.append(float(shares @ ((times[0] - times) ** 2 / 2.0)) ** 2 * sampling.interval_s**2)
     variance, dof = fit.combined(np.array(squares))
     return TypeAUncertainty(math.sqrt(variance), dof)

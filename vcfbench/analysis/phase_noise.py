@@ -45,6 +45,10 @@ class PhaseNoise(Struct, frozen=True):
                 total += square * law(np.abs(lag))
         return total
 
+    def among(self, times: Floats) -> Floats:
+        """Return the covariances of the phase at `times`, in samples, with each other, (n, n)."""
+        return self.covariance(times[:, None] - times)
+
 
 _LAWS: Final[tuple[Callable[[Floats], Floats], ...]] = (
     lambda distance: np.asarray(distance == 0.0, dtype=np.float64),

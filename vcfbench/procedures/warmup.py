@@ -233,9 +233,7 @@ def _root_of_covariance(begin_s: Floats, end_s: Floats, u_white: Floats, instabi
     Flicker has no mean of its own: what it is over this record counts as part of the bias.
     """
     law = Coefficients(bias_instability=instability_deg_s).phase_noise(Sampling.without_gaps(1.0))
-    edges = np.concatenate([end_s, begin_s])
-    lags = edges[:, None] - edges
-    phases = law.covariance(lags.ravel()).reshape(lags.shape)
+    phases = law.among(np.concatenate([end_s, begin_s]))
     count = begin_s.size
     share = np.hstack([np.eye(count), -np.eye(count)]) / (end_s - begin_s)[:, None]
     about = np.eye(count) - 1.0 / count

@@ -81,9 +81,7 @@ def about_horizon(begin_s: ArrayLike, end_s: ArrayLike, horizon_h: float) -> flo
     begin, end = np.append(begin, middle - 1800.0 * horizon_h), np.append(end, middle + 1800.0 * horizon_h)
     share = np.append(np.full(begin.size - 1, 1.0 / (begin.size - 1)), -1.0) / (end - begin)
     times, shares = np.concatenate([end, begin]), np.concatenate([share, -share])
-    lags = times[:, None] - times
-    phases = PhaseNoise(flicker=1.0).covariance(lags.ravel()).reshape(lags.shape)
-    return math.sqrt(max(0.0, float(shares @ phases @ shares)))
+    return math.sqrt(max(0.0, float(shares @ PhaseNoise(flicker=1.0).among(times) @ shares)))
 
 
 def parts_at_rest(

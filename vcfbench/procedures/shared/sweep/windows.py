@@ -172,9 +172,7 @@ class WindowNoise(Struct, frozen=True):
         begin, end = window_times(settings, points)
         middle, half = float(begin[0] + end[-1]) / 2.0, known.horizon_h * 1800.0
         begin, end = np.append(begin, middle - half), np.append(end, middle + half)
-        times = np.concatenate([end, begin])
-        lags = times[:, None] - times
-        lagged = PhaseNoise(flicker=abs(scale_factor) / 3600.0).covariance(lags.ravel()).reshape(lags.shape)
+        lagged = PhaseNoise(flicker=abs(scale_factor) / 3600.0).among(np.concatenate([end, begin]))
         unit = replace(white, length_s=end - begin, lagged=lagged)
         if weights.size:
             stated_by_device = None if "bias_instability_deg_h" in known.assumed else flicker
