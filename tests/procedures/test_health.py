@@ -16,7 +16,7 @@ from tests.procedures.test_self_calibration import aged
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.by_meter import carrier_over_drive
 from vcfbench.procedures.health.check import checked, health_parts, not_measured
-from vcfbench.procedures.health.found import Health
+from vcfbench.procedures.health.found import Health, beside
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.procedures.shared.known.k_vc_change import k_vc_change
 from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
@@ -55,10 +55,10 @@ def health(*, scope: str = "DSO7104B no. 1", **now: float) -> Health:
             parts.append(UncertaintyPart(f"vertical gain, {name}", 0.0115 * value, of=scope))
         return measurand(value, "", parts)
 
-    return Health(**{name: found(name, now.get(name, value), u) for name, (value, u) in FRESH.items()})
+    return {name: found(name, now.get(name, value), u) for name, (value, u) in FRESH.items()}
 
 
-THEN = health().beside(Characteristics())
+THEN = beside(health(), Characteristics())
 
 
 FULL = physical_parameters(LAB)
@@ -84,7 +84,7 @@ FULL = physical_parameters(LAB)
     ],
 )
 def test_a_cause_that_is_seen_is_corrected(now: dict[str, float], override: dict[str, dict[str, float]]) -> None:
-    found = checked(THEN, health(**now).beside(Characteristics()))  # type: ignore[arg-type]
+    found = checked(THEN, beside(health(**now), Characteristics()))  # type: ignore[arg-type]
     before, after = (truth(warm(physical_parameters(bench)))[1] for bench in (LAB, aged(LAB, **override)))
     assert found.ppm == pytest.approx(1e6 * (after / before - 1.0), rel=0.05)
     assert found.u_ppm < 20.0
@@ -94,7 +94,7 @@ def test_a_cause_that_is_seen_is_corrected(now: dict[str, float], override: dict
 
 
 def test_another_oscilloscope_tells_amplitudes_too_badly_to_correct_by() -> None:
-    found = checked(THEN, health(scope="DSO7104B no. 2", carrier_amplitude_v=2.04).beside(Characteristics()))
+    found = checked(THEN, beside(health(scope="DSO7104B no. 2", carrier_amplitude_v=2.04), Characteristics()))
     assert not found.refused
     assert found.u_ppm < 20.0  # not 16 000
     assert [cause.done for cause in found.causes if "amplitudes" in cause.cause] == ["left to its drift"]
@@ -102,12 +102,10 @@ def test_another_oscilloscope_tells_amplitudes_too_badly_to_correct_by() -> None
 
 def test_the_multimeter_tells_amplitudes_where_another_oscilloscope_cannot() -> None:
     then, now = (
-        structs.replace(
-            health(scope=scope), carrier_over_drive=measurand(ratio, "", [UncertaintyPart("records", 1e-4)])
-        )
+        {**health(scope=scope), "carrier_over_drive": measurand(ratio, "", [UncertaintyPart("records", 1e-4)])}
         for scope, ratio in (("DSO7104B no. 1", 2.0), ("DSO7104B no. 2", 2.01))
     )
-    found = checked(then.beside(Characteristics()), now.beside(Characteristics()))
+    found = checked(beside(then, Characteristics()), beside(now, Characteristics()))
     amplitudes = next(cause for cause in found.causes if "amplitudes" in cause.cause)
     assert (amplitudes.done, amplitudes.ppm) == ("corrected", pytest.approx(5000.0, rel=0.01))
     assert 60.0 < found.u_ppm < 80.0
@@ -145,16 +143,16 @@ def test_a_split_and_a_q_that_are_measured_are_not_in_temperature_again() -> Non
 
 
 def test_k_vc_is_refused_where_something_has_changed_that_cannot_be_corrected() -> None:
-    larger = checked(THEN, health(scope="DSO7104B no. 2", carrier_amplitude_v=2.4).beside(Characteristics()))
+    larger = checked(THEN, beside(health(scope="DSO7104B no. 2", carrier_amplitude_v=2.4), Characteristics()))
     assert "+200000 ppm" in larger.refused[0]
-    turned = checked(THEN, health(sense_phase_deg=0.4).beside(Characteristics()))
+    turned = checked(THEN, beside(health(sense_phase_deg=0.4), Characteristics()))
     assert "+0.40 deg" in turned.refused[0]
     assert "K_Vc is not stated: the phase" in health_parts(turned)[1].text  # type: ignore[union-attr]
 
 
 def test_a_split_that_temperature_does_not_explain_is_a_warning() -> None:
-    cold = checked(THEN, health(drive_hz=3487.3, split_hz=24.85).beside(Characteristics(split_hz_k=None)))
-    charged = checked(THEN, health(split_hz=25.3).beside(Characteristics()))
+    cold = checked(THEN, beside(health(drive_hz=3487.3, split_hz=24.85), Characteristics(split_hz_k=None)))
+    charged = checked(THEN, beside(health(split_hz=25.3), Characteristics()))
     assert cold.warning is None
     assert charged.warning is not None and "charges on the combs" in charged.warning  # noqa: PT018
 
@@ -239,7 +237,7 @@ def test_all_that_can_be_seen_has_aged_and_k_is_right(tmp_path: Path) -> None:
 def test_a_k_vc_that_is_refused_ends_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from vcfbench.procedures.self_calibration import results as of  # noqa: PLC0415
 
-    refused = checked(THEN, health(sense_phase_deg=0.4).beside(Characteristics()))
+    refused = checked(THEN, beside(health(sense_phase_deg=0.4), Characteristics()))
     monkeypatch.setattr(of, "_health", lambda _settings, _points: (THEN, refused))
     settings = {"k_vc": "150", "cycles": 1, "samples": 2, "virtual_rates_deg_s": [20.0, 100.0, 200.0]}
     with pytest.raises(MeasurementError, match=r"does not hold any more: the phase of the sense signal") as ended:

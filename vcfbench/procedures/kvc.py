@@ -30,7 +30,7 @@ from vcfbench.analysis.k_vc_curve import (
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.by_meter import compared_amplitudes
-from vcfbench.procedures.health.found import Health, health_of, with_output_curve
+from vcfbench.procedures.health.found import Health, beside, health_of, with_output_curve
 from vcfbench.procedures.health.plan import AC_WANTED, HEALTH, examined
 from vcfbench.procedures.procedure import PAPER_NEEDS, Procedure, Provenance, roles
 from vcfbench.procedures.shared.budget.at_rest import as_rate
@@ -269,14 +269,14 @@ def _as_set(
     return structs.replace(curve, covariance=tuple(map(tuple, together.tolist()))), parts
 
 
-def _characteristics(settings: KVcSettings, curved: Curvature, health: Health | None) -> Characteristics:
+def _characteristics(settings: KVcSettings, curved: Curvature, health: Health) -> Characteristics:
     """Return the characteristics of the device by earlier runs, with those of this one."""
     near = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
     at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near)
     u_rail_v = settings.rail_tolerance_v / math.sqrt(3.0)
     known = at_temperature(typed(settings.station.characteristics, Characteristics), at_c)
     return structs.replace(
-        known if health is None else health.beside(known),
+        beside(health, known),
         modulator_second_per_v=Kept(value=curved.second_per_v, u=curved.u_second_per_v),
         modulator_third_per_v2=Kept(value=curved.third_per_v2, u=curved.u_third_per_v2),
         positive_rail_v=Kept(value=settings.positive_rail_v, u=u_rail_v),

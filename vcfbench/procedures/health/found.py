@@ -4,7 +4,7 @@ import cmath
 import math
 from collections.abc import Sequence
 from statistics import fmean, variance
-from typing import Self
+from typing import TypeAlias
 
 from msgspec import Struct, structs
 
@@ -31,41 +31,28 @@ _ROUNDS = 5
 _SHARE = "shares of the modes, as the certificate has them"
 
 
-class Health(Struct, frozen=True, kw_only=True):
-    """Measured characteristics that K_Vc depends on, by their names in :class:`.Characteristics`; else None.
+Health: TypeAlias = dict[str, Measurand]
+"""Measured characteristics that K_Vc depends on, by their names in :class:`.Characteristics`.
 
-    `sense_phase_deg` is by how much the phase of what V_Vc does to the sense signal is ahead of what carrier, splits
-    and quality factors make of it: 0 where nothing else is at work.
-    """
+`sense_phase_deg` is by how much the phase of what V_Vc does to the sense signal is ahead of what carrier, splits and
+quality factors make of it: 0 where nothing else is at work.
+"""
 
-    drive_hz: Measurand | None = None
-    split_hz: Measurand | None = None
-    q_anti_phase: Measurand | None = None
-    in_phase_split_hz: Measurand | None = None
-    q_in_phase: Measurand | None = None
-    in_phase_share: Measurand | None = None
-    carrier_phase_deg: Measurand | None = None
-    demodulator_phase_deg: Measurand | None = None
-    v_vc_feedthrough: Measurand | None = None
-    drive_amplitude_v: Measurand | None = None
-    carrier_amplitude_v: Measurand | None = None
-    sense_phase_deg: Measurand | None = None
-    carrier_over_drive: Measurand | None = None
 
-    def beside(self, known: Characteristics) -> Characteristics:
-        """Return the characteristics for the device store, beside those `known` otherwise."""
-        found = structs.asdict(self).items()
-        return structs.replace(known, **{name: each.kept() for name, each in found if each is not None})
+def beside(found: Health, known: Characteristics) -> Characteristics:
+    """Return the characteristics for the device store, beside those `known` otherwise."""
+    return structs.replace(known, **{name: each.kept() for name, each in found.items()})
 
-    def unchanged(self, then: Characteristics) -> Self:
-        """Return the same findings of an unchanged device: the values of `then`, with their uncertainties."""
 
-        def same(kept: Kept) -> Measurand:
-            parts = [UncertaintyPart(each.source, each.u, each.dof, each.of) for each in kept.shares]
-            return measurand(kept.value, "", parts or [UncertaintyPart("certificate", kept.u, kept.dof)])
+def unchanged(found: Health, then: Characteristics) -> Health:
+    """Return the same findings of an unchanged device: the values of `then`, with their uncertainties."""
 
-        kept = {name: getattr(then, name) for name, each in structs.asdict(self).items() if each is not None}
-        return structs.replace(self, **{name: same(each) for name, each in kept.items() if each is not None})
+    def same(kept: Kept) -> Measurand:
+        parts = [UncertaintyPart(each.source, each.u, each.dof, each.of) for each in kept.shares]
+        return measurand(kept.value, "", parts or [UncertaintyPart("certificate", kept.u, kept.dof)])
+
+    kept = {name: getattr(then, name) for name in found}
+    return found | {name: same(each) for name, each in kept.items() if each is not None}
 
 
 class _AtRest(Struct, frozen=True):
@@ -77,8 +64,8 @@ class _AtRest(Struct, frozen=True):
     dof: float
 
 
-def health_of(settings: KnownVvcSettings, measured: Measured, then: Characteristics | None = None) -> Health | None:
-    """Return the characteristics that K_Vc depends on, by the steps of :mod:`.plan`; None where none were done.
+def health_of(settings: KnownVvcSettings, measured: Measured, then: Characteristics | None = None) -> Health:
+    """Return the characteristics that K_Vc depends on, by the steps of :mod:`.plan`; nothing where none were done.
 
     `then` is what the sines of the meter's way rest on.
 
@@ -87,9 +74,9 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     """
     decays = [found for _, found in measured.found(SenseDecay)]
     by_meter = found_by_sines(settings, measured, then)
-    found = _by_oscilloscope(settings, measured, decays, then) if decays else Health(**by_meter)
-    found = structs.replace(found, carrier_over_drive=carrier_over_drive(settings, measured))
-    return None if found == Health() else found
+    found = _by_oscilloscope(settings, measured, decays, then) if decays else by_meter
+    ratio = carrier_over_drive(settings, measured)
+    return found if ratio is None else {**found, "carrier_over_drive": ratio}
 
 
 def _by_oscilloscope(
@@ -119,27 +106,29 @@ def _by_oscilloscope(
     reference_deg = math.remainder(reference.phase_deg - 90.0, 180.0)
     records = UncertaintyPart("records", reference.u_phase_deg, reference.dof)
 
+    kept_share = _share_of(then, middle) or share.kept()
+
     def gain(node: str, amplitude_v: float) -> UncertaintyPart:
         # so large an error cancels only where it is beyond doubt that the specimen is the same
         whose = scope if placed.station is None else None
         return UncertaintyPart(f"vertical gain, {node}", _GAIN / math.sqrt(3.0) * amplitude_v, of=whose)
 
-    return Health(
-        drive_hz=oscilloscope.frequency_of([each.drive_hz for each in pairs], scope),
-        split_hz=oscilloscope.frequency_of([each.drive_hz - each.anti_phase.frequency_hz for each in pairs], scope),
-        q_anti_phase=mean_of_records([each.anti_phase.q for each in pairs], ""),
-        in_phase_split_hz=oscilloscope.frequency_of(
+    return {
+        "drive_hz": oscilloscope.frequency_of([each.drive_hz for each in pairs], scope),
+        "split_hz": oscilloscope.frequency_of([each.drive_hz - each.anti_phase.frequency_hz for each in pairs], scope),
+        "q_anti_phase": mean_of_records([each.anti_phase.q for each in pairs], ""),
+        "in_phase_split_hz": oscilloscope.frequency_of(
             [each.drive_hz - each.in_phase.frequency_hz for each in pairs], scope
         ),
-        q_in_phase=mean_of_records([each.in_phase.q for each in pairs], ""),
-        in_phase_share=share,
-        carrier_phase_deg=carrier,
-        demodulator_phase_deg=measurand(reference_deg, "deg", [records, skew]),
-        v_vc_feedthrough=_feedthrough(settings, measured, middle, _share_of(then, middle) or share.kept(), at_rest),
-        drive_amplitude_v=measurand(drive_v, "V", [gain("drive", drive_v)]),
-        carrier_amplitude_v=mean_of_records(carrier_v, "V", gain("carrier", fmean(carrier_v))),
-        sense_phase_deg=measurand(beyond_deg, "deg", [unexplained, skew]),
-    )
+        "q_in_phase": mean_of_records([each.in_phase.q for each in pairs], ""),
+        "in_phase_share": share,
+        "carrier_phase_deg": carrier,
+        "demodulator_phase_deg": measurand(reference_deg, "deg", [records, skew]),
+        "v_vc_feedthrough": _feedthrough(settings, measured, middle, kept_share, at_rest),
+        "drive_amplitude_v": measurand(drive_v, "V", [gain("drive", drive_v)]),
+        "carrier_amplitude_v": mean_of_records(carrier_v, "V", gain("carrier", fmean(carrier_v))),
+        "sense_phase_deg": measurand(beyond_deg, "deg", [unexplained, skew]),
+    }
 
 
 def _at_rest(measured: Measured, level: float) -> _AtRest:

@@ -18,7 +18,7 @@ from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health import check as health_check
-from vcfbench.procedures.health.found import health_of
+from vcfbench.procedures.health.found import beside, health_of, unchanged
 from vcfbench.procedures.procedure import Provenance
 from vcfbench.procedures.self_calibration import shape
 from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
@@ -229,13 +229,13 @@ def _health(
     """Return the measured characteristics that K_Vc depends on, and their changes since the certificate."""
     then = settings.known.characteristics
     health = health_of(settings, points, then)
-    if isinstance(points, Foreseen) and health is not None and then is not None:
-        health = health.unchanged(then)
-    if health is None:
+    if not health:
         return None, None
+    if isinstance(points, Foreseen) and then is not None:
+        health = unchanged(health, then)
     near_k = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
     at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near_k)
-    now = health.beside(Characteristics(temperature_c=at_c))
+    now = beside(health, Characteristics(temperature_c=at_c))
     return now, None if then is None else health_check.checked(then, now)
 
 
