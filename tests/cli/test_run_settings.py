@@ -169,7 +169,7 @@ def test_a_list_of_the_procedures_imports_none() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
     shown = " ".join(done.stdout.split())
-    for name, (_, title) in catalogue.BUILT_IN.items():
+    for name, title in catalogue.BUILT_IN.items():
         assert f"{name} {title}" in shown
         assert catalogue.PROCEDURES[name].title == title
     assert shown.endswith("[]")

@@ -272,7 +272,7 @@ def characteristics(found: Bandwidth) -> devices.Characteristics:
 
 BANDWIDTH = Procedure(
     name="bandwidth",
-    title=BUILT_IN["bandwidth"][1],
+    title=BUILT_IN["bandwidth"],
     method=(
         "A sine on V_Vc makes a virtual rate of known frequency and amplitude; the response in the output, over the "
         "static gain, is fitted by the closed form of the two sense modes and the demodulator."
@@ -285,4 +285,3 @@ BANDWIDTH = Procedure(
     needs=roles("power", rate_source=FunctionGenerator, multimeter=SamplesVoltage),
     uses=roles("oscilloscope", "rate_table"),
 )
-"""The rate response."""

@@ -29,63 +29,28 @@ if TYPE_CHECKING:
 
 
 BUILT_IN = {
-    "turntable": ("turntable:TURNTABLE", "Calibrate on the rate table, generator off."),
-    "virtual-coriolis": (
-        "virtual_coriolis.plan:VIRTUAL_CORIOLIS",
-        "Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",
-    ),
-    "zero": ("zero.plan:ZERO", "Record the output at rest: Allan deviation, noise coefficients, bias stability."),
-    "kvc": (
-        "kvc:K_VC",
-        "Calibrate K_Vc as a curve on the rate table, V_Vc measured: the certificate of a device.",
-    ),
-    "warmup": (
-        "warmup:WARMUP",
-        "Follow the output at rest from power-on until it is steady: turn-on and warm-up time.",
-    ),
-    "bandwidth": (
-        "bandwidth:BANDWIDTH",
-        "Measure the response to a sine on V_Vc: mode split, Q of the sense mode, +3 dB, peak, -3 dB.",
-    ),
-    "power": (
-        "power.plan:POWER",
-        "Test the supply: inrush, current of each rail, time to valid output, what the rails do to the output.",
-    ),
-    "repeatability": (
-        "repeatability:REPEATABILITY",
-        "Switch on and off again and again: repeatability of bias and scale factor, turn-on transient.",
-    ),
-    "resonance": (
-        "resonance:RESONANCE",
-        "Measure frequency and Q of drive and sense modes and the mode split, by ring-down and by sweep.",
-    ),
-    "phase": (
-        "phase:PHASE",
-        "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",
-    ),
+    "turntable": "Calibrate on the rate table, generator off.",
+    "virtual-coriolis": "Calibrate by the paper's four steps: on the rate table and by the virtual Coriolis force.",
+    "zero": "Record the output at rest: Allan deviation, noise coefficients, bias stability.",
+    "kvc": "Calibrate K_Vc as a curve on the rate table, V_Vc measured: the certificate of a device.",
+    "warmup": "Follow the output at rest from power-on until it is steady: turn-on and warm-up time.",
+    "bandwidth": "Measure the response to a sine on V_Vc: mode split, Q of the sense mode, +3 dB, peak, -3 dB.",
+    "power": "Test the supply: inrush, current of each rail, time to valid output, what the rails do to the output.",
+    "repeatability": "Switch on and off again and again: repeatability of bias and scale factor, turn-on transient.",
+    "resonance": "Measure frequency and Q of drive and sense modes and the mode split, by ring-down and by sweep.",
+    "phase": "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",
     "temperature": (
-        "temperature.plan:TEMPERATURE",
-        "Follow scale factor, bias and drive frequency over temperature, up and down: coefficients and hysteresis.",
+        "Follow scale factor, bias and drive frequency over temperature, up and down: coefficients and hysteresis."
     ),
     "self-calibration": (
-        "self_calibration.plan:SELF_CALIBRATION",
-        "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate.",
+        "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate."
     ),
-    "polarity": ("polarity:POLARITY", "Check the signs of table, V_Vc and output: which wire is the wrong way round."),
-    "vibration": (
-        "vibration:VIBRATION",
-        "Let a virtual rate vibrate by the second generator: response of the output against the closed form.",
-    ),
-    "online": (
-        "online.plan:ONLINE",
-        "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",
-    ),
-    "characterize": (
-        "characterize.plan:CHARACTERIZE",
-        "Do all of it in the right order, in one session: one data sheet.",
-    ),
+    "polarity": "Check the signs of table, V_Vc and output: which wire is the wrong way round.",
+    "vibration": "Let a virtual rate vibrate by the second generator: response of the output against the closed form.",
+    "online": "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",
+    "characterize": "Do all of it in the right order, in one session: one data sheet.",
 }
-"""The procedures that come along: where each is below this package, and its title, known without importing it."""
+"""The procedures that come along, with their titles: each is called so in the module, or the folder, of its name."""
 
 
 class Catalogue(Mapping[str, "AnyProcedure"]):
@@ -97,8 +62,11 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
         KeyError: there is none. ConfigError: its package cannot be loaded, or two bring one of this name.
         """
         if name in BUILT_IN:  # packages are not even looked for: that takes as long as reading the command line
-            module, _, variable = BUILT_IN[name][0].partition(":")
-            built_in: AnyProcedure = getattr(import_module(f"vcfbench.procedures.{module}"), variable)
+            own = name.replace("-", "_")
+            module = import_module(f"vcfbench.procedures.{own}")
+            if hasattr(module, "__path__"):
+                module = import_module(f"{module.__name__}.plan")
+            built_in: AnyProcedure = getattr(module, own.upper())
             return built_in
         entries = _installed().get(name, ())
         if not entries:
@@ -138,7 +106,7 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
         if name not in BUILT_IN:
             return f"Of {self.origin(name)}."
         hidden = " and ".join(map(_origin, _installed().get(name, ())))
-        title = BUILT_IN[name][1]
+        title = BUILT_IN[name]
         return f"{title} That of {hidden} has to be renamed before it can be run." if hidden else title
 
     def origin(self, name: str) -> str:

@@ -439,9 +439,9 @@ def k_vc(settings: KVcSettings) -> Plan:
     return Outcome(f"V_Vc matched at {2 * len(settings.magnitudes_deg_s)} rates, {settings.cycles} times")
 
 
-K_VC = Procedure(
+KVC = Procedure(
     name="kvc",
-    title=BUILT_IN["kvc"][1],
+    title=BUILT_IN["kvc"],
     method=(
         "The table turns the gyroscope at rates of both signs; at each, V_Vc is adjusted with the table at rest until "
         "the output, less its zero, is the same (a null comparison), and V_Vc is measured. Rate over V_Vc, as a curve "
@@ -455,4 +455,3 @@ K_VC = Procedure(
     needs=PAPER_NEEDS,
     uses=roles("oscilloscope", "v_vc_meter"),
 )
-"""The calibration of K_Vc."""

@@ -425,7 +425,7 @@ def phase_characteristics(_settings: PhaseSettings, found: Phases) -> devices.Ch
 
 PHASE = Procedure(
     name="phase",
-    title=BUILT_IN["phase"][1],
+    title=BUILT_IN["phase"],
     method=(
         "Waveforms of drive, carrier, sense signal and output are captured by the oscilloscope, the table turning and "
         "V_Vc standing for a rate in turn. Sines fitted to them give the phases of carrier, Coriolis and virtual "
@@ -441,4 +441,3 @@ PHASE = Procedure(
     entry=Keeps("phase", phase_characteristics),
     needs={**roles("power", rate_source=FunctionGenerator), **roles("multimeter", "oscilloscope", "rate_table")},
 )
-"""The phases of carrier, Coriolis and virtual signal and demodulator."""

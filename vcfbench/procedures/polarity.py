@@ -307,7 +307,7 @@ _LONG: Mapping[What, str] = MappingProxyType(
 
 POLARITY = Procedure(
     name="polarity",
-    title=BUILT_IN["polarity"][1],
+    title=BUILT_IN["polarity"],
     method=(
         "The table turns a little either way, then V_Vc is set to either sign; the signs of what the output does tell "
         "whether table, V_Vc and output are connected the right way round."
@@ -319,4 +319,3 @@ POLARITY = Procedure(
     needs=roles("power", "rate_source", "multimeter"),
     uses=roles("oscilloscope", "v_vc_meter", "rate_table"),
 )
-"""The check of the signs."""

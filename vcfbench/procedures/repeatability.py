@@ -187,7 +187,7 @@ def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: Rep
 
 REPEATABILITY = Procedure(
     name="repeatability",
-    title=BUILT_IN["repeatability"][1],
+    title=BUILT_IN["repeatability"],
     method=(
         "The gyroscope is switched on, warms up, and its output is taken at rest and at a rate of both signs, chopped "
         "against drift; then it is switched off and cools. The standard deviations of bias and scale factor from one "
@@ -201,4 +201,3 @@ REPEATABILITY = Procedure(
     uses=roles("oscilloscope", "rate_table"),
     in_one_piece="its switch-ons are alike only where nothing comes between them",
 )
-"""The repeatability over switch-ons."""

@@ -312,7 +312,7 @@ def resonance_characteristics(_settings: ResonanceSettings, found: Resonances) -
 
 RESONANCE = Procedure(
     name="resonance",
-    title=BUILT_IN["resonance"][1],
+    title=BUILT_IN["resonance"],
     method=(
         "Frequency and quality factor of the drive mode and of both sense modes are measured by ring-down and by "
         "sweep with the generator and the oscilloscope, and compared by E_n. The mode split is the difference of the "
@@ -329,4 +329,3 @@ RESONANCE = Procedure(
     needs={**roles("power", rate_source=FunctionGenerator, multimeter=SamplesVoltage), **roles("oscilloscope")},
     uses=roles("rate_table"),
 )
-"""Resonances of drive and sense modes."""

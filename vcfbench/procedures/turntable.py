@@ -136,7 +136,7 @@ def turntable_report(_settings: object, points: Sequence[Point], results: Turnta
 
 TURNTABLE = Procedure(
     name="turntable",
-    title=BUILT_IN["turntable"][1],
+    title=BUILT_IN["turntable"],
     method=(
         "The rate table turns the gyroscope at each rate in turn, the generator off. At each rate the table's "
         "read-back is checked and the output is the mean of repeated readings of the multimeter. A least-squares line "
@@ -150,4 +150,3 @@ TURNTABLE = Procedure(
     results=turntable_results,
     report=turntable_report,
 )
-"""The turntable calibration."""

@@ -313,7 +313,7 @@ def report(_settings: VibrationSettings, _measured: Measured, found: VibrationRe
 
 VIBRATION = Procedure(
     name="vibration",
-    title=BUILT_IN["vibration"][1],
+    title=BUILT_IN["vibration"],
     method=(
         "A second generator adds a sine to V_Vc, which the gyroscope feels as a vibrating rate. The response in the "
         "output is compared with the closed form."
@@ -325,4 +325,3 @@ VIBRATION = Procedure(
     needs=roles("power", "rate_source", vibration_source=FunctionGenerator, multimeter=SamplesVoltage),
     uses={**roles("oscilloscope", v_vc_meter=SamplesVoltage), **roles("rate_table")},
 )
-"""The virtual vibration."""

@@ -432,7 +432,7 @@ def results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
 
 WARMUP = Procedure(
     name="warmup",
-    title=BUILT_IN["warmup"][1],
+    title=BUILT_IN["warmup"],
     method=(
         "From power-on the output is recorded at rest until three means in a row agree. Turn-on is when the output "
         "first stays within its tolerance; an exponential fitted to the readings gives amplitude, time constant and "
@@ -447,4 +447,3 @@ WARMUP = Procedure(
     needs=roles("power", "multimeter"),
     uses=roles("oscilloscope", "rate_source", "rate_table"),
 )
-"""The warm-up."""

@@ -16,7 +16,7 @@ import vcfbench
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.kvc import K_VC, UNSEEN
+from vcfbench.procedures.kvc import KVC, UNSEEN
 from vcfbench.records.devices import Certificate, Characterisation, Characteristics, Conditions, DeviceStore, Measured
 from vcfbench.sim.simulation import physical_parameters
 
@@ -211,7 +211,7 @@ def test_the_command_prints_where_the_certificate_is(tmp_path: Path) -> None:
 
 def test_a_bench_without_a_table_is_refused() -> None:
     with pytest.raises(ConfigError, match="kvc needs rate_table"):
-        vcfbench.dry_run(K_VC, structs.replace(LAB, rate_table=None))
+        vcfbench.dry_run(KVC, structs.replace(LAB, rate_table=None))
 
 
 def test_the_age_of_a_calibration_is_told_in_one_place(tmp_path: Path) -> None:

@@ -443,7 +443,7 @@ def entry(settings: CharacterizeSettings, found: CharacterizeResult, made: Prove
 
 CHARACTERIZE = Procedure(
     name="characterize",
-    title=BUILT_IN["characterize"][1],
+    title=BUILT_IN["characterize"],
     method=(
         "The procedures of a characterisation are done one after the other in one session, each as by itself; the "
         "data sheet brings their results together."
@@ -456,4 +456,3 @@ CHARACTERIZE = Procedure(
     uses=roles("rate_source", "oscilloscope", "rate_table", "v_vc_meter", "chamber"),
     entry=entry,
 )
-"""All of it in one session."""

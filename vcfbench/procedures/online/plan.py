@@ -73,7 +73,7 @@ def _sample(
 
 ONLINE = Procedure(
     name="online",
-    title=BUILT_IN["online"][1],
+    title=BUILT_IN["online"],
     method=(
         "While the gyroscope measures a true rate, a sine on V_Vc adds a known virtual one. Its lock-in in the output "
         "gives the scale factor window by window; the output with the sine taken out is the true rate."
@@ -86,4 +86,3 @@ ONLINE = Procedure(
     needs=roles("power", rate_source=FunctionGenerator, multimeter=SamplesVoltage),
     uses={**roles("oscilloscope", v_vc_meter=SamplesVoltage), **roles("rate_table")},
 )
-"""The calibration while the gyroscope measures."""

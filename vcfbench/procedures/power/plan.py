@@ -197,7 +197,7 @@ def power_characteristics(settings: PowerSettings, found: PowerResult) -> Charac
 
 POWER = Procedure(
     name="power",
-    title=BUILT_IN["power"][1],
+    title=BUILT_IN["power"],
     method=(
         "Currents of both rails are logged from power-on, in the orders in which rails can come on, with the output "
         "beside them; then each rail is stepped about its level, and what the output does gives the rejection of the "
@@ -211,4 +211,3 @@ POWER = Procedure(
     needs=roles("power", "multimeter", "rate_source"),
     uses=roles("oscilloscope", "rate_table"),
 )
-"""The test of the supply."""

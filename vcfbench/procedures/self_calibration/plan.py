@@ -11,7 +11,7 @@ from vcfbench.procedures.health.by_meter import compared_amplitudes, same_oscill
 from vcfbench.procedures.health.plan import examined, way_of
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.self_calibration import results
-from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
+from vcfbench.procedures.self_calibration.results import SelfCalibrationSettings
 from vcfbench.procedures.shared.known.device import level_for
 from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.shared.routines import energised, framed, look_at_drive, set_v_vc, take, v_vc_on
@@ -62,7 +62,7 @@ def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:
 
 SELF_CALIBRATION = Procedure(
     name="self-calibration",
-    title=BUILT_IN["self-calibration"][1],
+    title=BUILT_IN["self-calibration"],
     method=(
         "Without a rate table: V_Vc is set to levels that stand, by the certificate of the device, for known rates, "
         "and the output is read at each. A least-squares line gives scale factor, bias and linearity, which are "
@@ -76,4 +76,3 @@ SELF_CALIBRATION = Procedure(
     needs=roles("power", "rate_source", "multimeter"),
     uses=roles("oscilloscope", "v_vc_meter"),
 )
-"""Self-calibration by V_Vc."""

@@ -6,7 +6,8 @@ share has the same effect on both, so it cancels in their difference; a part say
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Annotated
 
 import numpy as np
 from msgspec import Struct
@@ -19,15 +20,16 @@ from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health import check as health_check
 from vcfbench.procedures.health.found import beside, health_of, unchanged
+from vcfbench.procedures.health.plan import AC_WANTED, HEALTH
 from vcfbench.procedures.procedure import Provenance
 from vcfbench.procedures.self_calibration import shape
-from vcfbench.procedures.self_calibration.settings import SelfCalibrationSettings
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.kept_characteristics import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
+from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
@@ -36,7 +38,33 @@ from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
+from vcfbench.station.bounds import Rate, said, several
+from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Foreseen, Measured
+
+
+class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
+    """Settings of a self-calibration, beside those of all procedures."""
+
+    virtual_rates_deg_s: Annotated[tuple[Rate, ...], several(2, 100, "rates that V_Vc stands for, with both signs")] = (
+        *(10.0, 20.0, 50.0, 100.0, 200.0),
+    )
+    health: Annotated[bool, said(HEALTH, option=True)] = True
+    ac_volts: Annotated[bool, said(f"{AC_WANTED}, if the certificate has them so and its oscilloscope is not here")] = (
+        True
+    )
+
+    @property
+    def magnitudes_deg_s(self) -> tuple[float, ...]:
+        """The rates without sign, each once, rising."""
+        return tuple(sorted({abs(rate) for rate in self.virtual_rates_deg_s}))
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        yield from super().contradictions()
+        if self.magnitudes_deg_s[0] == 0.0 or len(self.magnitudes_deg_s) < 2:
+            expected = "at least two rates of different size, none of them 0"
+            yield InvalidValue("virtual_rates_deg_s", expected, list(self.virtual_rates_deg_s))
+
 
 AT_REST, DRIVEN = 1, 2
 """The steps, as in its points: generator off, and the blocks of V_Vc."""

@@ -146,7 +146,7 @@ def temperature_characteristics(settings: TemperatureSettings, found: results.Te
 
 TEMPERATURE = Procedure(
     name="temperature",
-    title=BUILT_IN["temperature"][1],
+    title=BUILT_IN["temperature"],
     method=(
         "At each temperature of a cycle, up and down again, the gyroscope is left to settle; then scale factor, bias "
         "and drive frequency are measured. Polynomials through the results give the temperature coefficients, the two "
@@ -167,4 +167,3 @@ TEMPERATURE = Procedure(
     needs=roles("power", "multimeter", "rate_source"),
     uses=roles("oscilloscope", "rate_table", "chamber"),
 )
-"""The run over temperature."""

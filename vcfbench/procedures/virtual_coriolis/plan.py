@@ -163,7 +163,7 @@ def _virtual_sweep(
 
 VIRTUAL_CORIOLIS = Procedure(
     name="virtual-coriolis",
-    title=BUILT_IN["virtual-coriolis"][1],
+    title=BUILT_IN["virtual-coriolis"],
     method=(
         "Step 1: the output is read at rest and at the match rate on the rate table. Step 2: the table at rest, V_Vc "
         "is adjusted until the output changes by as much; rate over V_Vc is K_Vc. Step 3: the turntable calibration. "
@@ -177,4 +177,3 @@ VIRTUAL_CORIOLIS = Procedure(
     report=results.virtual_coriolis_report,
     uses=roles("oscilloscope", "v_vc_meter"),
 )
-"""The virtual Coriolis calibration."""

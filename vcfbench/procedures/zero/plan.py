@@ -204,7 +204,7 @@ def entry(settings: ZeroSettings, found: ZeroResult, made: Provenance) -> device
 
 ZERO = Procedure(
     name="zero",
-    title=BUILT_IN["zero"][1],
+    title=BUILT_IN["zero"],
     method=(
         "After the wait under power the output is recorded at rest, the generator off and the table, where there is "
         "one, held under servo. Overlapping Allan deviations with 95 % confidence intervals give the noise "
@@ -218,4 +218,3 @@ ZERO = Procedure(
     needs=roles("power", "multimeter"),
     uses=roles("oscilloscope", "rate_source", "rate_table"),
 )
-"""The static record."""
