@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from tests.analysis.noise import flicker, random_walk
 from vcfbench.analysis import phase_noise
-from vcfbench.analysis.allan import AllanPoint, Sampling, allan_deviation, block_means
-from vcfbench.analysis.noise_fit import Coefficients, Term, fit_noise
+from vcfbench.analysis.allan import AllanPoint, Sampling, Term, allan_deviation, block_means
+from vcfbench.analysis.noise_fit import Coefficients, fit_noise
 from vcfbench.errors import ConfigError
 
 SECONDS = Sampling.without_gaps(1.0)

@@ -7,8 +7,8 @@ import pytest
 from scipy.special import stdtrit
 
 from tests.analysis.noise import flicker
-from vcfbench.analysis.allan import Sampling, allan_deviation
-from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, fit_noise, u_of_combination
+from vcfbench.analysis.allan import Sampling, Term, allan_deviation
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, fit_noise, u_of_combination
 from vcfbench.errors import ConfigError
 
 SECONDS = Sampling.without_gaps(1.0)

@@ -7,8 +7,8 @@ import pytest
 from msgspec.structs import replace
 
 from tests.sim.gyro.bench import mean_v, powered
-from vcfbench.analysis.allan import Sampling, allan_deviation, block_means
-from vcfbench.analysis.noise_fit import NoiseFit, Term, fit_noise
+from vcfbench.analysis.allan import Sampling, Term, allan_deviation, block_means
+from vcfbench.analysis.noise_fit import NoiseFit, fit_noise
 from vcfbench.sim.gyro.design import paper_bench
 
 pytestmark = pytest.mark.exhaustive

@@ -13,8 +13,8 @@ from simrack_tests.cells import few
 
 import vcfbench
 from tests.procedures.fakes import FakeBench, MemoryJournal
-from vcfbench.analysis.allan import Noise, Sampling, deviation_factor
-from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term
+from vcfbench.analysis.allan import Sampling, Term, deviation_factor
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_of
@@ -139,7 +139,7 @@ def test_n_is_the_middle_of_what_flicker_between_readings_may_leave_of_it() -> N
     }
     fit = NoiseFit(Coefficients(angle_random_walk=fitted, bias_instability=b), terms, np.zeros((5, 5)))
     found = with_what_is_let_through(fit, sampling, 0.0).terms[Term.ANGLE_RANDOM_WALK]
-    excess = deviation_factor(sampling, Noise.FLICKER) ** 2 - 1.0
+    excess = deviation_factor(sampling, Term.BIAS_INSTABILITY) ** 2 - 1.0
     nothing = math.sqrt((36.0 + excess * 2.0 * math.log(2.0) / math.pi * b**2) / 5.0)
     assert found.value == pytest.approx(0.5 * (fitted + nothing), rel=1e-6)
     half = 0.5 * (nothing - fitted) / math.sqrt(3.0)

@@ -29,13 +29,16 @@ _BLOCK = 1 << 13
 """Terms handled at once: the blocks stay in the processor's cache, and are too short for BLAS to start threads on."""
 
 
-class Noise(Enum):
-    """The power law that rules a stretch of the Allan curve."""
+class Term(Enum):
+    """One term of the curve, in the order of rising powers of the averaging time."""
 
     QUANTISATION = "quantisation"
-    WHITE = "white"
-    FLICKER = "flicker"
-    RANDOM_WALK = "random walk"
+    ANGLE_RANDOM_WALK = "angle random walk"
+    """White noise."""
+    BIAS_INSTABILITY = "bias instability"
+    """Flicker noise."""
+    RATE_RANDOM_WALK = "rate random walk"
+    RATE_RAMP = "rate ramp"
 
 
 WHITE_NOISE = PhaseNoise(white=1.0)
@@ -166,26 +169,26 @@ class Sampling(Struct, frozen=True):
         return self.interval_s - self.aperture_s <= 1e-6 * self.interval_s
 
 
-def deviation_factor(sampling: Sampling, noise: Noise, factor: int = 1) -> float:
+def deviation_factor(sampling: Sampling, noise: Term, factor: int = 1) -> float:
     """Return observed over gapless Allan deviation at `factor` intervals, for one law of noise.
 
-    Divide an observed deviation, or a coefficient read off it, by that. 1 for a gapless record.
+    Divide an observed deviation, or a coefficient read off it, by that. 1 for a gapless record, and for a ramp.
 
     Raises:
         ConfigError: `factor` is not positive.
     """
     if factor < 1:
         raise ConfigError(f"a cluster needs at least one reading, got {factor}")
-    if sampling.gapless:
+    if sampling.gapless or noise is Term.RATE_RAMP:
         return 1.0
     duty = sampling.aperture_s / sampling.interval_s
     match noise:
-        case Noise.WHITE:
+        case Term.ANGLE_RANDOM_WALK:
             bandwidth = sampling.noise_bandwidth_hz
             return math.sqrt(1.0 / duty if bandwidth is None else 2.0 * bandwidth * sampling.interval_s)
-        case Noise.QUANTISATION:
+        case Term.QUANTISATION:
             return math.sqrt(2.0 * factor / 3.0) / duty
-        case Noise.FLICKER | Noise.RANDOM_WALK:
+        case _:
             summed = min(factor, _SUMMED)
             # The variance of the difference of two clusters, one a unit of time over `duty` of it, up to a constant of
             # the law. One cluster follows the other, so they meet at lags of one sign only
@@ -193,14 +196,14 @@ def deviation_factor(sampling: Sampling, noise: Noise, factor: int = 1) -> float
             weight = 2.0 * np.maximum(0.0, summed - lag) - np.maximum(0.0, summed - np.abs(lag - summed))
             weight[1:] *= 2.0
             later, ratio = lag[1:], duty / lag[1:]
-            if noise is Noise.FLICKER:  # second differences of t^2 ln t; of random walk: of |t|^3 / 12
+            if noise is Term.BIAS_INSTABILITY:  # second differences of t^2 ln t; of random walk: of |t|^3 / 12
                 spread = (later + duty) ** 2 * np.log1p(ratio) + (later - duty) ** 2 * np.log1p(-ratio)
                 covariance = [[-2.0 * math.log(duty)], -2.0 * np.log(later) - spread / duty**2]
                 gapless = 8.0 * math.log(2.0)
             else:
                 covariance, gapless = [[-duty / 6.0], -later / 2.0], 2.0 * summed / 3.0
             excess = float(weight @ np.concatenate(covariance)) / summed**2 / gapless - 1.0
-            gone = summed / factor if noise is Noise.FLICKER else (summed / factor) ** 2
+            gone = summed / factor if noise is Term.BIAS_INSTABILITY else (summed / factor) ** 2
             return math.sqrt(1.0 + excess * gone)
 
 

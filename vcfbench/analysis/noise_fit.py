@@ -10,13 +10,12 @@ as much in the mean of an hour as in that of ten seconds (Witt and Reymann 2000)
 
 import math
 from collections.abc import Iterable, Sequence
-from enum import Enum
 
 import numpy as np
 from msgspec import Struct, structs
 from numpy.typing import ArrayLike
 
-from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, AllanPoint, Noise, Sampling, deviation_factor
+from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, AllanPoint, Sampling, Term, deviation_factor
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.model_fit import not_negative
 from vcfbench.analysis.phase_noise import PhaseNoise, correlated_squares
@@ -30,22 +29,6 @@ _SHOWN = 3.0
 """A term is shown where its square is so many of the uncertainties that it would have if it were 0."""
 
 
-class Term(Enum):
-    """One term of the curve, in the order of rising powers of the averaging time."""
-
-    QUANTISATION = "quantisation"
-    ANGLE_RANDOM_WALK = "angle random walk"
-    BIAS_INSTABILITY = "bias instability"
-    RATE_RANDOM_WALK = "rate random walk"
-    RATE_RAMP = "rate ramp"
-
-
-_LAWS = {
-    Term.QUANTISATION: Noise.QUANTISATION,
-    Term.ANGLE_RANDOM_WALK: Noise.WHITE,
-    Term.BIAS_INSTABILITY: Noise.FLICKER,
-    Term.RATE_RANDOM_WALK: Noise.RANDOM_WALK,
-}
 _USUAL = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK, Term.RATE_RAMP)
 
 
@@ -72,8 +55,10 @@ class Coefficients(Struct, frozen=True):
 
     def phase_noise(self, sampling: Sampling) -> PhaseNoise:
         """Return the noise of a record so sampled, time in samples; noise folded in by dead time counts as white."""
-        white = deviation_factor(sampling, Noise.WHITE) ** 2 * self.angle_random_walk**2 / sampling.interval_s
-        folded = deviation_factor(sampling, Noise.FLICKER) ** 2 - 1.0
+        white = (
+            deviation_factor(sampling, Term.ANGLE_RANDOM_WALK) ** 2 * self.angle_random_walk**2 / sampling.interval_s
+        )
+        folded = deviation_factor(sampling, Term.BIAS_INSTABILITY) ** 2 - 1.0
         white += folded * (BIAS_INSTABILITY_FACTOR * self.bias_instability) ** 2
         quantisation = self.quantisation / sampling.interval_s
         if not sampling.gapless:
@@ -261,10 +246,7 @@ def _covariance(noise: Coefficients, sampling: Sampling, samples: int, first: in
 def _design(factors: Sequence[int], sampling: Sampling) -> Floats:
     """Return the addition of each squared coefficient to the Allan variance of the record, one row a factor."""
     columns = _columns(np.array(factors, dtype=np.float64) * sampling.interval_s)
-    for place, term in enumerate(Term):
-        if term in _LAWS:
-            columns[:, place] *= [deviation_factor(sampling, _LAWS[term], factor) ** 2 for factor in factors]
-    return columns
+    return np.asarray(columns * [[deviation_factor(sampling, term, each) ** 2 for term in Term] for each in factors])
 
 
 def _columns(tau_s: Floats) -> Floats:

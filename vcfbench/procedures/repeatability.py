@@ -15,9 +15,9 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench import steps
-from vcfbench.analysis.allan import Sampling
+from vcfbench.analysis.allan import Sampling, Term
 from vcfbench.analysis.chopped import CHOPPED, Block
-from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, Term, u_of_combination
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines

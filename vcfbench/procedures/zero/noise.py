@@ -8,9 +8,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis import allan
-from vcfbench.analysis.allan import BiasStability, Sampling, bias_stability, deviation_factor
+from vcfbench.analysis.allan import BiasStability, Sampling, Term, bias_stability, deviation_factor
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.noise_fit import NoiseFit, Term, fit_noise, fit_shown_noise
+from vcfbench.analysis.noise_fit import NoiseFit, fit_noise, fit_shown_noise
 from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
 
 _DEG_H = 3600.0
@@ -141,8 +141,8 @@ def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: 
     walk = fit.terms[Term.ANGLE_RANDOM_WALK]
     if sampling.gapless or not walk.value:
         return fit
-    white = (deviation_factor(sampling, allan.Noise.WHITE) * walk.value) ** 2 / sampling.interval_s
-    folded = deviation_factor(sampling, allan.Noise.FLICKER) ** 2 - 1.0
+    white = (deviation_factor(sampling, Term.ANGLE_RANDOM_WALK) * walk.value) ** 2 / sampling.interval_s
+    folded = deviation_factor(sampling, Term.BIAS_INSTABILITY) ** 2 - 1.0
     folded *= (allan.BIAS_INSTABILITY_FACTOR * fit.terms[Term.BIAS_INSTABILITY].value) ** 2
     let_through = u_bandwidth_hz / sampling.noise_bandwidth_hz if sampling.noise_bandwidth_hz else 0.0
     value = walk.value * (1.0 + 0.25 * folded / white)

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
-from vcfbench.analysis import allan
-from vcfbench.analysis.allan import BiasStability, Sampling, deviation_factor
+from vcfbench.analysis.allan import BiasStability, Sampling, Term, deviation_factor
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, Term, u_of_combination
+from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, u_of_combination
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
@@ -145,7 +144,7 @@ def zero_results(
         interval_s=sampling.interval_s,
         aperture_s=sampling.aperture_s,
         dead_share=dead_share,
-        white_noise_seen=deviation_factor(sampling, allan.Noise.WHITE),
+        white_noise_seen=deviation_factor(sampling, Term.ANGLE_RANDOM_WALK),
         scale_factor_v_per_deg_s=scale,
         allan_deg_h=noise.rows,
         noise=noise.coefficients,
