@@ -128,10 +128,11 @@ def test_split_and_q_come_back_within_their_uncertainties() -> None:
             for at, gain in zip(f.tolist(), true.tolist(), strict=True)
         ]
         band = fit_rate_band(tones, 0.1, Known(3488.9))
-        z.append([(band.split_hz - 24.8) / band.u_split_hz, (band.q - 1224.0) / band.u_q])
+        (split_hz, u_split_hz), (q, u_q) = band.split_hz, band.q
+        z.append([(split_hz - 24.8) / u_split_hz, (q - 1224.0) / u_q])
     assert np.abs(np.mean(z, axis=0)).max() < 0.45
     assert 0.75 < np.std(z, axis=0).min() < np.std(z, axis=0).max() < 1.25
-    assert band.plus_3_db.frequency_hz == pytest.approx(14.24, abs=0.2)
+    assert band.plus_3_db_hz[0] == pytest.approx(14.24, abs=0.2)
 
 
 def test_the_split_is_guessed_from_a_few_gains() -> None:
@@ -155,8 +156,8 @@ def test_a_tone_in_the_dip_between_the_modes_keeps_no_fit_from_ending(seed: int)
     columns = zip(frequency_hz, seen, u, spacing_s, strict=True)
     tones = [Tone(f, each, u_each, 0.0, spacing, 10.0) for f, each, u_each, spacing in columns]
     band = fit_rate_band(tones, 0.1, Known(3489.987))
-    assert abs(band.split_hz - true[0]) < 4.0 * band.u_split_hz
-    assert abs(band.q - true[1]) < 4.0 * band.u_q
+    for (value, u), right in zip((band.split_hz, band.q), true, strict=False):
+        assert abs(value - right) < 4.0 * u
 
 
 def test_the_noise_of_a_tone_is_that_at_it_and_not_beside_it() -> None:

@@ -68,30 +68,19 @@ class Known(Struct, frozen=True):
     """Order of the Butterworth filter behind the demodulator; it is divided out."""
 
 
-class BandPoint(Struct, frozen=True):
-    """One point of the rate response, Hz."""
-
-    frequency_hz: float
-    u_frequency_hz: float
-
-
 class RateBand(Struct, frozen=True):
-    """A fitted response; the uncertainties are those of the noise alone."""
+    """A fitted response. A pair is a value and its standard uncertainty, that of the noise alone."""
 
-    split_hz: float
-    u_split_hz: float
-    q: float
-    u_q: float
+    split_hz: tuple[float, float]
+    q: tuple[float, float]
     static_gain: float
-    plus_3_db: BandPoint
-    peak: BandPoint
-    peak_gain: float
+    plus_3_db_hz: tuple[float, float]
+    peak_hz: tuple[float, float]
+    peak_gain: tuple[float, float]
     """Over the static gain."""
-    u_peak_gain: float
-    minus_3_db: BandPoint
-    in_phase_share: float
+    minus_3_db_hz: tuple[float, float]
+    in_phase_share: tuple[float, float]
     """Part of the in-phase mode in the static gain."""
-    u_in_phase_share: float
     parameters: Floats
     frequency_hz: Floats
     gain: Floats
@@ -400,11 +389,8 @@ def _band(fit: ModelFit, drive_hz: float, f: Floats, gain: Floats, u: Floats, *,
     def curve(parameters: Floats) -> _Curve:
         return _Curve(drive_hz, _shape(parameters))
 
-    def point(value: Callable[[Floats], float]) -> BandPoint:
-        return BandPoint(value(fit.parameters), propagated(value, fit))
-
-    def height(parameters: Floats) -> float:
-        return curve(parameters).gain(curve(parameters).peak())
+    def found(value: Callable[[Floats], float]) -> tuple[float, float]:
+        return value(fit.parameters), propagated(value, fit)
 
     def share(parameters: Floats) -> float:
         """Return the in-phase part of the static gain, by the stiffness that each mode has at the drive frequency."""
@@ -412,20 +398,16 @@ def _band(fit: ModelFit, drive_hz: float, f: Floats, gain: Floats, u: Floats, *,
         return float(far / (far + 1.0 / _stiffness(drive_hz, parameters[0])))
 
     model = fit.parameters[2] * split_response(f, drive_hz, _shape(fit.parameters))
-    u_parameters = np.sqrt(np.diag(fit.covariance)).tolist()
+    split, q, *_ = zip(fit.parameters.tolist(), np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
     return RateBand(
-        split_hz=float(fit.parameters[0]),
-        u_split_hz=u_parameters[0],
-        q=float(fit.parameters[1]),
-        u_q=u_parameters[1],
+        split_hz=split,
+        q=q,
         static_gain=float(fit.parameters[2]),
-        plus_3_db=point(lambda p: curve(p).plus_3_db()),
-        peak=point(lambda p: curve(p).peak()),
-        peak_gain=height(fit.parameters),
-        u_peak_gain=propagated(height, fit),
-        minus_3_db=point(lambda p: curve(p).minus_3_db()),
-        in_phase_share=share(fit.parameters),
-        u_in_phase_share=propagated(share, fit),
+        plus_3_db_hz=found(lambda p: curve(p).plus_3_db()),
+        peak_hz=found(lambda p: curve(p).peak()),
+        peak_gain=found(lambda p: curve(p).gain(curve(p).peak())),
+        minus_3_db_hz=found(lambda p: curve(p).minus_3_db()),
+        in_phase_share=found(share),
         parameters=fit.parameters,
         frequency_hz=f,
         gain=gain,

@@ -188,32 +188,30 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
 
 
 def _bandwidth(band: rate_band.RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
-    def quantity(value: float, unit: str, u_noise: float, **parts: float) -> Measurand:
+    def quantity(found: tuple[float, float], unit: str, **parts: float) -> Measurand:
         """Combine independent parts; only that of the noise has finite degrees of freedom."""
+        value, u_noise = found
         noise = UncertaintyPart("noise", u_noise, band.noise_dof)
         return measurand(
             value, unit, [noise, *(UncertaintyPart(each.replace("_", " "), u) for each, u in parts.items())]
         )
 
-    def frequency(value: float, u_noise: float) -> Measurand:
-        return quantity(value, "Hz", u_noise, time_base=_TIME_BASE / math.sqrt(3.0) * value)
+    def timed(found: tuple[float, float], unit: str = "Hz", **parts: float) -> Measurand:
+        return quantity(found, unit, time_base=_TIME_BASE / math.sqrt(3.0) * found[0], **parts)
 
+    share, u_share = band.in_phase_share
     return Bandwidth(
-        split_hz=frequency(band.split_hz, band.u_split_hz),
-        q=quantity(
-            *(band.q, "", band.u_q),
-            time_base=_TIME_BASE / math.sqrt(3.0) * band.q,
-            drive_frequency=band.q * u_drive_hz / drive_hz,
-        ),
-        plus_3_db_hz=frequency(band.plus_3_db.frequency_hz, band.plus_3_db.u_frequency_hz),
-        peak_hz=frequency(band.peak.frequency_hz, band.peak.u_frequency_hz),
-        peak_gain=quantity(band.peak_gain, "", band.u_peak_gain),
-        minus_3_db_hz=frequency(band.minus_3_db.frequency_hz, band.minus_3_db.u_frequency_hz),
+        split_hz=timed(band.split_hz),
+        q=timed(band.q, "", drive_frequency=band.q[0] * u_drive_hz / drive_hz),
+        plus_3_db_hz=timed(band.plus_3_db_hz),
+        peak_hz=timed(band.peak_hz),
+        peak_gain=quantity(band.peak_gain, ""),
+        minus_3_db_hz=timed(band.minus_3_db_hz),
         drive_hz=drive_hz,
         u_drive_hz=u_drive_hz,
         static_gain_v_per_v=band.static_gain,
-        in_phase_share=band.in_phase_share,
-        u_in_phase_share=band.u_in_phase_share,
+        in_phase_share=share,
+        u_in_phase_share=u_share,
         chi_square=band.chi_square,
         dof=band.dof,
         frequency_hz=tuple(band.frequency_hz.tolist()),
