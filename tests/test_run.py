@@ -289,7 +289,7 @@ def test_what_the_computer_refuses_in_mid_run_is_an_error_of_the_bench_and_the_r
     def refuse(_walk: object) -> None:
         raise kind("too many open files")
 
-    monkeypatch.setattr("vcfbench.procedures.shared.steady.watched.require_no_jump", refuse)
+    monkeypatch.setattr("vcfbench.procedures.shared.steady.jumps.require_no_jump", refuse)
     with pytest.raises(
         vcfbench.BenchError, match=rf"this computer ended the run: {kind.__name__}: too many open"
     ) as caught:

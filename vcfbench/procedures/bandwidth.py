@@ -19,7 +19,7 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared import tones as sampling
-from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
+from vcfbench.procedures.shared.kept import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.response_phase import PhasePoint, measured_phases, phase_parts, phases_of
 from vcfbench.procedures.shared.routines import drive_seen, energised, framed, held_at_rest, rails_of, set_sine, v_vc_on

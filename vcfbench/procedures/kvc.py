@@ -36,7 +36,7 @@ from vcfbench.procedures.procedure import PAPER_NEEDS, Procedure, Provenance, ro
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
-from vcfbench.procedures.shared.kept_characteristics import conditions_of
+from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.device import UNSEEN
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
@@ -46,7 +46,7 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, bud
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import NullTerms, block, invalid_match_rates, nulled
 from vcfbench.procedures.shared.routines import framed, powered
-from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
 from vcfbench.records.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry, Sensitivity
 from vcfbench.records.devices import Measured as Kept

@@ -21,7 +21,7 @@ from vcfbench.interfaces import FunctionGenerator
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
-from vcfbench.procedures.shared.kept_characteristics import Keeps, KeptSettings
+from vcfbench.procedures.shared.kept import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.oscilloscope import (
     CaptureSense,

@@ -20,7 +20,7 @@ from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characte
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
 from vcfbench.procedures.shared.routines import (

@@ -13,7 +13,7 @@ from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, line_statement
 from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, ramp_to, take, take_reference
-from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep import schedule
 from vcfbench.procedures.shared.sweep.agreement import require_expected_column, require_steady_slope
 from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found

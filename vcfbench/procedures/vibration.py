@@ -24,8 +24,8 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines, tones
 from vcfbench.procedures.shared.known.v_vc import both_signs, generator_sheet, has_v_vc_meter
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
+from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.steady.walk import require_answer
-from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, several
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings

@@ -22,7 +22,7 @@ from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import AnyProcedure, Procedure, Provenance, roles
-from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
 from vcfbench.records.devices import Characteristics, NewEntry, together
 from vcfbench.reports.document import Report

@@ -18,10 +18,10 @@ from vcfbench.procedures.power.results import PowerResult, PowerSettings, RailDr
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import table_due_deg_s
-from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, scale_factor_read
+from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.steady.walk import require_answer
-from vcfbench.procedures.shared.steady.watched import watched
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Reading, Routine, Step, does

@@ -15,7 +15,7 @@ from vcfbench.procedures.self_calibration.results import SelfCalibrationSettings
 from vcfbench.procedures.shared.known.device import level_for
 from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
 from vcfbench.procedures.shared.routines import energised, framed, look_at_drive, set_v_vc, take, v_vc_on
-from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
 from vcfbench.steps.step import Routine
 

@@ -17,10 +17,10 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
-from vcfbench.procedures.shared.kept_characteristics import Keeps
+from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, scale_factor_read
 from vcfbench.procedures.shared.oscilloscope import capture_drive
-from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.temperature import results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
 from vcfbench.records.devices import Characteristics, Measured

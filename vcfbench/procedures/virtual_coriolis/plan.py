@@ -15,7 +15,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
 from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled
-from vcfbench.procedures.shared.steady.watched import watched
+from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep import agreement
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy, sweep_words
 from vcfbench.procedures.turntable import table_sweep

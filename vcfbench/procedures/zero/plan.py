@@ -19,7 +19,7 @@ from vcfbench.analysis.allan import Sampling, block_means
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.kept_characteristics import KeptSettings, conditions_of
+from vcfbench.procedures.shared.kept import KeptSettings, conditions_of
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_read, scale_factor_used
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
 from vcfbench.records import devices

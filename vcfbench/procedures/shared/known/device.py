@@ -9,7 +9,7 @@ from msgspec import Meta, Struct, field, structs
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
-from vcfbench.procedures.shared.flicker import with_flicker
+from vcfbench.procedures.shared.kept import with_flicker
 from vcfbench.procedures.shared.known.k_vc_change import require_characterised
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.records import devices

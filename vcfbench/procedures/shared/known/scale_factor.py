@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
-from vcfbench.procedures.shared.kept_characteristics import KeptSettings
+from vcfbench.procedures.shared.kept import KeptSettings
 from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.linear_gyro import LinearGyro

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 from vcfbench.models import data_sheet_of
-from vcfbench.procedures.shared.flicker import with_flicker
+from vcfbench.procedures.shared.kept import with_flicker
 from vcfbench.procedures.shared.routines import set_v_vc, take, v_vc_on, window_of
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.records.devices import DeviceStore

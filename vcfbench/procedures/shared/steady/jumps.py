@@ -10,6 +10,7 @@ in linear systems*); the largest decides.
 
 import math
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from msgspec import Struct
@@ -18,8 +19,12 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
-from vcfbench.procedures.shared.steady.walk import Seen, Walk, sigmas
+from vcfbench.procedures.shared.steady.walk import Limits, Seen, Walk, sigmas
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.steps.step import Routine
+
+T = TypeVar("T")
 
 _ORDERS = 3
 """The curve's orders that are as large as they like."""
@@ -268,3 +273,27 @@ def _said(found: Jump, windows: Sequence[Seen]) -> MeasurementError:
         hint="look at leads and contacts, and at what else happened then; all points are in the record. "
         "expected.zero_drift_v of the bench file is what may drift",
     )
+
+
+def watched(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
+    """Do `work`, see each of its windows, and see at its end that the output stood still and answered.
+
+    MeasurementError: a setting did not give what it gave before, there was a step, a pulse or a walk of the output, or
+    the output did not answer to what was set.
+    """
+    walk = Walk(settings, Limits.of(settings))
+    try:
+        step = next(work)
+        while True:
+            try:
+                result = yield step
+                walk.note(step, result)
+            except BaseException as error:  # noqa: BLE001 - whatever it is, it is the work's to deal with
+                step = work.throw(error)
+            else:
+                step = work.send(result)
+    except StopIteration as ended:
+        done: T = ended.value
+    if walk.measured:
+        require_no_jump(walk)
+    return done

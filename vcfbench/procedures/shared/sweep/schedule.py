@@ -10,7 +10,7 @@ from enum import Enum
 from itertools import count
 from typing import Annotated, NamedTuple
 
-from vcfbench.procedures.shared.flicker import KnownFlickerSettings
+from vcfbench.procedures.shared.kept import KnownFlickerSettings
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import ProcedureSettings

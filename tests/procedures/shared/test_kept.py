@@ -16,7 +16,7 @@ from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.kvc import KVcSettings
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted
-from vcfbench.procedures.shared.flicker import flicker_sources
+from vcfbench.procedures.shared.kept import flicker_sources
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.records.devices import Conditions, DeviceStore, Measured, StaticNoise
 
