@@ -483,6 +483,13 @@ def test_what_is_said_after_the_place_was_found_is_no_answer_and_who_goes_then_i
     assert session.closed
 
 
+def test_a_second_answer_beside_the_first_is_nobody_s() -> None:
+    with expected_exchange(OPEN, [("*IDN?", IDENTITY), ("A?", b"1\n2\n"), *SYNC, ("B?", "5")]) as session:
+        session.identify()
+        assert session.query("A?") == "1"
+        assert session.query("B?") == "5"
+
+
 @pytest.mark.parametrize(("end", "brought_into_step"), [(b"\n", False), (b"\r\n", False), (b"\n2\n", True)])
 def test_what_follows_a_block_is_nobody_s_answer(end: bytes, *, brought_into_step: bool) -> None:
     sync = SYNC if brought_into_step else []

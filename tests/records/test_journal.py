@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vcfbench.clock import sleep
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import try_lock
 from vcfbench.records import journal as journal_module
@@ -451,7 +452,10 @@ def test_who_only_asks_whether_a_run_goes_on_is_no_run(tmp_path: Path, monkeypat
     assert try_lock(asking)
     timer = threading.Timer(0.05, os.close, [asking])
     timer.start()
+    waits: list[float] = []
+    monkeypatch.setattr(journal_module, "sleep", lambda clock, wait_s: (waits.append(wait_s), sleep(clock, wait_s)))
     append_line(path, {"type": "watchdog"})
+    assert {*waits} == {0.02}
     timer.join()
     for each in kept:
         os.close(each)
@@ -473,7 +477,7 @@ def test_one_that_is_empty_or_not_there_is_not_asked_about(tmp_path: Path) -> No
     """It may be about to be locked, and nobody is to come in between."""
     assert not being_written(tmp_path / "none")
     journal = Journal(tmp_path / "j")
-    assert not being_written(tmp_path / "j")
+    assert being_written(tmp_path / "j") is False
     journal.header({})
     assert being_written(tmp_path / "j")
     journal.close()

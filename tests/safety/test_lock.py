@@ -90,6 +90,14 @@ def test_a_lock_that_cannot_be_used_hides_nobody_who_has_another(folder: Path) -
     assert folder.is_dir()
 
 
+def test_of_several_locks_that_cannot_be_used_the_first_is_named() -> None:
+    first, last = sorted((METER, SUPPLY))
+    for each in (first, last):
+        lock_path(each).mkdir(parents=True)
+    with pytest.raises(LockUnusable, match=re.escape(str(lock_path(first)))):
+        instrument_locks("lab-1", {"one": last, "other": first}).__enter__()
+
+
 def test_a_killed_process_leaves_its_instruments_free(holder: subprocess.Popen[str]) -> None:
     holder.kill()
     holder.wait()
@@ -280,6 +288,16 @@ def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(folder: Path
             left = sorted(each.name for each in folder.iterdir())
     stays = (served_at, lives_at, nowhere, METER, "GPIB0::1::INSTR")
     assert left == sorted(lock_path(each).name for each in stays)
+
+
+def test_what_nobody_has_signed_is_left_where_it_lies(folder: Path) -> None:
+    """Another user's lock of a socket, given back and not taken away."""
+    folder.mkdir()
+    lock_path(f"socket://localhost:{free_port()}").write_text("")
+    before = list(folder.iterdir())
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        pass
+    assert list(folder.iterdir()) == before
 
 
 def test_a_lock_is_given_back_and_can_be_taken_again(folder: Path) -> None:

@@ -458,6 +458,29 @@ def test_an_output_that_moved_by_more_than_is_allowed_ends_the_run_in_the_pause(
         assert lines[-1]["n"] == 2  # the step that was to come
 
 
+def test_no_pause_keeps_a_run_that_failed_from_coming_to_rest() -> None:
+    def plan() -> Plan:
+        try:
+            yield WINDOW
+            yield WINDOW
+        finally:
+            yield SetVvc(0.0)
+        return Outcome("done")
+
+    bench, journal, pausing = FakeBench(), MemoryJournal(), Pausing({})
+    bench.multimeter.overload_at = 3
+    pausing.handle = lambda event: setattr(pausing, "by", "somebody" if isinstance(event, StepFailed) else "")  # type: ignore[method-assign]
+    execution = Executor(bench, journal, [pausing], pausing=pausing).execute(plan())
+    assert isinstance(execution.error, MeasurementError)
+    assert [line["type"] for line in journal.lines] == ["step", "error", "step"]
+
+
+def test_what_starts_a_run_up_again_takes_its_time() -> None:
+    executor = Executor(FakeBench(), MemoryJournal())
+    executor.restore(step for step in (SetVvc(0.5), Settle(3.0, "at rest")))
+    assert executor.so_far().physical_minimum_s == 3.0
+
+
 def test_a_stop_in_a_pause_says_after_which_step() -> None:
     pausing = Pausing({1: None})
     pausing.stopped = Aborted("stopped by a signal")

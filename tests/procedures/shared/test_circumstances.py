@@ -52,6 +52,7 @@ def test_at_its_limit_a_phase_has_its_largest_effect_that_of_the_cosine_included
     )
     assert phases.u_bias_deg_s == pytest.approx({DEMODULATOR_PHASE: 0.5 * u_demodulator})
     assert PhaseErrors.of(Sources()).sources == ()
+    assert (phases.k_vc({}), phases.scale_factor({}), phases.bias_deg_s({})) == (1.0, 1.0, 0.0)
     assert PhaseErrors.of(Sources(demodulator_phase_deg=1.0)).bias_deg_s({DEMODULATOR_PHASE: 1.0}) == 0.0
 
 
@@ -105,6 +106,7 @@ def test_each_value_is_that_of_the_stated_temperature_mounting_and_phases() -> N
             "bias_difference_v": 0.043 + moved,
         }
     )
+    assert around.applied(VALUES, {}) == pytest.approx(VALUES)  # nothing is away from what they are stated for
     one = {"scale_factor": -0.0125, "bias": -0.042}
     assert around.applied(one, q)["bias"] == pytest.approx(-0.042 + drifted * 0.0125)
 

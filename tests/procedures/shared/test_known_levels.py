@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,21 @@ def test_levels_of_both_signs_are_one_level() -> None:
     for other_v in (-1.01, -1.02):
         apart_v = 0.02 * (1.0 - other_v)
         assert spread(known, np.array([1.0, other_v]), np.array([1.0, -1.0])) == pytest.approx(apart_v / np.sqrt(3.0))
+
+
+def test_of_all_ways_to_divide_levels_into_ranges_the_worst_counts() -> None:
+    """All eight of four levels."""
+    random, unknown = np.random.default_rng(7), of()
+    for weights in random.normal(size=(40, 4)):
+        levels = np.array([0.5, 1.0, 2.0, 4.0])
+        for kind in ("gain", "offset"):
+            limit = unknown.offset_limit_v if kind == "offset" else lambda _: 0.02
+            squares = []
+            for cuts in itertools.product((False, True), repeat=3):
+                parts = np.split(np.arange(4), [n + 1 for n, cut in enumerate(cuts) if cut])
+                squares.append(sum((limit(float(levels[part[0]])) * weights[part].sum()) ** 2 for part in parts))
+            found = [(low * weights[here].sum()) ** 2 for _, here, low in unknown.shared(kind, levels, weights)]
+            assert sum(found) == pytest.approx(max(squares))
 
 
 def test_the_offset_of_a_range_has_the_variance_of_what_its_lowest_level_leaves_room_for() -> None:
