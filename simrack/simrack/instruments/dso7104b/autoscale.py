@@ -6,14 +6,15 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from simrack.instruments.dso7104b.filters import UNKNOWN_AT_ONCE
+from simrack.instruments.dso7104b.inputs import finest_so_far_s
 from simrack.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
 from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
+    from collections.abc import Generator, Iterator, Mapping
 
     from simrack.instruments.dso7104b.inputs import ChannelCapture
 
@@ -23,17 +24,28 @@ _POINTS = 20_000
 _LEAST_V = 0.01
 
 
-def fit(state: ScopeSettings, nodes: Mapping[int, str], capture: ChannelCapture, start_s: float) -> None:
-    """Set channels and time base up for the signals captured from `start_s` on."""
+def fitting(state: ScopeSettings, nodes: Mapping[int, str], capture: ChannelCapture, start_s: float) -> Iterator[None]:
+    """Set channels and time base up, in slices of work, for the signals captured from `start_s` on."""
     times = start_s + np.linspace(0.0, LOOK_S, _POINTS)
     frequencies = []
     for channel in CHANNELS:
         node = nodes.get(channel)
-        volts = np.zeros(len(times)) if node is None else np.asarray(capture.samples(node, times))
+        volts = np.zeros(len(times)) if node is None else (yield from _looking(capture, node, times))
         frequencies += _fit_channel(state, channel, times, volts)
+        yield
     if frequencies:
         state.timebase.range_s = 10.0 * _nice(3.0 / frequencies[0] / 10.0)
         state.timebase.position_s = 0.0
+
+
+def _looking(
+    capture: ChannelCapture, node: str, times: NDArray[np.float64]
+) -> Generator[None, None, NDArray[np.float64]]:
+    at_once, parts = len(times) if finest_so_far_s(capture, node) else UNKNOWN_AT_ONCE, list[NDArray[np.float64]]()
+    for first in range(0, len(times), at_once):
+        parts.append(np.asarray(capture.samples(node, times[first : first + at_once])))
+        yield
+    return np.concatenate(parts)
 
 
 def _fit_channel(

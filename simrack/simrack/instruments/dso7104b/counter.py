@@ -50,8 +50,8 @@ def counted_hz(
         crosses = low_v < comparator.low_v and high_v >= comparator.high_v and bool(seen.sines)
         frequency_hz = seen.sines[0].frequency_hz if crosses else 0.0
         return frequency_hz if frequency_hz * (stop_s - start_s) >= 1.0 else None
-    step_s = _step_s(signals, channel, comparator, start_s, stop_s)
-    yield
+    yield from signals.preparing(channel)
+    step_s = yield from _step_s(signals, channel, comparator, start_s, stop_s)
     periods, lasted_s = 0, list[float]()
     for part in _parts(start_s, stop_s, step_s):
         count, lasted = yield from _periods(signals, channel, comparator, part)
@@ -88,10 +88,11 @@ def _periods(
 ) -> Generator[None, None, tuple[int, float]]:
     """Return, after slices of work, how many whole periods there are, and how long they take."""
     step_s = (part.stop_s - part.start_s) / part.steps
+    at_once = signals.at_once(channel, step_s, _BLOCK_POINTS)
     first = last = -math.inf
     edges, high = 0, True
-    for begin in range(0, part.steps, _BLOCK_POINTS):
-        places = np.arange(begin, min(begin + _BLOCK_POINTS, part.steps) + 1, dtype=np.float64)
+    for begin in range(0, part.steps, at_once):
+        places = np.arange(begin, min(begin + at_once, part.steps) + 1, dtype=np.float64)
         times = np.minimum(part.start_s + step_s * places, part.stop_s)
         volts = signals.volts(channel, times)
         highs = held(volts, comparator, high_before=high)
@@ -106,8 +107,10 @@ def _periods(
     return (edges - 1, last - first) if edges > 1 else (0, 0.0)
 
 
-def _step_s(signals: Signals, channel: int, comparator: Comparator, start_s: float, stop_s: float) -> float:
-    """Return how closely it is looked at: as closely as the signal moves, or as closely as it was seen to move."""
+def _step_s(
+    signals: Signals, channel: int, comparator: Comparator, start_s: float, stop_s: float
+) -> Generator[None, None, float]:
+    """Return, after slices, how closely it is looked at: as closely as the signal moves, or as it was seen to move."""
     span_s, finest_s = stop_s - start_s, signals.finest_s(channel)
     if finest_s:
         return min(_STEPS * finest_s, 1e-6 if finest_s >= 1e-6 else math.inf, span_s / _LOOK_POINTS)
@@ -115,5 +118,6 @@ def _step_s(signals: Signals, channel: int, comparator: Comparator, start_s: flo
     for begin_s in np.linspace(start_s, stop_s - _LOOK_POINTS * _LOOK_STEP_S, _LOOKS).tolist():
         highs = held(signals.volts(channel, begin_s + _LOOK_TIMES_S), comparator)
         rises += int((~highs[:-1] & highs[1:]).sum())
+        yield
     often_s = _LOOKS * _LOOK_POINTS * _LOOK_STEP_S / rises if rises > _LOOKS else math.inf
     return min(span_s / _MOST_POINTS, often_s / _A_PERIOD)

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from simrack.sources import Sine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
+    from collections.abc import Callable, Generator, Iterator, Sequence
 
     from simrack.trace import Piece
 
@@ -35,6 +34,8 @@ REMEMBERED_S = 12.0 * COUPLING_S
 _SETTLED = 20.0
 """Time constants after which a fast filter has forgotten."""
 _MOST_PAST_POINTS = 1 << 18
+UNKNOWN_AT_ONCE = 1 << 11
+"""Looks that are one slice of work, at a waveform of which nothing tells: each of these costs most."""
 _SAME = 1e-6
 _MOST_SHARE = 32
 _STEPS = 8
@@ -140,6 +141,14 @@ class LowPass:
         return out
 
 
+def looks(step_s: float, tau_s: float, finest_s: float) -> int:
+    """Return how often a waveform is looked at for each of its values behind a low-pass."""
+    if finest_s >= _SMOOTH * tau_s:
+        return len(_LAGUERRE)
+    share = step_s / min(tau_s / _STEPS, finest_s or math.inf)
+    return len(_QUANTILES) if share > _MOST_SHARE else max(1, math.ceil(share))
+
+
 def low_passed(
     read: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     times_s: NDArray[np.float64],
@@ -204,22 +213,32 @@ class Capacitor:
         first = pieces[0]
         if first.sines is None and first.endless:
             pieces = [replace(first, start_s=first.start_s - REMEMBERED_S, stop_s=first.start_s), *pieces]
+        self._pieces = pieces
+        self._finest_s = finest_s
         self._step_s = max(finest_s, (pieces[-1].stop_s - pieces[0].start_s) / _MOST_PAST_POINTS)
         self._starts_s = [piece.start_s for piece in pieces]
         self._parts: list[_Settling | _Run] = []
+
+    def charging(self) -> Iterator[None]:
+        """Run through the signal, slice by slice."""
         reached: float | None = None
-        for piece in pieces:
-            self._parts.append(self._passed(piece, reached))
+        for piece in self._pieces:
+            self._parts.append((yield from self._passed(piece, reached)))
             reached = float(self._parts[-1].at(np.array([piece.stop_s]))[0])
 
-    def _passed(self, piece: Piece, start_v: float | None) -> _Settling | _Run:
+    def _passed(self, piece: Piece, start_v: float | None) -> Generator[None, None, _Settling | _Run]:
         if piece.sines is not None:
             settled = Sines(piece.dc_v, piece.start_s, piece.sines).low_passed(COUPLING_S)
             left = 0.0 if start_v is None else start_v - float(settled.at(np.array([piece.start_s]))[0])
             return _Settling(settled, piece.start_s, left)
         lasts_s = piece.stop_s - piece.start_s
         times = np.linspace(piece.start_s, piece.stop_s, max(2, math.ceil(lasts_s / self._step_s) + 1))
-        volts = np.asarray(piece.at(times), dtype=np.float64)
+        at_once = len(times) if self._finest_s else UNKNOWN_AT_ONCE
+        blocks = list[NDArray[np.float64]]()
+        for first in range(0, len(times), at_once):
+            blocks.append(np.asarray(piece.at(times[first : first + at_once]), dtype=np.float64))
+            yield
+        volts = np.concatenate(blocks)
         begun_v = float(volts.mean()) if start_v is None else start_v
         return _Run(times, LowPass(begun_v, COUPLING_S).passed(volts, lasts_s / (len(times) - 1)))
 

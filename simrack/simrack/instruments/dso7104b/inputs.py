@@ -8,10 +8,18 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from msgspec import Struct
 
-from simrack.instruments.dso7104b.filters import Capacitor, closed_form, low_passed, time_constant_s
+from simrack.components import ended
+from simrack.instruments.dso7104b.filters import (
+    UNKNOWN_AT_ONCE,
+    Capacitor,
+    closed_form,
+    looks,
+    low_passed,
+    time_constant_s,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping, Sequence
+    from collections.abc import Generator, Hashable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -85,7 +93,10 @@ class Screen(Struct, frozen=True):
     def times_s(self, points: int, start: int = 0, count: int | None = None) -> NDArray[np.float64]:
         """Return the sample times of `points` from the left edge, or `count` of them from the `start`-th on."""
         stop = points if count is None else start + count
-        return self.left_s + np.arange(start, stop, dtype=np.float64) * (self.range_s / points)
+        times = np.arange(start, stop, dtype=np.float64)
+        times *= self.range_s / points
+        times += self.left_s
+        return times
 
 
 class ChannelView(Struct, frozen=True):
@@ -115,6 +126,15 @@ class ChannelView(Struct, frozen=True):
     def remembered_s(self) -> float:
         """How much from before a time its filters need, s; nor is it shown when it is."""
         return abs(self.skew_s) + (20.0 * time_constant_s(self.limit_hz) if math.isfinite(self.limit_hz) else 0.0)
+
+
+def finest_so_far_s(capture: ChannelCapture, node: str) -> float:
+    """Return a capture's `finest_s` of all up to now: where nobody has looked yet, it does not know what there is."""
+    finest = capture.finest_s(node)
+    if math.isinf(finest):
+        capture.pieces(node)
+        finest = capture.finest_s(node)
+    return finest
 
 
 class Signals:
@@ -165,18 +185,38 @@ class Signals:
             return known.low_passed(tau_s).at(times_s)
         return low_passed(read, times_s, tau_s, self.capture.finest_s(node))
 
+    def at_once(self, channel: int, step_s: float, most: int) -> int:
+        """Return how many values of an input, `step_s` apart, are one slice of work; of a known one `most`."""
+        view = self.views.get(channel)
+        if view is None or view.node is None or finest_so_far_s(self.capture, view.node):
+            return most
+        each = 1 if math.isinf(view.limit_hz) else looks(step_s, time_constant_s(view.limit_hz), 0.0)
+        return min(most, UNKNOWN_AT_ONCE // each)
+
+    def preparing(self, channel: int, *, ac: bool = False) -> Iterator[None]:
+        """Charge the blocking capacitor of an input, if it has one, slice by slice; else :meth:`volts` does it."""
+        view = self.views.get(channel)
+        if view is not None and view.node is not None and (view.ac or ac):
+            yield from self._charging(channel, view.node)
+
     def _blocked(self, channel: int, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the voltage of an input's blocking capacitor."""
+        """Return the voltage of an input's blocking capacitor; 0 where the lead hangs free."""
+        charged = ended(self._charging(channel, node))
+        return np.zeros(len(times_s)) if charged is None else charged.at(times_s)
+
+    def _charging(self, channel: int, node: str) -> Generator[None, None, Capacitor | None]:
         pieces = self.capture.pieces(node)
-        if not pieces:  # the lead hangs free
-            return np.zeros(len(times_s))
+        if not pieces:
+            return None
         until_s = pieces[-1].stop_s
         made = self._capacitors.get(channel)
         if made is None or made[0] != until_s:
             past = self._past.get(channel, ())
             before = past if past and abs(past[-1].stop_s - pieces[0].start_s) < _TOUCHING_S else ()
-            made = self._capacitors[channel] = until_s, Capacitor([*before, *pieces], self.capture.finest_s(node))
-        return made[1].at(times_s)
+            made = until_s, Capacitor([*before, *pieces], self.capture.finest_s(node))
+            yield from made[1].charging()
+            self._capacitors[channel] = made
+        return made[1]
 
     def sines(self, channel: int, start_s: float, stop_s: float) -> Sines | None:
         """Return an input in closed form, displayed volts before AC coupling; None where it has none."""

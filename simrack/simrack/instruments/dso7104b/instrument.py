@@ -323,16 +323,16 @@ class SimulatedDso7104B(scpi.ScpiTwin):
 
     def autoscale(self) -> scpi.Pending:
         """:AUToscale: look at every input for a while, then set it up."""
-        from simrack.instruments.dso7104b.autoscale import LOOK_S, fit  # noqa: PLC0415  # few ask for it
+        from simrack.instruments.dso7104b.autoscale import LOOK_S, fitting  # noqa: PLC0415  # few ask for it
 
         now = self._world.clock.now()
         capture = self._world.capture(now, now + LOOK_S)
 
-        def finish() -> None:
-            fit(self.state, self._nodes, capture, now)
+        def fit() -> Generator[None, None, None]:
+            yield from fitting(self.state, self._nodes, capture, now)
             self.run()
 
-        return scpi.Pending.at(now + LOOK_S, finish)
+        return scpi.Pending.at(now + LOOK_S, lambda: scpi.Pending.worked_out(fit()))
 
     # --- setups -------------------------------------------------------------------------------------------------------
 

@@ -121,6 +121,7 @@ class Record:
 
     def digitising(self, channel: int, points: int, *, extremes: bool = False) -> Generator[None, None, Digitised]:
         """Return, after slices of work, so many samples of `channel` over the screen, or extremes by peak detection."""
+        yield from self._signals.preparing(channel)
         blocks = []
         for block in (self.peak_blocks if extremes else self.blocks)(channel, points):
             blocks.append(block)
@@ -133,17 +134,15 @@ class Record:
         clipped = bool((volts < low - unit / 2).any() or (volts > high + unit / 2).any())
         return Digitised(volts, clipped, self._step_v(view))
 
-    def _at_once(self, channel: int) -> int:
-        """Return how many samples are one slice: of a node of which nothing tells, each costs most."""
-        node = self.views[channel].node
-        return _BLOCK_POINTS if node is None or self._capture.finest_s(node) else _BLOCK_POINTS >> 4
+    def _at_once(self, channel: int, points: int) -> int:
+        """Return how many of so many samples over the screen are one slice."""
+        return self._signals.at_once(channel, self.screen.range_s / points, _BLOCK_POINTS)
 
     def blocks(self, channel: int, points: int, block_points: int = 0) -> Iterator[NDArray[np.float64]]:
         """Yield the samples in blocks: eight million at once would take hundreds of megabytes."""
-        view, block_points = self.views[channel], block_points or self._at_once(channel)
-        step, noise = self._step_v(view), self._noise(channel, points)
+        view, step, noise = self.views[channel], self._step_v(self.views[channel]), self._noise(channel, points)
         share = self._averaged(channel, points) if self.kept.kind == "HRES" else 1
-        block_points = max(1, min(block_points, _AVERAGED_AT_ONCE // share))
+        block_points = block_points or max(1, self._at_once(channel, points * share) // share)
         for start in range(0, points, block_points):
             count = min(block_points, points - start)
             volts = self._analogue(channel, points, start, count, share)
@@ -154,7 +153,7 @@ class Record:
     def peak_blocks(self, channel: int, points: int) -> Iterator[NDArray[np.float64]]:
         """Yield alternately the smallest and the largest of the samples behind each pair of points (peak detect)."""
         samples = 2 * self._peak_samples(channel, points)
-        pairs = max(1, self._at_once(channel) // samples)
+        pairs = max(1, self._at_once(channel, points * samples // 2) // samples)
         for volts in self.blocks(channel, points * samples // 2, pairs * samples):
             rows = volts.reshape(-1, samples)
             yield np.stack((rows.min(axis=1), rows.max(axis=1)), axis=1).reshape(-1)

@@ -31,7 +31,6 @@ _BLOCK_POINTS = 1 << 16
 _MOST_POINTS = 1 << 20
 """How often one search looks at most: a microsecond's pulse in a second."""
 _CHANGES_AT_ONCE = 1 << 7
-_UNKNOWN_AT_ONCE = 1 << 12
 _REFINE_POINTS = 33
 _REFINE_ROUNDS = 2
 _CORNER_HZ = 50e3
@@ -142,10 +141,6 @@ class _Follower:
             return _REJECTED_STEP_S
         return min(finest or math.inf, _FILTER_STEP_S)
 
-    def _limited(self, signals: Signals) -> bool:
-        view = signals.views.get(self._channel)
-        return view is not None and math.isfinite(view.limit_hz)
-
     def _blocked(self, signals: Signals) -> bool:
         view = signals.views.get(self._channel)
         return self.comparator.ac or (view is not None and view.ac)
@@ -159,14 +154,12 @@ class _Follower:
             heights = known.at(times)
             slow = self.comparator.filter == "HF" and self._blocked(signals)
             return (heights - signals.slow(self._channel, times) if slow else heights), 0.0
-        if signals.finest_s(self._channel) or self._limited(signals):
-            volts = self.volts(signals, times)
-        else:  # of what nothing tells, a sample costs most
-            parts = []
-            for first in range(0, len(times), _UNKNOWN_AT_ONCE):
-                parts.append(self.volts(signals, times[first : first + _UNKNOWN_AT_ONCE]))
-                yield
-            volts = np.concatenate(parts)
+        yield from signals.preparing(self._channel, ac=self.comparator.ac)
+        at_once, parts = signals.at_once(self._channel, float(times[1] - times[0]), len(times)), []
+        for part in np.array_split(times, math.ceil(len(times) / at_once)):
+            parts.append(self.volts(signals, part))
+            yield
+        volts = np.concatenate(parts)
         if not self.comparator.filter:
             return volts, 0.0
         self._filter = self._filter or LowPass(float(volts[0]), _TIME_CONSTANT_S)
