@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from vcfbench.analysis.rotating import Rotation, fit_rotation, reference_phase
+from vcfbench.analysis.rotating import fit_rotation, reference_phase
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def test_the_reference_comes_back_apart_from_half_turns(reference_deg: float, ga
         fit_rotation(*records(offset_hz, reference_deg, gain=gain, seed=n), INTERVAL_S, math.copysign(8.0, offset_hz))
         for n, offset_hz in enumerate((7.87, -8.13, 8.11, -7.9))
     ]
-    phase = reference_phase(found)
+    phase = reference_phase([(each.difference_hz, each.reference_deg) for each in found])
     assert math.remainder(phase.phase_deg - reference_deg, 180.0) == pytest.approx(0.0, abs=1e-6)
     assert -90.0 <= phase.phase_deg <= 90.0
     assert phase.delay_s == pytest.approx(DELAY_S, rel=1e-6)
@@ -59,7 +59,7 @@ def test_the_uncertainty_is_the_scatter() -> None:
             )
             for n, offset_hz in enumerate((8.0, -8.0) * 4)
         ]
-        phase = reference_phase(found)
+        phase = reference_phase([(each.difference_hz, each.reference_deg) for each in found])
         z.append(math.remainder(phase.phase_deg - 89.5, 180.0) / phase.u_phase_deg)
     assert 0.5 < np.std(z) < 1.8
     assert 0.005 < phase.u_phase_deg < 0.1
@@ -71,6 +71,5 @@ def test_what_cannot_be_told_is_said() -> None:
         fit_rotation(drive, sense, output, INTERVAL_S, 2.0)
     with pytest.raises(ConfigError, match="as long as each other"):
         fit_rotation(drive, sense[:-1], output, INTERVAL_S, 8.0)
-    one = Rotation(DRIVE_HZ, 8.0, 90.0, 1.0, 1.0)
     with pytest.raises(ConfigError, match="either direction"):
-        reference_phase([one, one, one])
+        reference_phase([(8.0, 90.0)] * 3)

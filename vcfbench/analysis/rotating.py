@@ -118,16 +118,16 @@ def _turning(samples: Floats, times: Floats, drive_hz: float, start_hz: float) -
     raise ConfigError(f"no part of the sense signal turns against the drive near {start_hz:g} Hz")
 
 
-def reference_phase(rotations: Sequence[Rotation]) -> ReferencePhase:
-    """Return the phase of the reference without the filter's delay, from rotations in both directions.
+def reference_phase(rotations: Sequence[tuple[float, float]]) -> ReferencePhase:
+    """Return the phase of the reference without the filter's delay, from `difference_hz` and `reference_deg` of some.
 
     Raises:
         ConfigError: fewer than two in either direction.
     """
-    difference = np.array([each.difference_hz for each in rotations])
+    difference = np.array([difference_hz for difference_hz, _ in rotations])
     if min(int((difference > 0.0).sum()), int((difference < 0.0).sum())) < 2:
         raise ConfigError("the phase of the reference needs two records at least of either direction")
-    doubled = np.array([2.0 * math.radians(each.reference_deg) for each in rotations])
+    doubled = np.array([2.0 * math.radians(reference_deg) for _, reference_deg in rotations])
     middle = float(np.angle(np.mean(np.exp(1j * doubled))))
     phase_deg = np.degrees(0.5 * (middle + np.angle(np.exp(1j * (doubled - middle)))))
     design = np.column_stack([np.ones_like(difference), difference])

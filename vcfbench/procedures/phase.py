@@ -15,7 +15,7 @@ from typing import Annotated, Final
 from msgspec import Struct, structs
 
 from vcfbench import steps
-from vcfbench.analysis.rotating import Rotation, reference_phase
+from vcfbench.analysis.rotating import reference_phase
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import FunctionGenerator
 from vcfbench.procedures.catalogue import BUILT_IN
@@ -143,9 +143,7 @@ def phases_of(
     carrier = _Angle(math.remainder(first_deg + fmean(beside), 360.0), u_deg, len(beside) - 1)
     coriolis = _response(states, lambda step: step.rate_deg_s, f"a rate of {settings.rate_deg_s:g} deg/s")
     virtual = _response(states, lambda step: step.v_vc_v, f"V_Vc of {settings.v_vc_v:g} V")
-    reference = reference_phase(
-        [Rotation(r.drive_hz, r.difference_hz, r.reference_deg, r.turning_v, r.output_v) for r in turned]
-    )
+    reference = reference_phase([(each.difference_hz, each.reference_deg) for each in turned])
     if reference.scatter_deg > _LARGEST_SCATTER_DEG:
         raise MeasurementError(
             "the output does not answer to the sense signal: the demodulator's phase scatters by "

@@ -9,7 +9,7 @@ from typing import TypeAlias
 from msgspec import Struct, structs
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.rotating import Rotation, reference_phase
+from vcfbench.analysis.rotating import reference_phase
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.by_meter import carrier_over_drive, found_by_sines
 from vcfbench.procedures.health.plan import CaptureFar, Modes, level_v, middle_of, modes_of
@@ -97,7 +97,7 @@ def _by_oscilloscope(
     unexplained = UncertaintyPart("records", at_rest.u_phase_deg, at_rest.dof)
 
     turned = [
-        Rotation(r.drive_hz, r.difference_hz, r.reference_deg, r.turning_v, r.output_v)
+        (r.difference_hz, r.reference_deg)
         for step, each in measured.found(Rotations)
         if not isinstance(step, CaptureFar)
         for r in each.records

@@ -22,14 +22,13 @@ def certified(
     of_limit = math.sqrt(3.0) if sigmas is None else sigmas
     # By how much limits grow from a calibration to its age, and to a room outside of where they hold. A sheet without
     # limits of the first day has theirs grow from nothing, evenly up to the first age that it knows
-    now, _ = accuracy_at(sheet, range_v, age_days, known.outside_k)
     here, _ = accuracy_at(sheet, range_v, age_days)
     first = min(sheet.accuracy.get(range_v, {1: None}))
     fresh, _ = accuracy_at(sheet, range_v, 1.0)
     if first > 1:
         left = max(0.0, 1.0 - age_days / first)
         fresh = Accuracy(here.reading * left, here.range * left)
-    grown = Accuracy(now.reading - fresh.reading, now.range - fresh.range)
+    grown = Accuracy(promised.reading - fresh.reading, promised.range - fresh.range)
     (slope, offset_v), (u_slope, u_offset_v) = _line(own)
     left_v = max(abs(each.correction_v - offset_v - slope * each.level_v) for each in own) / math.sqrt(3.0)
     u_gain = promised.reading / of_limit if u_slope is None else u_slope

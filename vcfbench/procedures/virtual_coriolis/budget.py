@@ -157,10 +157,17 @@ def null_statement(settings: ProcedureSettings, points: Sequence[Point], matchin
     of = _OF_CURVE if matching.curve is not None else _OF_PAIR
     meanings = {name: (unit, of.get(name, words)) for name, (unit, words) in MEANINGS.items()}
     budget = ValueModel(sources, sums, model, WindowNoise.of(settings, points, table.scale_factor))
-    curved = [
-        CurvedLine.of("turntable.nonlinearity", table),
-        _with_matches(CurvedLine.of("virtual.nonlinearity", virtual), level_v, matching, on_levels),
-    ]
+    # The virtual line with errors of V_Vc, in itself and in the matches, and noise of the matches
+    line = CurvedLine.of("virtual.nonlinearity", virtual)
+    by_level = line.residuals.of_outputs * line.derivative * matching.slope_of(level_v)
+    moved = line.residuals.of_rates @ level_v[:, None] ** np.arange(1, matching.coefficients.size + 1)
+    by_pair = moved @ (matching.weights * matching.slope_of(matching.v_vc_v))
+    every_v, u_pair = np.concatenate([matching.taken_v, level_v]), _u_pair(matching, on_levels).tolist()
+    through = line.with_errors(on_levels, every_v, np.hstack([by_pair, by_level]), u_pair)
+    set_by_curve = matching.curve is not None and on_levels.reading_v is None
+    only_bound = _RANGES_ARE_LEFT if set_by_curve else through.only_bound
+    through = replace(through, weights=line.weights + moved @ matching.noise_weights, only_bound=only_bound)
+    curved = [CurvedLine.of("turntable.nonlinearity", table), through]
     return line_statement(settings, budget, meanings, curved, difference=DIFFERENCE, levels_by=levels.by)
 
 
@@ -196,19 +203,3 @@ def _u_pair(matching: NullMatching, known: KnownLevels) -> Floats:
     """Return the standard uncertainty of V_Vc of each pair by errors of its own, V."""
     per_reading = float((np.maximum(matching.left_weights, 0.0) ** 2 / matching.readings).sum(axis=1).max())
     return np.array([known.u_mean_v(volts, per_reading) for volts in matching.taken_v])
-
-
-def _with_matches(line: CurvedLine, level_v: Floats, matching: NullMatching, known: KnownLevels) -> CurvedLine:
-    """Return a line with errors of V_Vc, in the line and in the matches, and noise of the matches."""
-    powers = level_v[:, None] ** np.arange(1, matching.coefficients.size + 1)
-    by_level = line.residuals.of_outputs * line.derivative * matching.slope_of(level_v)
-    moved = line.residuals.of_rates @ powers
-    by_pair = moved @ (matching.weights * matching.slope_of(matching.v_vc_v))
-    every_v, u_pair = np.concatenate([matching.taken_v, level_v]), _u_pair(matching, known).tolist()
-    through = line.with_errors(known, every_v, np.hstack([by_pair, by_level]), u_pair)
-    set_by_curve = matching.curve is not None and known.reading_v is None
-    return replace(
-        through,
-        weights=line.weights + moved @ matching.noise_weights,
-        only_bound=_RANGES_ARE_LEFT if set_by_curve else through.only_bound,
-    )

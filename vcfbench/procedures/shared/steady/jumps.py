@@ -78,7 +78,20 @@ def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
     count = len(windows)
     output = np.array([each.point.output_v for each in windows])
     x, at_s = _abscissa(windows), np.array([each.middle_s for each in windows])
-    free = _free_terms(walk, windows, x)
+    # The terms that the output may have of any size, a column each
+    terms = [x**order for order in range(_free_orders(windows) + 1)]
+    at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
+    if 0 < at_zero.sum() < count - len(terms):  # a generator's 0 V is on no range of its levels
+        terms.append(at_zero.astype(float))
+    if isinstance(walk.settings, SweepSettings) and walk.settings.order is Order.LOOP:
+        way, before = np.zeros(count), 0.0
+        for at in range(count):
+            if not windows[at].reference and windows[at].point.step in {1, 3, 4}:
+                way[at] = np.sign(x[at] - before) or (way[at - 1] if at else 0.0)
+                before = x[at]
+        if len(set(way.tolist())) > 1:
+            terms += [way, way * x, way * x**2]
+    free = np.column_stack(terms)
     if free.shape[1] >= count:
         return None
     covariance = _covariance(walk, windows, x, free)
@@ -121,25 +134,6 @@ def _abscissa(windows: Sequence[Seen]) -> Floats:
 def _free_orders(windows: Sequence[Seen]) -> int:
     """Return the highest order of the curve that is free: through two settings a line."""
     return max(1, min(_ORDERS, len({each.setting for each in windows}) - 2))
-
-
-def _free_terms(walk: Walk, windows: Sequence[Seen], x: Floats) -> Floats:
-    """Return the terms that the output may have of any size, a column each."""
-    orders = _free_orders(windows)
-    terms = [x**order for order in range(orders + 1)]
-    settings = walk.settings
-    at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
-    if 0 < at_zero.sum() < at_zero.size - len(terms):  # a generator's 0 V is on no range of its levels
-        terms.append(at_zero.astype(float))
-    if isinstance(settings, SweepSettings) and settings.order is Order.LOOP:
-        way, before = np.zeros(x.size), 0.0
-        for place in range(x.size):
-            if not windows[place].reference and windows[place].point.step in {1, 3, 4}:
-                way[place] = np.sign(x[place] - before) or (way[place - 1] if place else 0.0)
-                before = x[place]
-        if len(set(way.tolist())) > 1:
-            terms += [way, way * x, way * x**2]
-    return np.column_stack(terms)
 
 
 def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) -> Floats:
