@@ -172,11 +172,8 @@ def coefficient_weights(curve: KVcCurve, v_vc_v: ArrayLike, covariance: ArrayLik
     v = np.asarray(v_vc_v, dtype=np.float64)
     scale = float(np.abs(v).max())
     powers = np.vander(v / scale, len(curve.coefficients), increasing=True)
-    try:
-        weighted = powers.T @ np.linalg.inv(np.asarray(covariance, dtype=np.float64))
-        making = np.linalg.inv(weighted @ powers) @ weighted
-    except np.linalg.LinAlgError as error:
-        raise ConfigError("the uncertainties of the pairs are zero or depend on each other completely") from error
+    weighted = powers.T @ _inverse(np.asarray(covariance, dtype=np.float64))
+    making = _inverse(weighted @ powers) @ weighted
     return np.asarray(making / (scale ** np.arange(powers.shape[1]))[:, None])
 
 
@@ -185,6 +182,13 @@ def _covariance(given: ArrayLike, count: int, what: str) -> Floats:
     if matrix.shape != (count, count) or not np.allclose(matrix, matrix.T) or (np.diag(matrix) < 0.0).any():
         raise ConfigError(f"the covariance of the {what} must be symmetric, {count} by {count}, got {matrix.shape}")
     return matrix
+
+
+def _inverse(matrix: Floats) -> Floats:
+    try:
+        return np.asarray(np.linalg.inv(matrix), np.float64)
+    except np.linalg.LinAlgError as error:
+        raise ConfigError("the uncertainties of the pairs are zero or depend on each other completely") from error
 
 
 def _slope(coefficients: Floats, v: Floats) -> Floats:
@@ -202,11 +206,8 @@ def _solve(rate: Floats, v: Floats, of_rate: Floats, of_v: Floats, order: int) -
     )
     for _ in range(_ROUNDS):
         powers, slope = np.vander(adjusted, order + 1, increasing=True), _slope(found, adjusted)
-        try:
-            weight: Floats = np.asarray(np.linalg.inv(of_rate + of_v * np.outer(slope, slope)), np.float64)
-            covariance: Floats = np.asarray(np.linalg.inv(powers.T @ weight @ powers), np.float64)
-        except np.linalg.LinAlgError as error:
-            raise ConfigError("the uncertainties of the pairs are zero or depend on each other completely") from error
+        weight = _inverse(of_rate + of_v * np.outer(slope, slope))
+        covariance = _inverse(powers.T @ weight @ powers)
         target = rate - slope * (v - adjusted)
         step = covariance @ powers.T @ weight @ target - found
         found = found + step

@@ -124,7 +124,10 @@ def _common(channels: Floats, interval_s: float, start_hz: float | None) -> _Com
     most = 0.5 / (count * interval_s)
     for _ in range(_ROUNDS):
         fitted = _at(channels, times, frequency)
-        weight = np.repeat(1.0 / _floor(fitted.rms), times.size)
+        # A channel without residuals must not weigh infinitely
+        largest = float(fitted.rms.max())
+        rms = np.maximum(fitted.rms, 1e-12 * largest) if largest > 0.0 else np.ones_like(fitted.rms)
+        weight = np.repeat(1.0 / rms, times.size)
         rows = _design(fitted, times) * weight[:, None]
         step = float(np.linalg.solve(rows.T @ rows, rows.T @ (fitted.left.ravel() * weight))[0])
         frequency += max(-most, min(most, step))
@@ -142,12 +145,6 @@ def _at(channels: Floats, times: Floats, frequency_hz: float) -> _Common:
     left = channels.T - basis @ found
     rms = np.sqrt(np.sum(left**2, axis=0) / (times.size - 3.0))
     return _Common(frequency_hz, found[0], found[1], left.T, rms)
-
-
-def _floor(rms: Floats) -> Floats:
-    """Return weights' reciprocals; a channel without residuals must not weigh infinitely."""
-    largest = float(rms.max())
-    return np.maximum(rms, 1e-12 * largest) if largest > 0.0 else np.ones_like(rms)
 
 
 def _basis(frequency_hz: float, times: Floats) -> Floats:

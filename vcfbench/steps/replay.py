@@ -71,22 +71,19 @@ def taken_over(record: JournalRecord, run: str) -> tuple[TakenOver, ...]:
     chunks = defaultdict(list)
     for chunk in record.chunks:
         chunks[chunk["n"]].append({"taken_over": run, **chunk})
-    done = [line for line in record.steps if failed is None or line["n"] < failed]
-    taken = [_taken({"taken_over": run, **line}, tuple(chunks[line["n"]])) for line in done]
+    taken = []
+    for line in [line for line in record.steps if failed is None or line["n"] < failed]:
+        step, result = step_of(line), result_of(line)
+        if isinstance(step, Step) and step.key != line["key"]:
+            raise PlanError(f"step {line['n']} of the record was changed: it says {step.key}, its key is {line['key']}")
+        if not (isinstance(step, Step) and isinstance(result, StepResult)):
+            unknown = line["result_kind"] if isinstance(step, Step) else line["step_kind"]
+            raise PlanError(f"step {line['n']} of the record: a {unknown} of this form is not known here")
+        taken.append(TakenOver(step, result, {"taken_over": run, **line}, tuple(chunks[line["n"]])))
     steps = [each.step for each in taken]
     measured = max((number for number, step in enumerate(steps, 1) if step.effect is Effect.MEASURES), default=0)
     checks = (number for number in range(measured, len(steps)) if isinstance(steps[number], _LOOKS_AT_DRIVE))
     return tuple(taken[: next(checks, len(steps))])
-
-
-def _taken(line: Mapping[str, Any], chunks: tuple[Mapping[str, Any], ...]) -> TakenOver:
-    step, result = step_of(line), result_of(line)
-    if isinstance(step, Step) and step.key != line["key"]:
-        raise PlanError(f"step {line['n']} of the record was changed: it says {step.key}, its key is {line['key']}")
-    if isinstance(step, Step) and isinstance(result, StepResult):
-        return TakenOver(step, result, line, chunks)
-    unknown = line["result_kind"] if isinstance(step, Step) else line["step_kind"]
-    raise PlanError(f"step {line['n']} of the record: a {unknown} of this form is not known here")
 
 
 def rest_of(plan: Plan, taken: Sequence[TakenOver]) -> Plan:
