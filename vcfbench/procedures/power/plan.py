@@ -17,11 +17,10 @@ from vcfbench.procedures.power import results
 from vcfbench.procedures.power.results import PowerResult, PowerSettings, RailDraw, RailsDrawn, RailsLogged
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.chopped_level import table_due_deg_s
+from vcfbench.procedures.shared.chopped_level import at_signs, to_level
 from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, scale_factor_read
 from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Reading, Routine, Step, does
@@ -149,11 +148,15 @@ def plan(settings: PowerSettings) -> steps.Plan:
 
 
 def _moved(settings: PowerSettings) -> Routine[None]:
+    """Take the output at rest and at the rate of both signs, on rails moved either way; the rails as they were then."""
     for which in settings.rails_varied:
         for cycle in range(settings.cycles):
             yield steps.Note(f"Rails moved: {which}, {settings.rail_step_v:g} V either way, cycle {cycle + 1}")
             for sign in CHOPPED:
-                yield from _at_rails(settings.moved(which, sign * settings.rail_step_v))
+                moved = settings.moved(which, sign * settings.rail_step_v)
+                yield from _set_rails(moved)
+                yield from at_signs(moved, (0.0, 1.0, -1.0))
+                yield from to_level(moved, 0.0, previous=-1.0)
     yield from _set_rails(settings)
 
 
@@ -161,27 +164,6 @@ def _set_rails(settings: PowerSettings) -> Routine[None]:
     for rail in routines.rails_of(settings):  # noqa: UP028  # a tuple cannot be sent results
         yield rail
     yield steps.Settle(settings.settle_s, "gyro settles after the step of the rails")
-
-
-def _at_rails(settings: PowerSettings) -> Routine[None]:
-    """Take the output at rest and at the rate of both signs, on the rails of `settings`."""
-    yield from _set_rails(settings)
-    level, table_deg_s = settings.level_deg_s, table_due_deg_s(settings, 0.0)
-    if settings.by is ScaleFactorBy.TABLE:
-        points = yield from routines.at_rates(settings, 1, (0.0, level, -level))
-        yield from routines.go_to_rate(settings, 0.0, previous_deg_s=-level)
-        require_answer(settings, points)
-        return
-    points = [(yield from routines.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=table_deg_s))]
-    yield from routines.v_vc_on()
-    for rate_deg_s, wanted_v in ((level, settings.level_v), (-level, -settings.level_v)):
-        v_vc_v = yield from routines.set_v_vc(settings, wanted_v)
-        points.append(
-            (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
-        )
-    require_answer(settings, points)
-    yield steps.DisableVvc()
-    yield steps.Settle(settings.settle_s, "gyro settles, generator off")
 
 
 def power_characteristics(settings: PowerSettings, found: PowerResult) -> Characteristics | None:

@@ -1,5 +1,7 @@
 """The output at a level of both signs, chopped against drift, the level being a rate of the table or a V_Vc."""
 
+from collections.abc import Iterable
+
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.procedures.shared import routines
@@ -31,18 +33,22 @@ def table_due_deg_s(settings: LevelSettings, sign: float) -> float | None:
     return sign * settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0
 
 
+def at_signs(settings: LevelSettings, signs: Iterable[float]) -> Routine[None]:
+    """Take a window at the level with each sign in turn, the first from rest, and see that the output answered."""
+    previous, v_vc_v = 0.0, 0.0
+    points: list[Point] = []
+    for sign in signs:
+        if sign != previous:
+            v_vc_v = yield from to_level(settings, sign, previous)
+        rate_deg_s, table_deg_s = sign * settings.level_deg_s, table_due_deg_s(settings, sign)
+        points.append(
+            (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
+        )
+        previous = sign
+    require_answer(settings, points)
+
+
 def chopped(settings: LevelSettings, cycles: int) -> Routine[None]:
     """Take the six windows 0, +, -, -, +, 0 at the level, `cycles` times."""
     for _ in range(cycles):
-        previous, v_vc_v = 0.0, 0.0
-        points: list[Point] = []
-        for sign in CHOPPED:
-            if sign != previous:
-                v_vc_v = yield from to_level(settings, float(sign), previous)
-            rate_deg_s = sign * settings.level_deg_s
-            table_deg_s = table_due_deg_s(settings, float(sign))
-            points.append(
-                (yield from routines.take(settings, 1, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
-            )
-            previous = float(sign)
-        require_answer(settings, points)
+        yield from at_signs(settings, map(float, CHOPPED))
