@@ -32,8 +32,7 @@ def online(settings: OnlineSettings) -> steps.Plan:
         yield from routines.go_to_rate(settings, table_deg_s, previous_deg_s=0.0)
     of: Literal["both", "output"] = "both" if settings.v_vc_role == "v_vc_meter" else "output"
     yield steps.Note("V_Vc at rest: what the true rate reads without modulation")
-    yield from routines.v_vc_on()
-    yield steps.Settle(settings.settle_s, "gyro settles after the generator came on")
+    yield from routines.v_vc_on(settings.settle_s)
     yield from _sampled(settings, 0.0, of, table_deg_s)
     yield steps.Note(f"The modulation, {settings.bursts} times {settings.burst_readings * settings.aperture_s:g} s")
     yield steps.SetSine(settings.modulation_hz, settings.amplitude_v)

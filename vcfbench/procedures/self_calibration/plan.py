@@ -32,8 +32,7 @@ def self_calibration(settings: SelfCalibrationSettings) -> Plan:
         for rate_deg_s in settings.magnitudes_deg_s:
             yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: generator off, then V_Vc")
             yield from _at_rest(settings)
-            yield from v_vc_on()
-            yield Settle(settings.settle_s, "gyro settles after the generator came on")
+            yield from v_vc_on(settings.settle_s)
             previous_v = 0.0
             for signed in (sign * rate_deg_s for sign in CHOPPED):
                 level_v = levels_v[signed]

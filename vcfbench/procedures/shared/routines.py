@@ -87,10 +87,12 @@ def go_to_rate(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s
     yield steps.Settle(settings.settle_s, "gyro settles after the rate step")
 
 
-def v_vc_on() -> Routine[None]:
-    """Set 0 V and only then close the generator's relay."""
+def v_vc_on(settle_s: float | None = None) -> Routine[None]:
+    """Set 0 V and only then close the generator's relay; wait `settle_s`, where that is told."""
     yield steps.SetVvc(0.0)
     yield steps.EnableVvc()
+    if settle_s is not None:
+        yield steps.Settle(settle_s, "gyro settles after the generator came on")
 
 
 def v_vc_level_again() -> Routine[None]:

@@ -74,8 +74,7 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
 
     Returns the points with the generator on, the zero first, then that of the V_Vc that was found, and K_Vc.
     """
-    yield from routines.v_vc_on()
-    yield Settle(settings.settle_s, "gyro settles after the generator came on")
+    yield from routines.v_vc_on(settings.settle_s)
     points = [(yield from _take_virtual(settings, 0.0))]
     agreement.require_same_zero(table[0], points[0], table[1])
     v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess_deg_s_per_v
@@ -136,8 +135,7 @@ def _virtual_sweep(
     zeros: list[Point] = []
     reference = (driven[0], next(point for point in reversed(driven) if point.v_vc_v != driven[0].v_vc_v))
     limit_v = None if has_v_vc_meter(settings) else generator_sheet(settings).limit_v
-    yield from routines.v_vc_on()
-    yield Settle(settings.settle_s, "gyro settles after the generator came on")
+    yield from routines.v_vc_on(settings.settle_s)
     if settings.visits_deg_s[0]:
         yield from routines.take_reference(settings, 4)
     for visit in settings.visits_deg_s:

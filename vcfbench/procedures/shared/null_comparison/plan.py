@@ -63,8 +63,7 @@ def nulled(settings: ProcedureSettings, terms: NullTerms) -> Routine[Nulled]:
             table += yield from at_rates(settings, terms.table, [sign * rate_deg_s for sign in CHOPPED])
             real = block(table[-len(CHOPPED) :])
             yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: table at rest, V_Vc on")
-            yield from v_vc_on()
-            yield Settle(settings.settle_s, "gyro settles after the generator came on")
+            yield from v_vc_on(settings.settle_s)
             if cycle == 0:
                 found = yield from _search(settings, terms, rate_deg_s, real, per_deg_s)
                 levels_v[rate_deg_s], levels_v[-rate_deg_s] = found
