@@ -120,6 +120,18 @@ def test_an_error_queue_that_does_not_empty_does_not_hang() -> None:
         session.check_errors()
 
 
+def test_all_of_the_error_queue_is_read_within_one_time_out() -> None:
+    class Slow(PieceWire):
+        def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+            sleep(self._clock, 0.4)
+            return super().receive(deadline)
+
+    session = on(Slow(VirtualClock(), b'-350,"Queue overflow"\n', 64))
+    with pytest.raises(DeadlineExceeded):
+        session.check_errors()
+    assert session.clock.now() < 1.3
+
+
 def test_errors_found_while_resynchronising_are_raised_at_the_next_check() -> None:
     exchanges: list[Exchange] = [
         ("*IDN?", IDENTITY),

@@ -64,6 +64,13 @@ def test_of_two_damages_the_first_is_named(end: bytes | None, tmp_path: Path, mo
     assert damage_of(tmp_path / "j", forged + (sealed_over if end is None else end)) == f"line 2 {NOT_THERE}"
 
 
+def test_a_line_is_added_where_the_first_is_not_whole(tmp_path: Path) -> None:
+    (tmp_path / "j").write_bytes(b'{"type":"hea')
+    append_line(tmp_path / "j", {"type": "watchdog", "safe": True})
+    (line,) = (tmp_path / "j").read_bytes().splitlines()
+    assert line.startswith(b'{"type":"watchdog","safe":true,')
+
+
 def test_a_line_that_is_added_later_is_sealed(tmp_path: Path) -> None:
     path = tmp_path / "j"
     data = write(path)

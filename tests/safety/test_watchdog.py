@@ -278,6 +278,15 @@ def test_a_call_that_does_not_return_is_late_then_overdue(listener: Callable[...
     assert after == "beat "
 
 
+def test_a_call_that_never_returned_from_the_first_is_overdue_as_late(
+    listener: Callable[..., tuple[Watchdog, Process]],
+) -> None:
+    listener(0.001, OverdueCalls("!!!!!!!!"))
+    eventually(lambda: len(said(("beat", "late", "overdue"))) > 8)
+    kinds = [line.partition(" ")[0] for line in said(("beat", "late", "overdue"))]
+    assert kinds[:9] == [*["beat"] * 3, *["late"] * 4, "overdue", "beat"]
+
+
 def test_no_call_is_overdue_while_the_bench_is_made_safe(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
     dog, _ = listener(0.01, OverdueCalls("!" * 100_000))
     dog.making_safe(9.0)

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from tests.procedures.fakes import CALIBRATIONS, FakeBench, Gyro, MemoryJournal, make_settings
-from vcfbench.errors import Aborted, BenchError, InterlockError, LinkLost, MeasurementError
+from vcfbench.errors import Aborted, BenchError, FramingError, InterlockError, LinkLost, MeasurementError
 from vcfbench.interfaces import Regulation
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.schema import Status
@@ -496,3 +496,18 @@ def test_what_a_plan_leaves_unchecked_is_said_once() -> None:
     execution = Executor(FakeBench(), journal).execute(plan_of(one, other, one))
     assert execution.not_checked == ("the drive signal: no oscilloscope", "the rails: no supply")
     assert [line["not_checked"] for line in journal.lines] == [each.not_checked for each in (one, other, one)]
+
+
+def test_what_was_asked_again_is_in_the_line_of_its_step_and_in_no_other() -> None:
+    bench, journal = FakeBench(), MemoryJournal()
+    set_dc, answers = bench.rate_source.set_dc, [FramingError("noise"), None, None]
+
+    def noisy(voltage_v: float) -> float:
+        if (error := answers.pop(0)) is not None:
+            raise error
+        return set_dc(voltage_v)
+
+    bench.rate_source.set_dc = noisy  # type: ignore[method-assign]
+    execution = Executor(bench, journal).execute(plan_of(SetVvc(0.5), SetVvc(0.25)))
+    assert [line.get("asked_again") for line in journal.lines] == [["noise"], None]
+    assert execution.asked_again == ("step 1: noise",)
