@@ -18,6 +18,7 @@ from vcfbench.clock import Deadline, VirtualClock
 from vcfbench.drivers.trace import HEADER, TraceLine, escaped, unescaped
 from vcfbench.drivers.wire import Interface
 from vcfbench.errors import ConfigError, LinkLost, TransportError
+from vcfbench.files import MOST_TABLE, read_text
 
 _T = TypeVar("_T")
 
@@ -28,7 +29,7 @@ def read_trace(path: Path | str) -> list[TraceLine]:
     Raises:
         ConfigError: it is no trace, or a line of it is none.
     """
-    first, *rest = Path(path).read_text(encoding="ascii").split("\n")
+    first, *rest = read_text(path, "a trace", MOST_TABLE).split("\n")
     if first != HEADER:
         raise ConfigError(f"{path}: expected a trace, which begins with {HEADER!r}")
     lines = []
