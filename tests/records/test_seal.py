@@ -90,3 +90,6 @@ def test_records_of_before_are_read_and_stay_unsealed(number: int, tmp_path: Pat
     append_line(path, {"type": "watchdog", "safe": True})
     assert b"seal" not in path.read_bytes()
     assert read_journal(path).damage is None
+    path.write_bytes(header.encode() + Sealer().sealed(b'{"type":"note"}')[:-1] + b" ")
+    record = read_journal(path)
+    assert (record.torn, record.damage) == (True, None)  # nothing there vouches for anything
