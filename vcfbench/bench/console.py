@@ -79,7 +79,10 @@ class Console:
         self._signals.safe_point()
         if not (message.isascii() and message.isprintable()):
             raise ConfigError(f"{message!r} has characters that instruments do not know; nothing was sent")
-        if not self._is_question(message):
+        # the header of a question ends in '?'; in the tables' own languages that tells nothing
+        header = "".join(message.split(maxsplit=1)[:1])
+        asks = header.endswith("?") and ";" not in message and not isinstance(self._plain, PlainLine)
+        if not asks or _ACTING_QUESTION.match(header):
             if self._raw is None:
                 raise LimitError(
                     "a raw command is compared with no limit of the bench",
@@ -105,15 +108,6 @@ class Console:
                     error.hint = error.hint or refusal
             raise
         return ConsoleReply(answer, self.errors())
-
-    def _is_question(self, message: str) -> bool:
-        """Tell whether a message is one question that changes no output: its header ends in a question mark.
-
-        In the tables' own languages a question mark does not make a question.
-        """
-        header = "".join(message.split(maxsplit=1)[:1])
-        one = header.endswith("?") and ";" not in message and not isinstance(self._plain, PlainLine)
-        return one and _ACTING_QUESTION.match(header) is None
 
     def errors(self) -> str | None:
         """Read the error queue to its end; return its entries in words, None when there was none."""

@@ -16,7 +16,7 @@ from vcfbench.cli.options import Json_, Plain_, Quiet_, Runs_, Speed_, Yes_, arg
 from vcfbench.cli.person import somebody_there
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
 from vcfbench.reports.text import text_of
-from vcfbench.runs.batch import Batch, BatchRun, read_batch, with_operator
+from vcfbench.runs.batch import Batch, read_batch, with_operator
 from vcfbench.runs.request import Prepared
 from vcfbench.safety.signals import StopSignals
 
@@ -94,27 +94,20 @@ def _measure(asked: Batch, serial: str, options: RunOptions) -> int:
         typer.echo(f"\nPlease mount {serial}, then press Enter: ", err=True, nl=False)
         if not sys.stdin.readline():
             raise Aborted(f"the terminal was closed where somebody had to mount {serial}")
-    code = 0
+    passed = True
     for each in left:
-        code = max(code, _carry_out(asked, each, serial, options))
-        if code > 1:  # its next run would meet the same
-            break
-    return code
-
-
-def _carry_out(asked: Batch, each: BatchRun, serial: str, options: RunOptions) -> int:
-    request = asked.request(each, serial, options.runs, options.speed)
-    try:
-        with StopSignals() as signals:
-            run = attended(request, Prepared, structs.replace(options, seed=request.seed), signals, None)
-        if run.error is not None:
-            raise run.error
-    except (Aborted, NotSafe):
-        raise
-    except BenchError as error:
-        typer.echo(f"vcfbench: {serial}: {each.procedure.name}: {error}; the batch goes on", err=True)
-        return error.exit_code
-    passed = run.verdict is None or run.verdict.passed
-    word = run.status.value if run.verdict is None else run.verdict.word.upper()
-    typer.echo(f"{serial}: {each.procedure.name}: {word}, {run.directory}", err=True)
+        request = asked.request(each, serial, options.runs, options.speed)
+        try:
+            with StopSignals() as signals:
+                run = attended(request, Prepared, structs.replace(options, seed=request.seed), signals, None)
+            if run.error is not None:
+                raise run.error
+        except (Aborted, NotSafe):
+            raise
+        except BenchError as error:
+            typer.echo(f"vcfbench: {serial}: {each.procedure.name}: {error}; the batch goes on", err=True)
+            return error.exit_code  # its next run would meet the same
+        passed = passed and (run.verdict is None or run.verdict.passed)
+        word = run.status.value if run.verdict is None else run.verdict.word.upper()
+        typer.echo(f"{serial}: {each.procedure.name}: {word}, {run.directory}", err=True)
     return 0 if passed else 1

@@ -20,7 +20,11 @@ def history(name: str, candidates: Callable[[], Sequence[str]] = list) -> Iterat
     if readline is None:
         yield
         return
-    path = _state_directory() / "vcfbench" / name
+    state = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
+    try:
+        path = (Path(state) if state else Path.home() / ".local" / "state") / "vcfbench" / name
+    except RuntimeError:  # there is no home
+        path = Path(tempfile.gettempdir()) / "vcfbench" / name
     readline.clear_history()
     with suppress(OSError):
         readline.read_history_file(path)
@@ -43,14 +47,3 @@ def history(name: str, candidates: Callable[[], Sequence[str]] = list) -> Iterat
         with suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
             readline.write_history_file(path)
-
-
-def _state_directory() -> Path:
-    """Return the directory for the state of this user's programs; a temporary place without a home."""
-    configured = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
-    if configured:
-        return Path(configured)
-    try:
-        return Path.home() / ".local" / "state"
-    except RuntimeError:
-        return Path(tempfile.gettempdir())

@@ -45,7 +45,16 @@ def report(  # noqa: PLR0917  # options of a command
         raise ConfigError("--tag: it chooses runs for --all")
     if embed is not None and (every or not dcc):
         raise ConfigError("--embed: a PDF goes into the one certificate of --dcc")
-    said = {**_template(template), **dict(key_and_value("--set", each, "customer=ACME") for each in words or ())}
+    said: dict[str, str] = {}
+    if template is not None:
+        try:
+            said = tomllib.loads(read_file(template, "a template", _LARGEST_TEMPLATE).decode())
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{template}: expected a template in TOML: {error}") from None
+        if other := [key for key, value in said.items() if not isinstance(value, str)]:
+            raise ConfigError(f"{template}: expected texts by key, came something else for {', '.join(other)}")
+        said |= {"logo": str(template.parent / said["logo"])} if "logo" in said else {}  # which lies beside it
+    said |= dict(key_and_value("--set", each, "customer=ACME") for each in words or ())
     if not every:
         recorded = load_run(run, runs)
         _write(recorded, output or Path(f"{recorded.name}.{'xml' if dcc else 'html'}"), said, embed, dcc=dcc)
@@ -67,16 +76,3 @@ def _write(run: Run, path: Path, words: Mapping[str, str], embed: Path | None, *
         return
     for written in write_report(run, path, words):
         typer.echo(written)
-
-
-def _template(path: Path | None) -> dict[str, str]:
-    """Return the words of a template; a logo is looked for beside it."""
-    if path is None:
-        return {}
-    try:
-        found = tomllib.loads(read_file(path, "a template", _LARGEST_TEMPLATE).decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: expected a template in TOML: {error}") from None
-    if other := [key for key, value in found.items() if not isinstance(value, str)]:
-        raise ConfigError(f"{path}: expected texts by key, came something else for {', '.join(other)}")
-    return {**found, "logo": str(path.parent / found["logo"])} if "logo" in found else found

@@ -412,8 +412,22 @@ class _UnderWay(Struct):
             derived = self._derived()
         finally:
             try:
-                files = {name: sha256(text.encode()).hexdigest() for name, text in derived.items()}
-                journal.footer({**self._footer(display_lost), "files": files})
+                done, lost = self.as_run(), self.observers_lost()
+                error = None if done.error is None else {"kind": type(done.error).__name__, "what": str(done.error)}
+                footer = {
+                    "status": done.status.value,
+                    "error": error,
+                    "points": len(done.points),
+                    "bench_seconds": done.bench_seconds,
+                    "physical_minimum_s": done.physical_minimum_s,
+                    "safe": [to_builtins(safe) for safe in self.safe_reports],
+                    **({} if display_lost is None else {"display_lost": display_lost}),
+                    **({"observers_lost": lost} if lost else {}),
+                    **({"pauses": list(done.pauses)} if done.pauses else {}),
+                    **({"watchdog_lost": True} if self.watchdog is not None and self.watchdog.lost else {}),
+                    "files": {name: sha256(text.encode()).hexdigest() for name, text in derived.items()},
+                }
+                journal.footer(footer)
                 if self.key is not None:
                     journal.signature(self.key)
             finally:
@@ -438,22 +452,6 @@ class _UnderWay(Struct):
             with suppress(ConfigError):  # a number in it is not finite: the results are kept all the same
                 answer["report"] = plain_report(self.evaluation.report)
         return {"result.json": result_text(answer), "points.csv": points_csv(done.points)}
-
-    def _footer(self, display_lost: str | None) -> dict[str, Any]:
-        done, lost = self.as_run(), self.observers_lost()
-        error = None if done.error is None else {"kind": type(done.error).__name__, "what": str(done.error)}
-        return {
-            "status": done.status.value,
-            "error": error,
-            "points": len(done.points),
-            "bench_seconds": done.bench_seconds,
-            "physical_minimum_s": done.physical_minimum_s,
-            "safe": [to_builtins(safe) for safe in self.safe_reports],
-            **({} if display_lost is None else {"display_lost": display_lost}),
-            **({"observers_lost": lost} if lost else {}),
-            **({"pauses": list(done.pauses)} if done.pauses else {}),
-            **({"watchdog_lost": True} if self.watchdog is not None and self.watchdog.lost else {}),
-        }
 
     def _keep_of_device(self) -> None:
         """Add the procedure's entry for the device to its store: of a run that is complete, recorded and safe."""

@@ -113,7 +113,11 @@ class _Lives:
         ended = start(self._draw, life, self._clean, self._folder, earlier)
         self.said.append(_words(ended))
         if before is not None and isinstance(ended.error, ConfigError) and not ended.began:
-            return self._refused(ended, before)
+            said = str(ended.error)
+            fine = _IN_ONE_PIECE in said or (self._spoilt and _SAME_END in said)
+            if not (fine or (self._lost and before.damage is not None) or ended.disk_troubles):
+                self.wrong.append(f"it cannot be resumed: {said}")
+            return not ended.disk_troubles
         made = [each for each in self._folder.iterdir() if each not in known and (each / "journal.jsonl").exists()]
         record = self._read(made[0]) if made else None
         if before is None or not before.points:
@@ -136,14 +140,6 @@ class _Lives:
         self._spoilt = self._spoilt or bool(kinds & VALUE_FAULTS)
         complete = record is not None and record.status is Status.COMPLETE
         return complete or bool(self.wrong) or (ended.error is None and not ended.died)
-
-    def _refused(self, ended: Ended, before: JournalRecord) -> bool:
-        """Judge why nothing can be gone on with."""
-        said = str(ended.error)
-        fine = _IN_ONE_PIECE in said or (self._spoilt and _SAME_END in said)
-        if not (fine or (self._lost and before.damage is not None) or ended.disk_troubles):
-            self.wrong.append(f"it cannot be resumed: {said}")
-        return not ended.disk_troubles
 
     def _read(self, directory: Path | None) -> JournalRecord | None:
         with suppress(ConfigError):
