@@ -62,6 +62,15 @@ def test_qcodes_truevolt(qcodes: Path, served_34465a: Served) -> None:
 
 
 @pytest.mark.parametrize(
+    ("role", "driver", "at_least"),
+    [("rate_source", "Keysight.Keysight33522B", 48), ("multimeter", "Keithley.Keithley2000", 17)],
+)
+def test_qcodes_on_successors(role: str, driver: str, at_least: int, qcodes: Path, served_successors: Served) -> None:
+    seen = methods(qcodes, "qcodes_walk.py", driver, served_successors.resource(role, "tcp"))
+    check(seen, f"qcodes.{driver}", at_least)
+
+
+@pytest.mark.parametrize(
     ("client", "driver", "role", "wire", "at_least"),
     [
         ("ivi", "agilent34401A", "multimeter", "tcp", 72),

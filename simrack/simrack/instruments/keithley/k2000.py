@@ -175,6 +175,8 @@ _COMMANDS = (
         "SAMPle:COUNt", scpi.Integer(limits=scpi.Limits(1, _BUFFER, 1)), "triggering.sample_count", scpi.signed_integer
     ),
     scpi.attribute("TRIGger[:SEQuence]:DELay:AUTO", scpi.Boolean(), "triggering.delay_auto", scpi.boolean),
+    # no source is the timer here (limits and default unverified)
+    scpi.remembered("TRIGger[:SEQuence]:TIMer", scpi.Number(limits=scpi.Limits(1e-3, 999999.999, 0.1)), 0.1, _NR3),
     scpi.attribute("TRIGger[:SEQuence]:SOURce", scpi.Choice(("IMMediate", "BUS", "EXTernal")), "triggering.source"),
     scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
     scpi.Command("TRACe:CLEar", do=lambda meter: meter.stored.clear()),

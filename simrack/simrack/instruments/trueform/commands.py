@@ -316,6 +316,11 @@ OWN = (
     scpi.Command("[SOURce:]PHASe:SYNChronize", do=lambda _: None),
     scpi.Command("ABORt", do=lambda _: None),
     scpi.attribute("INITiate:CONTinuous", scpi.Boolean(), "state.continuous", scpi.boolean),
+    # told, and nothing else: there are no lists, no timer, one Sync connector (limits and defaults unverified)
+    scpi.attribute("[SOURce:]FREQuency:MODE", scpi.Choice(("CW", "LIST", "SWEep", "FIXed")), "state.frequency_mode"),
+    scpi.attribute("TRIGger:COUNt", scpi.Number(limits=scpi.Limits(1, 1e6, 1)), "state.trigger_count", _nr3),
+    scpi.attribute("TRIGger:TIMer", scpi.Number(unit="S", limits=scpi.Limits(1e-6, 8e3, 1)), "state.timer_s", _nr3),
+    scpi.remembered("OUTPut:SYNC:SOURce", scpi.Choice(("CH1", "CH2")), "CH1"),
     scpi.remembered("ROSCillator:SOURce", scpi.Choice(("INTernal", "EXTernal")), "INT"),
     scpi.remembered("ROSCillator:SOURce:AUTO", scpi.Boolean(), default=False, reply=scpi.boolean),
     scpi.Command("SYSTem:ERRor:COUNt", query=lambda model: len(model.engine.errors), reply=scpi.signed_integer),

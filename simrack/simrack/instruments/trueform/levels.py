@@ -20,6 +20,9 @@ class TrueformSettings(GeneratorSettings):
     bit_rate_hz: float = 1e3
     sequence: str = "PN7"
     continuous: bool = True
+    frequency_mode: str = "CW"
+    trigger_count: float = 1.0
+    timer_s: float = 1.0
 
 
 class LimitedLevels(Levels):
