@@ -127,6 +127,7 @@ def test_the_end_of_an_owner_is_waited_for_and_of_one_elsewhere_never_known(hold
     holder.kill()
     holder.wait()
     assert owner.ended_within(600.0)
+    assert not structs.replace(owner, mark=None).alive()  # signed by a version that knew no marks
     assert not structs.replace(owner, host="elsewhere").ended_within(0.0)
 
 

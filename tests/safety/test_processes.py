@@ -61,8 +61,8 @@ def test_without_proc_all_that_live_have_one_mark(other: subprocess.Popen[bytes]
 
 def test_only_the_process_that_is_meant_is_ended(other: subprocess.Popen[bytes]) -> None:
     mark = mark_of(other.pid)
-    assert not end(other.pid, "another", signal.SIGTERM)
-    assert not end(other.pid, None, signal.SIGTERM)
+    assert end(other.pid, "another", signal.SIGTERM) is False
+    assert end(other.pid, None, signal.SIGTERM) is False
     assert other.poll() is None
     assert end(other.pid, mark, KILL)
     assert other.wait() == -KILL
@@ -76,4 +76,4 @@ def test_one_that_ends_just_before_the_signal_was_not_ended_by_it(monkeypatch: p
 
     mark = mark_of(os.getpid())
     monkeypatch.setattr(os, "kill", gone)
-    assert not end(os.getpid(), mark, signal.SIGTERM)
+    assert end(os.getpid(), mark, signal.SIGTERM) is False
