@@ -132,7 +132,7 @@ def random_sheet(number: int) -> dict[str, float]:
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("number", range(0, 20, 4))
+@pytest.mark.parametrize("number", [0, 12])
 def test_random_data_sheets_come_back(number: int, tmp_path: Path) -> None:
     figures = random_sheet(number)
     sheet, bench = written(tmp_path, figures)
@@ -142,7 +142,7 @@ def test_random_data_sheets_come_back(number: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize("number", range(0, 20, 5))
+@pytest.mark.parametrize("number", [5, 15])
 def test_the_noise_of_a_random_data_sheet_comes_back(number: int, tmp_path: Path) -> None:
     sheet, bench = written(tmp_path, random_sheet(number))
     still = run("zero", bench, mode="gapless", duration_s=3600.0, powered_s=60.0).results
