@@ -233,7 +233,11 @@ def test_what_a_library_has_kept_of_a_lock_keeps_nobody_out(monkeypatch: pytest.
         os.lseek(file, 1 << 20, os.SEEK_SET)  # as locking does on Windows
         return try_lock(file)
 
+    def refuse(_path: Path) -> None:
+        raise PermissionError
+
     monkeypatch.setattr("vcfbench.safety.lock.try_lock", lock)
+    monkeypatch.setattr(Path, "unlink", refuse)  # the second finds the file of the first
     for _ in range(2):
         with instrument_locks("lab-1", {"multimeter": METER}):
             assert json.loads(lock_path(METER).read_text("utf-8"))["station"] == "lab-1"

@@ -20,7 +20,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from msgspec import Struct, ValidationError, to_builtins
+from msgspec import Struct, to_builtins
 
 from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError
@@ -245,5 +245,5 @@ def _signed(path: Path) -> Owner | None:
     """Return the owner that has signed the file of a lock; None where nobody has."""
     try:
         return typed(json.loads(path.read_text("utf-8")), Owner)
-    except (OSError, ValueError, ValidationError):
+    except (OSError, ValueError):
         return None
