@@ -24,6 +24,8 @@ from vcfbench.errors import ConnectFailed, LinkLost
 from vcfbench.testing import Exchange, ScriptedWire, expected_exchange, over_visa
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from vcfbench.drivers.scpi_instrument import ScpiInstrument
 
 CLOCK = WallClock()
@@ -243,6 +245,15 @@ def test_a_peer_that_has_gone_unnoticed_is_connected_to_anew() -> None:
     assert heard[:2] == ["", "OUTP OFF"]
 
 
+def cut_off_supply(clock: VirtualClock, reconnect: Callable[[Deadline], ScriptedWire]) -> E3631A:
+    """Return a supply whose cable is off; `reconnect` plugs it in again."""
+    wire = ScriptedWire(opening(SUPPLY), clock=clock)
+    session = Session(wire, name="power", resource="SCRIPT", clock=clock, timeout_s=1.0, reconnect=reconnect)
+    supply = E3631A(session)
+    session.locate(LinkLost("the cable is off"), None, session.deadline())
+    return supply
+
+
 def test_a_connection_that_comes_back_after_a_while_is_waited_for() -> None:
     clock = VirtualClock()
     proof = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0"), *((f"MEAS:VOLT? {n}", "0") for n in ("P6V", "P25V", "N25V"))]
@@ -256,16 +267,7 @@ def test_a_connection_that_comes_back_after_a_while_is_waited_for() -> None:
             raise ConnectFailed("nobody answers there")
         return back
 
-    session = Session(
-        ScriptedWire(opening(SUPPLY), clock=clock),
-        name="power",
-        resource="SCRIPT",
-        clock=clock,
-        timeout_s=1.0,
-        reconnect=reconnect,
-    )
-    supply = E3631A(session)
-    session.locate(LinkLost("the cable is off"), None, session.deadline())
+    supply = cut_off_supply(clock, reconnect)
     report = supply.make_safe(Deadline.after(clock, 20.0))
     assert report.safe, report.detail
     back.require_done()
@@ -282,16 +284,7 @@ def test_who_is_connecting_anew_says_nothing_once_the_connection_was_given_back(
         assert go_on.wait(PLENTY_S)
         return late
 
-    session = Session(
-        ScriptedWire(opening(SUPPLY), clock=clock),
-        name="power",
-        resource="SCRIPT",
-        clock=clock,
-        timeout_s=1.0,
-        reconnect=reconnect,
-    )
-    supply = E3631A(session)
-    session.locate(LinkLost("the cable is off"), None, session.deadline())
+    supply = cut_off_supply(clock, reconnect)
     assert not supply.command_safe().sent
     assert trying.is_set()
     supply.close()

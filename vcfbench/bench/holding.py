@@ -104,16 +104,17 @@ class Holding:
             with self._stack:
                 try:
                     self.reports += self.safety.make_safe()
-                    error = not_safe(self.reports)
+                    unsafe = not_safe(self.reports)
                     self._signals.close()
                 except LeaveNow:
                     self._signals.close()
                     self.safety.command_safe()  # it came just before or after: nothing may have been told yet
                     said = "NOT SAFE: making safe was ended by a third signal"
-                    error = NotSafe(said, hint="look at every instrument")
+                    unsafe = NotSafe(said, hint="look at every instrument")
                 self.safety.close()
-                if error is not None:
-                    error.reports = tuple(self.reports)
+                if unsafe is not None:
+                    unsafe.reports = tuple(self.reports)
+                error = unsafe  # only now: what breaks it off before is not safe
         finally:
             if self.watchdog is not None:  # it needs the locks
                 self.watchdog.leave(safe=error is None)
