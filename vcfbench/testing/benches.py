@@ -181,7 +181,8 @@ def serve_simulated(
 
     Without `speed` (times real time) bench time jumps to whatever a client waits for.
     """
-    settings = ServerSettings(faults=FaultScript(()) if faults is None else _script(faults))
+    script = FaultScript(()) if faults is None else _script(faults)
+    settings = ServerSettings(control_port=0, faults=script)  # a free one: at 20220 others may look for a bench
     description = described(bench)
     used = chosen_seed(description, seed)
     clock = ServedClock(MAX_SPEED if speed is None else speed)
