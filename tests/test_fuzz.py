@@ -155,7 +155,7 @@ SESSIONS = {
     + call(2, 11, b"\0\0\0\1" + b"\0\0\x10\0" * 2 + b"\0\0\0\x08\0\0\0\6*IDN?\n\0\0")
     + call(3, 12, b"\0\0\0\1" * 6),
     "hislip": hislip(0, 0x0100_7878, b"hislip0") + hislip(7, 0xFFFF_FF00, b"*IDN?\n") + hislip(6, 2, b"DIM?\n"),
-    "control": b'{"do": "list"}\n{"do": "now", "id": 1}\n{"do": "fault", "instrument": "lamp", "kind": "silent", '
+    "control": b'{"do": "list"}\n{"do": "now", "id": 1}\n{"do": "fault", "instrument": "table", "kind": "silent", '
     b'"duration_s": 0.1}\n{"do": "set", "name": "ambient_c", "value": 30}\n',
 }
 
