@@ -279,6 +279,40 @@ def test_aaaa_comes_to_rest_at_the_end_of_travel() -> None:
     bench.wait(10.0)
     assert bench.driver.angle_deg() == pytest.approx(838.8607, abs=2e-4)
     assert not bench.driver.at_rate()
+    with pytest.raises(InterlockError, match=r"at \+200 deg/s, it stands at the end of its travel, \+838\.9 deg"):
+        bench.driver.rate_deg_s()
+    assert bench.driver.make_safe(Deadline.after(bench.clock, 10.0)).safe
+
+
+@pytest.mark.parametrize(("rate_deg_s", "sign"), [(200.0, 1), (-200.0, 1), (200.0, -1)])
+def test_aaaa_is_wound_back_when_it_is_enabled_near_an_end_of_its_travel(rate_deg_s: float, sign: int) -> None:
+    bench = Bench("aaaa", axis_sign=sign)
+    bench.driver.enable()
+    bench.reach(rate_deg_s)
+    bench.wait(5.0)
+    assert bench.driver.make_safe(Deadline.after(bench.clock, 10.0)).safe
+    assert abs(bench.driver.angle_deg()) > 500.0
+    began_s = bench.clock.now()
+    bench.driver.enable()
+    assert bench.clock.now() - began_s > 500.0 / 30.0
+    assert bench.driver.angle_deg() == pytest.approx(0.0, abs=0.1)
+    assert bench.world.table.rate_deg_s() == pytest.approx(0.0, abs=1e-9)
+    bench.reach(rate_deg_s)
+    assert bench.driver.rate_deg_s() == pytest.approx(rate_deg_s, abs=2e-3)
+
+
+def test_aaaa_that_does_not_wind_back_is_not_enabled() -> None:
+    bench = Bench("aaaa", max_rate_deg_s=10.0)
+    bench.driver.enable()
+    bench.reach(10.0)
+    bench.wait(75.0)
+    assert bench.driver.make_safe(Deadline.after(bench.clock, 10.0)).safe
+    with pytest.raises(
+        InterlockError, match=r"\+7\d\d\.\d deg, near an end of its travel; at 10 deg/s winding back takes 7\d s"
+    ):
+        bench.driver.enable()
+    with pytest.raises(InterlockError, match="servo is open"):
+        bench.driver.set_rate(10.0, 100.0)
 
 
 def test_a_zaber_stage_must_be_told_its_steps() -> None:

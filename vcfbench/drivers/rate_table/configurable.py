@@ -113,7 +113,8 @@ class ConfigurableDialect(TableDialect):
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Return the profile's stop commands, after the end of a torn message; where it can, with an acceleration."""
         stop = self._words(self.profile.safety.stop, {})
-        before = (self._torn_end() + stop[0], *stop[1:])
+        torn = messages.torn_end(self.profile.frame, self.profile.link.tx_end)
+        before = (torn + stop[0], *stop[1:])
         if acceleration_deg_s2 is None or not self.profile.commands.get("set_accel"):
             return before
         commanded = self._table_acceleration(acceleration_deg_s2)
@@ -151,6 +152,20 @@ class ConfigurableDialect(TableDialect):
             raise errors.InterlockError(what, hint=hint, **line.where)
         self.perform(line, "enable", generous)
         self._servo = True
+
+    @property
+    def travel_deg(self) -> tuple[float, float] | None:
+        """Ends of travel that the profile names; None where it has no word to go to an angle."""
+        units = self.profile.units
+        if units.travel is None or not self.profile.commands.get("goto"):
+            return None
+        low, high = sorted(units.sign * end for end in units.travel)
+        return low, high
+
+    def go_to(self, line: TableLine, angle_deg: float, rate_deg_s: float, deadline: Deadline) -> None:
+        """Begin to turn to an angle with the table's own acceleration."""
+        position = {"position": self.profile.units.sign * angle_deg}
+        self.perform(line, "goto", deadline, self.motion(line, rate_deg_s, math.inf) | position)
 
     def hold(self, line: TableLine, deadline: Deadline) -> None:
         """Stop; there is no other mode."""
@@ -477,20 +492,6 @@ class ConfigurableDialect(TableDialect):
             commanded = math.floor(commanded / units.acceleration_quantum * (1.0 + 1e-12)) * units.acceleration_quantum
         bad = not 0.0 < acceleration_deg_s2 <= highest or not commanded > 0.0
         return None if bad or not units.acceleration_min <= commanded <= units.acceleration_max else commanded
-
-    def _torn_end(self) -> bytes:
-        """Return the end of a message that broke off, so that it does not swallow the next.
-
-        A line ends with its end. A frame of bytes that lacks some is filled up with what begins none; it then fails its
-        check, or is done: the stop comes after it.
-        """
-        frame = self.profile.frame
-        if frame.kind == "line":
-            return self.profile.link.tx_end.encode("ascii")
-        if frame.kind == "delimited":
-            return bytes.fromhex(frame.trailer)
-        filling = b"\xff" if bytes.fromhex(frame.header).startswith(b"\0") else b"\0"
-        return filling * ((frame.length or frame.longest) - 1)
 
 
 def _unsent(line: TableLine, what: str) -> errors.LimitError:

@@ -104,6 +104,16 @@ class TableDialect(Protocol):
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Zero the demand, select rate mode, close the servo."""
 
+    @property
+    def travel_deg(self) -> tuple[float, float] | None:
+        """Ends of travel; None for a table that turns on and on."""
+        return None
+
+    def go_to(self, line: TableLine, angle_deg: float, rate_deg_s: float, deadline: Deadline) -> None:
+        """Begin to turn to an angle; InstrumentError where the language has no word for it."""
+        del angle_deg, rate_deg_s, deadline
+        raise InstrumentError("the known part of this language has no move to an angle", **line.where)
+
     def hold(self, line: TableLine, deadline: Deadline) -> None:
         """Leave rate mode: zero rate whatever is demanded."""
 

@@ -29,6 +29,15 @@ _POLLS_AT_REST = 3
 _SERVO_S = 10.0
 """Longest time to close or open the servo, s."""
 
+_WINDING_DEG_S = 30.0
+"""Rate at which a table is turned back from an end of its travel, at most."""
+
+_LONGEST_WINDING_S = 45.0
+"""No longer than a step may take unasked."""
+
+_WIND_BACK = "turn the table to the middle of its travel"
+_ARRIVED_DEG = 0.1
+
 _STOP_ATTEMPTS = 3
 
 _SHARES = (0.5, 0.5, 1.0)
@@ -118,7 +127,30 @@ class RateTableDriver:
         self._command(self._dialect.close_servo)
         if not self._wait_for_servo(self._line.deadline(_SERVO_S), "closed"):
             raise self._interlock(self.fault() or "the servo did not close")
+        self._wind_back()
         self._enabled = True
+
+    def _wind_back(self) -> None:
+        """Turn a table that stands near an end of its travel back to the middle: a run goes both ways."""
+        if self._dialect.travel_deg is None:
+            return
+        low_deg, high_deg = self._dialect.travel_deg
+        middle_deg, angle_deg = (low_deg + high_deg) / 2.0, self._ask(self._dialect.angle_deg)
+        away_deg, rate_deg_s = abs(angle_deg - middle_deg), min(_WINDING_DEG_S, self._limits.max_rate_deg_s)
+        if away_deg <= (high_deg - low_deg) / 4.0:
+            return
+        found = f"it stands at {angle_deg:+.1f} deg, near an end of its travel"
+        if (needed_s := away_deg / rate_deg_s) > _LONGEST_WINDING_S:
+            raise self._interlock(f"{found}; at {rate_deg_s:g} deg/s winding back takes {needed_s:.0f} s", _WIND_BACK)
+        arrival = Deadline.after(self.clock, needed_s + _SERVO_S)
+        self._dialect.go_to(self._line, middle_deg, rate_deg_s, self._line.deadline())
+        while abs(self._ask(self._dialect.angle_deg) - middle_deg) > _ARRIVED_DEG:
+            if (fault := self.fault()) or arrival.expired():
+                said = fault or f"it did not come there in {arrival.elapsed():.3g} s"
+                raise self._interlock(f"{found}; told to wind back to {middle_deg:+g} deg: {said}", _WIND_BACK)
+            sleep(self.clock, _POLL_S)
+        if not self._wait_for_rest(self._line.deadline(_SERVO_S)):
+            raise self._interlock(f"wound back to {middle_deg:+g} deg, it did not come to rest there", _WIND_BACK)
 
     def disable(self) -> None:
         """Open the servo; refuses (InterlockError) while the table turns."""
@@ -165,8 +197,14 @@ class RateTableDriver:
         return self._ask(self._dialect.at_rate)
 
     def rate_deg_s(self) -> float:
-        """Read back the rate."""
-        return self._rate_deg_s(None)
+        """Read back the rate; raises InterlockError when the table stands at an end of its travel."""
+        rate_deg_s = self._rate_deg_s(None)
+        if self._demanded_deg_s and abs(rate_deg_s) < self._rest_tolerance_deg_s and self._dialect.travel_deg:
+            end_deg = self._dialect.travel_deg[1 if self._sign * self._demanded_deg_s > 0.0 else 0]
+            if abs(self._ask(self._dialect.angle_deg) - end_deg) < _ARRIVED_DEG:
+                what = f"told to turn at {self._demanded_deg_s:+g} deg/s, it stands at the end of its travel"
+                raise self._interlock(f"{what}, {end_deg:+.1f} deg", "lower rates or shorter windows need less travel")
+        return rate_deg_s
 
     def _rate_deg_s(self, within: Deadline | None) -> float:
         rate_deg_s = self._sign * self._ask(self._dialect.rate_deg_s, within) + 0.0

@@ -311,6 +311,20 @@ def frame_bytes(frame: Frame, data: bytes) -> bytes:
     return body + _check(frame, body) + trailer
 
 
+def torn_end(frame: Frame, end: str) -> bytes:
+    """Return the end of a message that broke off, so that it does not swallow the next.
+
+    A line ends with its `end`. A frame of bytes that lacks some is filled up with what begins none; it then fails its
+    check, or is done: a stop comes after it.
+    """
+    if frame.kind == "line":
+        return end.encode("ascii")
+    if frame.kind == "delimited":
+        return bytes.fromhex(frame.trailer)
+    filling = b"\xff" if bytes.fromhex(frame.header).startswith(b"\0") else b"\0"
+    return filling * ((frame.length or frame.longest) - 1)
+
+
 def _check(frame: Frame, body: bytes) -> bytes:
     if frame.checksum is None:
         return b""
