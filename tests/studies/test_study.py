@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from simrack_tests.cells import few
-from simrack_tests.ports import free_port
 
 import vcfbench
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
@@ -221,52 +220,6 @@ def test_two_processes_give_the_same_bytes(whole: Path, tmp_path: Path) -> None:
     assert of(tmp_path) == of(whole)
 
 
-@pytest.mark.exhaustive
-def test_a_cluster_gives_the_same_bytes(whole: Path, tmp_path: Path) -> None:
-    """Two workers of two threads each, and none of them lives to the end."""
-    distributed = pytest.importorskip("distributed")
-    options = {"n_workers": 2, "threads_per_worker": 2, "dashboard_address": None}
-    with distributed.LocalCluster(**options) as cluster:
-        again(whole, tmp_path, scheduler=cluster.scheduler_address)
-    assert of(tmp_path) == of(whole)
-    with pytest.raises(vcfbench.ConnectFailed, match="no Dask scheduler answers"):
-        again(whole, tmp_path, scheduler="tcp://127.0.0.1:9", restart=True)
-
-
-@pytest.mark.exhaustive
-def test_a_scheduler_that_dies_is_one_message(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    pytest.importorskip("distributed")
-    begin = [sys.executable, "-m"]
-    port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
-    scheduler = [*begin, "distributed.cli.dask_scheduler", "--port", str(port), "--dashboard-address", ":0"]
-    worker = [*begin, "distributed.cli.dask_worker", address, "--no-dashboard", "--no-nanny", "--death-timeout", "30"]
-    quiet: Any = {"stderr": subprocess.DEVNULL}
-    there = f"from distributed import Client; Client({address!r}, timeout='60s').wait_for_workers(1, timeout=60)"
-
-    class Ends(Progress):
-        def done(self, row: RunRow) -> None:  # noqa: ARG002
-            first.kill()
-
-    with (
-        subprocess.Popen(scheduler, **quiet) as first,  # noqa: S603  # this Python, what is installed
-        subprocess.Popen(worker, **quiet) as second,  # noqa: S603  # as above
-    ):
-        try:
-            subprocess.run([sys.executable, "-c", there], check=True, **quiet)  # noqa: S603  # as above
-            with pytest.raises(vcfbench.LinkLost, match="the cluster answers no more"):
-                vcfbench.study(
-                    {"procedure": "turntable", "seeds": {"count": 50}, "settings": QUICK},
-                    output=tmp_path / "t.csv",
-                    scheduler=address,
-                    progress=Ends(),
-                )
-        finally:
-            first.kill()
-            second.kill()
-    assert not caplog.records
-
-
 def test_names_that_fit_no_metric_are_refused_after_one_run(tmp_path: Path) -> None:
     asked = {"procedure": "turntable", "seeds": {"count": 50}, "settings": QUICK, "metrics": ["nothing.*"]}
     with pytest.raises(vcfbench.ConfigError, match=r"study: metrics: expected .*scale_factor, .*came nothing\.\*"):
@@ -380,7 +333,6 @@ def test_a_study_without_any_result_is_an_error(tmp_path: Path) -> None:
         ({"output": "t.xlsx"}, "expected a name that ends in .parquet or .csv"),
         ({"output": "nowhere/t.csv"}, "there is no directory nowhere"),
         ({"workers": 0}, "--workers 0: expected 1 to 1024"),
-        ({"workers": 2, "scheduler": "tcp://127.0.0.1:9"}, "leave --workers out"),
     ],
 )
 def test_how_it_is_to_be_done_is_checked_first(whole: Path, how: dict[str, Any], words: str) -> None:

@@ -26,9 +26,6 @@ def study(
         output_option("Table of the runs, .parquet or .csv; the rest goes beside it. Default: named after the study."),
     ] = None,
     workers: Annotated[int | None, option("N", "Number of processes. Default: one for each processor.")] = None,
-    scheduler: Annotated[
-        str | None, option("URL", "Dask scheduler whose workers do the runs: tcp://HOST:8786.")
-    ] = None,
     keep_records: Annotated[Path | None, option("DIR", "Keep the record of every run there.")] = None,
     *,
     restart: Annotated[bool, flag("Begin anew, even if runs were done before.", "--restart")] = False,
@@ -42,7 +39,7 @@ def study(
     """
     asked = read_study(file)
     table = Path(f"{file.stem}.parquet") if output is None else output
-    how = StudyOptions(table, workers, scheduler, restart, keep_records)
+    how = StudyOptions(table, workers, restart, keep_records)
     with _shown(how, quiet=quiet) as progress:
         if dry_run:
             _show_plan(plan_of(asked, how, progress), as_json=json)

@@ -19,7 +19,7 @@ from vcfbench.studies.one_run import PlannedRun, RunRow, perform
 from vcfbench.studies.result import StudyResult, beside, of_rows
 from vcfbench.studies.table import require_writable
 from vcfbench.studies.vary import Drawn
-from vcfbench.studies.workers import LOST, here, in_processes, on_cluster, processors
+from vcfbench.studies.workers import LOST, here, in_processes, processors
 
 Rows = Mapping[tuple[int, int], RunRow]
 
@@ -46,7 +46,6 @@ class StudyOptions(Struct, frozen=True):
 
     output: Path | None = None
     workers: int | None = None
-    scheduler: str | None = None
     restart: bool = False
     keep_records: Path | None = None
 
@@ -73,7 +72,6 @@ def study(
     *,
     output: str | Path | None = None,
     workers: int | None = None,
-    scheduler: str | None = None,
     restart: bool = False,
     keep_records: str | Path | None = None,
     progress: Progress | None = None,
@@ -88,7 +86,6 @@ def study(
             was ended goes on where it was. None writes nothing.
         workers: processes on this computer; None is one for each processor, 1 does the runs in this process. More
             than one needs ``if __name__ == "__main__":`` around the call in a script.
-        scheduler: address of a Dask scheduler (``"tcp://host:8786"``), whose workers do the runs instead.
         restart: begin anew, whatever is there.
         keep_records: directory for the record of each run; None keeps none.
         progress: gets the progress.
@@ -99,7 +96,6 @@ def study(
     how = StudyOptions(
         None if output is None else Path(output),
         workers,
-        scheduler,
         restart,
         None if keep_records is None else Path(keep_records),
     )
@@ -173,8 +169,6 @@ def _check(asked: Study, how: StudyOptions, progress: Progress) -> None:
     """Check that the study can be done as asked, before anything runs."""
     if how.workers is not None and not 1 <= how.workers <= 1024:
         raise ConfigError(f"--workers {how.workers}: expected 1 to 1024")
-    if how.workers is not None and how.scheduler is not None:
-        raise ConfigError("--scheduler: the cluster has workers of its own", hint="leave --workers out")
     if how.output is not None:
         require_writable(how.output)
     if how.keep_records is not None and how.keep_records.exists() and not how.keep_records.is_dir():
@@ -193,9 +187,7 @@ def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -
     workers = min(_workers(how), len(missing))
     if not missing:
         return
-    if how.scheduler is not None:
-        yield from on_cluster(works, how.scheduler)
-    elif workers > 1:
+    if workers > 1:
         yield from in_processes(works, workers)
     else:
         yield from here(works)

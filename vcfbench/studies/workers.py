@@ -1,11 +1,10 @@
-"""Workers for the runs of a study: this process, processes of its own, or a Dask cluster. All yield the same rows.
+"""Workers for the runs of a study: this process, or processes of its own. Both yield the same rows.
 
 A process that dies takes its pool with it. What it may have been doing is then done again one run at a time, each in a
 process of its own making, so that a run that kills its process is found, and no other run is lost by it.
 """
 
 import gc
-import logging
 import multiprocessing
 import os
 import signal
@@ -18,10 +17,8 @@ from contextlib import contextmanager
 from multiprocessing import connection
 from typing import Any, Final
 
-from vcfbench.errors import BenchError, ConfigError, ConnectFailed, LinkLost
-from vcfbench.extras import need
+from vcfbench.errors import BenchError
 from vcfbench.studies.one_run import PlannedRun, RunRow, perform
-from vcfbench.version import installed_version
 
 LOST: Final = "lost"
 """Status of a run whose process died each time; it is not kept, so that a study that goes on tries it again."""
@@ -142,75 +139,3 @@ def _begin() -> None:
             os._exit(1)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
-
-
-def on_cluster(works: Iterable[PlannedRun], address: str) -> Iterator[RunRow]:
-    """Do the runs on the Dask cluster whose scheduler is at `address`, and yield each row when it is there.
-
-    Raises:
-        ConfigError: `distributed` is not installed, or a worker has another version of this package.
-        ConnectFailed: no scheduler answers.
-        LinkLost: it answered no more.
-    """
-    distributed = need("distributed", "study", "a study on a cluster")
-    try:
-        client = distributed.Client(address, timeout="10s", set_as_default=False)
-    except (OSError, ValueError) as error:
-        words = f"--scheduler {address}: no Dask scheduler answers"
-        raise ConnectFailed(words, hint="dask scheduler begins one") from error
-    cancelled = distributed.client.FutureCancelledError
-    with _silent("distributed.client"), client, client.as_current():
-        try:
-            found = client.run(installed_version)
-        except (ImportError, RuntimeError) as error:  # they cannot read what they are sent
-            said = f"--scheduler {address}: its workers need vcfbench {installed_version()}: {error}"
-            raise ConfigError(said) from error
-        if not found:
-            raise ConnectFailed(f"--scheduler {address}: it has no workers", hint="dask worker SCHEDULER begins one")
-        for worker, version in found.items():
-            if version != installed_version():
-                said = f"worker {worker} has vcfbench {version}, this is {installed_version()}"
-                raise ConfigError(f"--scheduler {address}: {said}")
-        try:
-            yield from _clustered(client, distributed, iter(works))
-        except (OSError, TimeoutError, cancelled) as error:
-            what = "its scheduler is gone" if isinstance(error, cancelled) else str(error)
-            raise LinkLost(
-                f"--scheduler {address}: the cluster answers no more: {what}",
-                hint="the same command goes on where it was, with a scheduler that lives",
-            ) from error
-
-
-@contextmanager
-def _silent(logger: str) -> Iterator[None]:
-    """Let `logger` say nothing: its messages are told as an error, once."""
-    said = logging.getLogger(logger)
-    before = said.level
-    said.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        said.setLevel(before)
-
-
-def _clustered(client: Any, distributed: Any, works: Iterator[PlannedRun]) -> Iterator[RunRow]:
-    keys: dict[str, PlannedRun] = {}
-
-    def submitted() -> Iterator[Any]:
-        for work in works:
-            future = client.submit(perform, work, pure=False, retries=_TRIES - 1)
-            keys[future.key] = work
-            yield future
-
-    more = submitted()
-    window = 2 * max(1, sum(client.nthreads().values()))
-    done = distributed.as_completed([future for _, future in zip(range(window), more, strict=False)])
-    for future in done:
-        work = keys.pop(future.key)
-        try:
-            yield future.result()
-        except distributed.KilledWorker:
-            yield RunRow(*work.key, LOST, "its workers died")
-        for another in more:
-            done.add(another)
-            break
