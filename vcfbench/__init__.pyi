@@ -15,12 +15,12 @@ from vcfbench.archive.compared import RunComparison as RunComparison
 from vcfbench.archive.compared import compare_runs as compare_runs
 from vcfbench.archive.export import Exported as Exported
 from vcfbench.archive.export import export_run as export_run
-from vcfbench.archive.index import run_summaries as run_summaries
 from vcfbench.archive.recorded import list_runs as list_runs
 from vcfbench.archive.recorded import load_run as load_run
 from vcfbench.archive.run import RawReading as RawReading
 from vcfbench.archive.run import Run as Run
 from vcfbench.archive.summary import RunSummary as RunSummary
+from vcfbench.archive.summary import run_summaries as run_summaries
 from vcfbench.archive.written import write_certificate as write_certificate
 from vcfbench.archive.written import write_report as write_report
 from vcfbench.bench.bench import Bench as Bench

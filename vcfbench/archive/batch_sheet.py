@@ -10,10 +10,9 @@ from typing import Any, Final
 from msgspec import Struct, structs
 
 from vcfbench.archive.compared import compare_runs
-from vcfbench.archive.index import run_summaries
 from vcfbench.archive.quantities import values_of
 from vcfbench.archive.recorded import load_run
-from vcfbench.archive.summary import RunSummary
+from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.archive.written import write_document
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need

@@ -7,9 +7,9 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from vcfbench import errors
-from vcfbench.archive.index import run_summaries
 from vcfbench.archive.results import evaluation_of, printable
 from vcfbench.archive.run import Run, breaks
+from vcfbench.archive.summary import run_summaries
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.directory import RunDirectory, find_run

@@ -1,6 +1,6 @@
 """Summaries of records in a list, and the selection of records: no readings are read for it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +12,7 @@ from msgspec import Struct, field, structs
 from vcfbench.archive.results import evaluation_of, stored_outcome
 from vcfbench.errors import ConfigError
 from vcfbench.records.amendments import amended, amended_fields, amendments_of
-from vcfbench.records.directory import RunDirectory, began
+from vcfbench.records.directory import RunDirectory, began, recorded_runs
 from vcfbench.records.metadata import metadata_from
 from vcfbench.records.outline import ListedMetadata, Outline, outline_of
 from vcfbench.records.plain import ReadOnly, plain
@@ -128,9 +128,33 @@ class Selection(Struct, frozen=True, kw_only=True):
         )
 
 
-def ordered(summaries: Iterator[RunSummary]) -> tuple[RunSummary, ...]:
-    """Return runs by when they began."""
-    return tuple(sorted(summaries, key=lambda each: (each.started, each.run)))
+def run_summaries(
+    runs: str | Path = "runs",
+    *,
+    dut: str | None = None,
+    since: str | datetime | None = None,
+    status: str | None = None,
+    procedure: str | None = None,
+    tags: Mapping[str, str] | None = None,
+) -> tuple[RunSummary, ...]:
+    """Return summaries of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
+
+    ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
+
+    Args:
+        runs: directory of the records.
+        dut: only those of this device.
+        since: only those that began on this day (``"2026-01-15"``, UTC) or later, or from an instant on.
+        status: only those that ended so.
+        procedure: only those of this procedure.
+        tags: only those that have all of them.
+
+    Raises:
+        ConfigError: there is no such status, or the date is none.
+    """
+    chosen = Selection.of(dut, since, status, procedure=procedure, tags=dict(tags or {}))
+    found = (each for each in map(summary_of, recorded_runs(Path(runs))) if chosen.takes(each))
+    return tuple(sorted(found, key=lambda each: (each.started, each.run)))
 
 
 def summary_of(directory: RunDirectory) -> RunSummary:

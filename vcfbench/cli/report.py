@@ -7,9 +7,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from vcfbench.archive.index import run_summaries
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.run import Run
+from vcfbench.archive.summary import run_summaries
 from vcfbench.archive.written import write_certificate, write_report
 from vcfbench.cli.options import Run_, Runs_, flag, key_and_value, option, output_option, tags_of
 from vcfbench.errors import ConfigError

@@ -12,11 +12,10 @@ from msgspec import structs, to_builtins
 
 from vcfbench.archive.amending import amend_run
 from vcfbench.archive.export import export_run
-from vcfbench.archive.index import RunIndex, run_summaries
 from vcfbench.archive.recorded import recorded_run
 from vcfbench.archive.results import printable
 from vcfbench.archive.run import Run
-from vcfbench.archive.summary import RunSummary
+from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.archive.verified import verify_run
 from vcfbench.cli.answer import print_json, print_report, print_verdicts
 from vcfbench.cli.options import (
@@ -176,26 +175,6 @@ def _print_run(directory: RunDirectory, record: JournalRecord, run: Run) -> None
     if firmware:
         typer.echo(f"\n{printable('firmware: ' + ', '.join(firmware))}")
     typer.echo(f"\nrecord: {shown(directory.path)}")
-
-
-@app.command("index")
-def index(
-    runs: Runs_ = Path("runs"),
-    *,
-    rebuild: Annotated[bool, flag("Read every record again, not only what changed.", "--rebuild")] = False,
-    json: Json_ = False,
-) -> None:
-    """Make or update the index of the records, which lists then use."""
-    if not runs.is_dir():
-        raise ConfigError(f"{shown(runs)}: there are no records to make an index of")
-    made = RunIndex(runs)
-    done = made.refresh(rebuild=rebuild)
-    if json:
-        print_json({"index": str(made.path), **to_builtins(done)})
-        return
-    if done.made_again is not None:
-        typer.echo(f"vcfbench: {made.path} was made again: {done.made_again}", err=True)
-    typer.echo(f"{made.path}: {done.records} records, {done.read} read, {done.gone} gone")
 
 
 @app.command("export")

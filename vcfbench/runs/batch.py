@@ -6,7 +6,7 @@ from zlib import crc32
 
 from msgspec import Meta, Struct, field, structs
 
-from vcfbench.archive.index import run_summaries
+from vcfbench.archive.summary import run_summaries
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.procedures import catalogue
