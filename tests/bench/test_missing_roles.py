@@ -11,7 +11,7 @@ from msgspec import structs
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
-from vcfbench.bench.console import open_console
+from vcfbench.bench.ground import station
 from vcfbench.bench.make_safe import safe_bench
 from vcfbench.errors import BenchError, ConfigError, LimitError
 from vcfbench.procedures.bench_file import load_bench, parse_bench
@@ -128,7 +128,7 @@ def test_what_is_not_needed_is_left_to_others() -> None:
     """An oscilloscope that somebody else has keeps no bench from being opened that does not need it."""
     with serve_simulated(PAPER) as lab:
         real = structs.replace(lab.on_wires(), served=None)
-        with open_console("oscilloscope", real):
+        with station(real, None, None, roles=["oscilloscope"]):
             with pytest.raises(BenchError, match="oscilloscope at"):
                 open_bench(real)
             with open_bench(real, needs=["multimeter"]) as bench:

@@ -9,7 +9,7 @@ from simrack.serve.adjust import adjustments_of
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
-from vcfbench.bench.console import open_console
+from vcfbench.bench.ground import station
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.procedures.bench_file import load_bench, parse_bench
@@ -132,15 +132,11 @@ def test_its_errors_are_drawn_by_the_seed_and_not_those_of_the_first() -> None:
     assert all("a perfect instrument" in row.source for path, row in perfect.items() if ".v_vc_meter." in path)
 
 
-def test_it_is_checked_talked_to_locked_and_left_idle() -> None:
+def test_it_is_checked_opened_and_left_idle() -> None:
     described = with_meter()
     checked = {each.role: each for each in check_bench(described).instruments}
     assert checked["v_vc_meter"].identity is not None
     assert checked["v_vc_meter"].problem is None
-    with open_console("v_vc_meter", described) as console:
-        said = console.say("MEAS:VOLT:DC?")
-        assert said.answer is not None
-        assert float(said.answer) == pytest.approx(0.0, abs=1e-4)
     with open_bench(described) as bench:
         assert bench.identities["v_vc_meter"].model == "34401A"
     assert {each.instrument: each.safe for each in bench.safe_reports}["v_vc_meter"]
@@ -169,8 +165,9 @@ def test_it_is_served_locked_and_read_over_tcp_with_the_same_digits() -> None:
         here_v = read_v_vc(bench)
     with serve_simulated(described, seed=2) as lab:
         assert "v_vc_meter" in lab.wires
-        with open_console("v_vc_meter", lab.on_wires()), pytest.raises(BenchError, match="v_vc_meter at"):
-            open_bench(lab.on_wires(), needs=["v_vc_meter"])
+        real = lab.on_wires()
+        with station(real, None, None, roles=["v_vc_meter"]), pytest.raises(BenchError, match="v_vc_meter at"):
+            open_bench(real, needs=["v_vc_meter"])
         with open_bench(lab.on_wires()) as bench:
             powered(bench, 0.5)
             assert read_v_vc(bench) == pytest.approx(here_v, abs=2e-5)

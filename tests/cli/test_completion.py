@@ -33,12 +33,6 @@ def test_commands_and_procedures_although_they_are_not_loaded() -> None:
     assert "--seed" in offered("vcfbench run turntable --se")
 
 
-def test_roles_of_the_bench_that_is_named() -> None:
-    assert offered("vcfbench talk rate_") == ["rate_source", "rate_table"]
-    assert offered("vcfbench talk --bench lab v_") == ["v_vc_meter"]
-    assert offered("vcfbench talk --bench nowhere.toml v_") == []
-
-
 def test_runs_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert offered("vcfbench resume ") == []

@@ -1,82 +1,114 @@
+"""``vcfbench talk``: the whole bench at one prompt."""
+
 from __future__ import annotations
 
 import json
 import os
+import re
 import select
 import signal
 import subprocess
 import sys
-import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 from typer.testing import CliRunner
 
-from tests.drivers.servers import answering, serving
+from vcfbench.bench.console import summary
 from vcfbench.cli.main import app
-from vcfbench.station.file import template
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.runs.by_hand import WORDS, ByHand
+from vcfbench.station.writing import bench_text
+from vcfbench.testing import read_trace
 
 if TYPE_CHECKING:
-    import socket
     from collections.abc import Iterator
     from pathlib import Path
 
     from typer.testing import Result
 
 
-def talk(*arguments: str, typed: str | None = None) -> Result:
-    return CliRunner().invoke(app, ["talk", *arguments], input=typed)
+def talk(*lines: str, options: tuple[str, ...] = ()) -> Result:
+    return CliRunner().invoke(app, ["talk", *options, *(word for line in lines for word in ("-c", line))])
 
 
-def raw(runs: Path) -> list[str]:
-    return ["--raw", "--runs", str(runs)]
+def test_the_bench_is_measured_with_by_hand(tmp_path: Path) -> None:
+    trace = tmp_path / "x.trace"
+    lines = ("power.on", "multimeter.read", "v_vc.set 0.1", "wait 3", "multimeter.read", "v_vc.off")
+    done = talk(*lines, options=("--seed", "1", "--trace", str(trace)))
+    assert done.exit_code == 0, done.stderr
+    rails, before, _, _, after, _ = done.stdout.splitlines()
+    assert re.fullmatch(r"P25V \+(9\.9|10\.0)\d+ V 0\.0\d+ A, N25V -(9\.9|10\.0)\d+ V 0\.0\d+ A", rails)
+    change_v = float(after.split()[0]) - float(before.split()[0])
+    assert change_v == pytest.approx(-12.5e-3 * 150.0 * 0.1 + 51.7e-3, abs=0.02)  # the switch shifts it by 51.7 mV
+    assert "supply outputs on" in done.stderr
+    sent = [(line.role, line.data.decode()) for line in read_trace(trace) if line.mark == ">"]
+    off_first = sent.index(("rate_source", "OUTP OFF\n"))
+    assert off_first < sent.index(("power", "OUTP ON\n")) < sent.index(("rate_source", "OUTP ON\n"))
+    levels = [n for n, (role, text) in enumerate(sent) if role == "power" and ":CURR 0.1;:VOLT" in text]
+    assert len(levels) == 2
+    assert max(levels) < sent.index(("power", "OUTP ON\n"))
+    last = {role: text for role, text in sent if text.startswith("OUTP O")}
+    assert last == {"power": "OUTP OFF\n", "rate_source": "OUTP OFF\n"}
 
 
-def test_answers_on_stdout_the_rest_on_stderr(tmp_path: Path) -> None:
-    done = talk("multimeter", *raw(tmp_path), "-c", "*IDN?", "-c", "CONF:VOLT:DC 10", "--command", "SYST:VERS?")
-    assert (done.exit_code, done.stdout) == (0, "HEWLETT-PACKARD,34401A,0,11-5-2\n1991.0\n")
-    assert done.stderr.startswith("raw commands: nothing is compared with the limits")
-    assert done.stderr.endswith("raw.jsonl\nno error\n")
-
-
-def test_lines_come_from_stdin_and_some_are_the_consoles() -> None:
-    typed = "// a remark\n\n.help\n*OPC?\n.errors\n.clear\n.wait 1.5\n.quit\n*IDN?\n"
-    done = talk("power", typed=typed)
-    assert (done.exit_code, done.stdout) == (0, "1\n")
-    assert ".wait SECONDS" in done.stderr
-    assert done.stderr.endswith("no error\n")
+def test_the_table_turns_and_stops_and_lines_go_to_instruments_as_they_are() -> None:
+    done = talk("table.rate 10", "table.read", "table.stop", "table.read", "multimeter *IDN?", "scope *OPC?", "safe")
+    assert done.exit_code == 0, done.stderr
+    rate, read, _, at_rest, identity, complete, safe = done.stdout.splitlines()
+    assert float(rate.split()[0]) == pytest.approx(10.0, abs=0.01)
+    assert read.startswith("+10.0")
+    assert abs(float(at_rest.split()[0])) < 0.01
+    assert (identity, complete) == ("HEWLETT-PACKARD,34401A,0,11-5-2", "1")
+    assert safe == "table at rest, outputs off"
 
 
 @pytest.mark.parametrize(
-    ("role", "line", "code", "words"),
+    ("line", "code", "words"),
     [
         (
-            "power",
-            "APPL P25V,12",
+            "table.rate 400",
             3,
-            "raw command is compared with no limit of the bench, command 'APPL P25V,12'; nothing was sent",
+            "rate_table: rate 400 deg/s is beyond the bench's limit of 300 deg/s; limits.max_rate_deg_s",
         ),
-        ("rate_table", ":Demand:Rate? 1;:Mode:Rate 1", 3, "--raw sends it and writes it down"),
-        ("power", "*TST?", 3, "nothing was sent"),
-        ("multimeter", "FOO?", 3, "no answer, command 'FOO?'"),
-        ("multimeter", ".wait long", 2, ".wait long: expected seconds"),
-        ("multimeter", ".what", 2, "there are .wait SECONDS"),
-        ("kettle", "*IDN?", 2, "there is no 'kettle'; there are power"),
-        ("vibration_source", "*IDN?", 2, "there is no 'vibration_source' on this bench"),
+        ("v_vc.set 11", 3, "rate_source: voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
+        ("v_vc.sine 10 11", 3, "peak voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
+        ("v_vc.set 1", 3, "the PCB has no power, nothing was sent; power.on comes first"),
+        ("power APPL P25V,12,0.1", 3, "a raw command is compared with no limit of the bench"),
+        ("multimeter FOO?", 3, "Undefined header"),
+        ("multimeter", 2, "expected what is to be sent, as in multimeter *IDN?"),
+        ("table.rate fast", 2, "table.rate DEG_S: DEG_S: expected a number, came 'fast'"),
+        ("table.rate", 2, "expected 'table.rate DEG_S', came 'table.rate'"),
+        ("wait -1", 2, "expected seconds, from 0 to 86400"),
+        ("table.rat 10", 2, "there is no word 'table.rat' ('table.rate'?)"),
+        ("chamber.read", 2, "'chamber.read': bench paper has no chamber"),
     ],
 )
-def test_the_first_line_that_is_refused_or_fails_ends_it(role: str, line: str, code: int, words: str) -> None:
-    done = talk(role, "-c", line, "-c", "*OPC?")
-    assert done.exit_code == code
+def test_what_is_refused_ends_it_with_the_reason(line: str, code: int, words: str) -> None:
+    done = talk(line, "multimeter *IDN?")
+    assert (done.exit_code, done.stdout) == (code, "")
     assert words in done.stderr
-    assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    "message",
+    ["OUTP ON", "*IDN?;:OUTP ON", "VOLT 1 ?", "*TST?", "CAL?", "*CAL?", "MEAS:RES?", ":MEASURE:SCALAR:FRES? 1", "?;A"],
+)
+def test_a_line_that_is_not_one_question_needs_raw(message: str) -> None:
+    done = talk(f"power {message}")
+    assert done.exit_code == 3
+    assert "nothing was sent" in done.stderr
+    assert "--raw sends it and writes it down" in done.stderr
 
 
 def test_a_raw_command_is_written_down_before_it_is_sent(tmp_path: Path) -> None:
-    done = talk("power", *raw(tmp_path), "-c", "APPL P25V,12", "-c", "APPL? P25V", "-c", "FOO")
+    options = ("--raw", "--runs", str(tmp_path))
+    done = talk("power APPL P25V,12", "power APPL? P25V", "power FOO", options=options)
     assert (done.exit_code, done.stdout) == (3, '"12.000000,1.000000"\n')
-    assert "power at GPIB0::5::INSTR: refused with -113" in done.stderr
+    assert done.stderr.startswith("raw commands: nothing is compared with the limits")
+    assert "refused with -113" in done.stderr
     lines = [json.loads(line) for line in (tmp_path / "raw.jsonl").read_text("utf-8").splitlines()]
     assert [line["command"] for line in lines] == ["APPL P25V,12", "FOO"]
     assert {(line["bench"], line["role"], line["resource"]) for line in lines} == {
@@ -86,77 +118,105 @@ def test_a_raw_command_is_written_down_before_it_is_sent(tmp_path: Path) -> None
 
 def test_a_raw_command_that_cannot_be_written_down_is_not_sent(tmp_path: Path) -> None:
     (tmp_path / "raw.jsonl").mkdir()
-    done = talk("power", *raw(tmp_path), "-c", "APPL P25V,12")
+    done = talk("power APPL P25V,12", options=("--raw", "--runs", str(tmp_path)))
     assert done.exit_code == 3
     assert "raw.jsonl cannot be written: Is a directory" in done.stderr
 
 
-def test_the_seed_is_the_benchs() -> None:
-    lines = ["-c", "READ?"]
-    first, again, other = (talk("multimeter", "--seed", seed, *lines).stdout for seed in ("1", "1", "2"))
-    assert first == again
-    assert first != other
+def test_what_instruments_do_not_know_is_not_sent() -> None:
+    done = talk("scope :CHAN1:LAB 'µ'")
+    assert done.exit_code == 2
+    assert "nothing was sent" in done.stderr
 
 
-def test_the_last_answer_is_saved(tmp_path: Path) -> None:
-    block, line = tmp_path / "screen.bin", tmp_path / "line.txt"
-    lines = [":DIG", ":WAV:POIN 1000", ":WAV:DATA?", f".save {block}", "*OPC?", f".save {line}"]
-    done = talk("oscilloscope", *raw(tmp_path), *(word for each in lines for word in ("-c", each)))
-    assert done.exit_code == 0, done.stderr
-    assert block.stat().st_size == 1000
-    assert f"1000 bytes written to {block}" in done.stderr
-    assert line.read_bytes() == b"1"
+def test_blocks_are_said_by_their_size(tmp_path: Path) -> None:
+    lines = ("scope :DIG;:WAV:POIN 1000;:WAV:DATA?", "scope *OPC?")
+    done = talk(*lines, options=("--raw", "--runs", str(tmp_path)))
+    assert done.stdout.startswith("block of 1000 bytes: ")
+    assert done.stdout.endswith("\n1\n")
 
 
 @pytest.mark.parametrize(
-    ("lines", "words"),
+    ("answer", "shown"),
     [
-        ([".save x"], ".save x: no answer has come yet"),
-        (["*OPC?", ".save"], ".save: expected the name of a file"),
-        (["*OPC?", ".save nowhere/x"], ".save nowhere/x: No such file"),
+        (b"+1.0", "+1.0"),
+        (b"#15abcde", "block of 5 bytes: 61 62 63 64 65"),
+        (b"#220" + bytes(20), "block of 20 bytes: " + " ".join(["00"] * 16) + " ..."),
+        (b"\xff\x00", "2 bytes that are no text: ff 00"),
+        (b"", ""),
     ],
 )
-def test_what_cannot_be_saved_is_a_mistake_of_usage(lines: list[str], words: str) -> None:
-    done = talk("power", *(word for each in lines for word in ("-c", each)))
-    assert done.exit_code == 2
-    assert words in done.stderr
+def test_answers_as_people_read_them(answer: bytes, shown: str) -> None:
+    assert summary(answer) == shown
+
+
+def test_tables_and_supplies_driven_raw_are_left_at_rest_and_off(tmp_path: Path) -> None:
+    lines = (
+        *("power APPL P25V,10,0.1;:OUTP ON", "table :Limit:Acceleration R,1,100;:Demand:Rate 1,20"),
+        *("table :Mode:Rate 1", "table :Interlock:Close 1", "wait 3", "table :Read:Rate? 1", "table :Read:Rate 1"),
+    )
+    trace = tmp_path / "x.trace"
+    done = talk(*lines, options=("--raw", "--runs", str(tmp_path), "--trace", str(trace)))
+    assert done.exit_code == 0, done.stderr
+    assert [float(line) for line in done.stdout.splitlines()[1:]] == [pytest.approx(20.0, abs=0.1)] * 2
+    sent = [(line.role, line.data) for line in read_trace(trace) if line.mark == ">"]
+    assert ("power", b"OUTP OFF\n") in sent
+    assert any(role == "rate_table" and b":Demand:Rate 1,0" in data for role, data in sent)
+
+
+@pytest.mark.parametrize(
+    ("dialect", "settings", "asked", "answer"),
+    [
+        ("zaber", {"steps_per_deg": 1000.0}, "/1 get deviceid", "@01 0 OK IDLE"),
+        ("atl", {}, "PVE", "0.0"),
+        ("esp", {}, "1TP?", "0"),
+    ],
+)
+def test_tables_with_other_languages_are_spoken_to_as_well(
+    dialect: str, settings: dict[str, float], asked: str, answer: str, tmp_path: Path
+) -> None:
+    paper = load_bench(None)
+    table = structs.replace(paper.rate_table, dialect=dialect, **settings)
+    file = tmp_path / "bench.toml"
+    file.write_text(bench_text(structs.replace(paper, rate_table=table)), "utf-8")
+    done = talk(f"table {asked}", options=("--bench", str(file)))
+    assert (done.exit_code, "nothing was sent" in done.stderr) == (3, True)
+    done = talk(f"table {asked}", options=("--bench", str(file), "--raw", "--runs", str(tmp_path)))
+    assert answer in done.stdout
+
+
+def test_help_shows_the_words_of_this_bench() -> None:
+    shown = talk("help").stderr
+    assert "table.rate DEG_S" in shown
+    assert "chamber" not in shown
+    assert talk("help", options=("--bench", "lab")).stderr.count("v_vc.read") == 1
+
+
+def test_every_word_is_done_by_something() -> None:
+    for word in WORDS:
+        assert callable(getattr(ByHand, f"_{word.name.replace('.', '_')}"))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
-def test_ctrl_c_breaks_off_what_is_awaited_and_goes_on(tmp_path: Path) -> None:
-    asked = threading.Event()
-
-    def stalls(connection: socket.socket, line: str) -> bool:
-        del connection
-        if line == "READ?":
-            asked.set()
-        return line == "READ?"
-
-    with serving(answering(stalls)) as resource:
-        bench = tmp_path / "lab.toml"
-        bench.write_text(template().replace('"GPIB0::22::INSTR"', f'"{resource}"\ntimeout_s = 60.0'), "utf-8")
-        with at_terminal(tmp_path, "multimeter", "--bench", str(bench)) as (process, ours):
-            typed(ours, b"READ?\n", "multimeter> ")
-            assert asked.wait(20)
-            process.send_signal(signal.SIGINT)
-            text = typed(ours, b"*IDN?\n", "multimeter> ") + typed(ours, b"\x04", "multimeter> ")
-            assert process.wait(20) == 0
-    assert "broken off by a device clear" in text
-    assert "HEWLETT-PACKARD,34401A,0,10-5-2" in text
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
-def test_a_person_at_a_terminal(tmp_path: Path) -> None:
-    """Refusals do not end it, typed lines are kept for the next time, Ctrl-D leaves."""
-    with at_terminal(tmp_path, "power") as (process, ours):
-        lines = (b"VOLT 30\n", b"FOO? 5\n", b"*IDN?\n", b"\x04")
-        text = "".join(typed(ours, line, "power> ") for line in lines)
-        assert process.wait(20) == 0
-    assert "power at GPIB0::5::INSTR: HEWLETT-PACKARD E3631A" in text
-    assert "a raw command is compared with no limit" in text
-    assert "-113" in text
-    assert "HEWLETT-PACKARD,E3631A,0" in text
-    assert "*IDN?" in (tmp_path / "vcfbench" / "talk-history").read_text("utf-8")
+def test_a_person_at_a_terminal_completes_words_and_leaves_by_ctrl_c(tmp_path: Path) -> None:
+    trace = tmp_path / "x.trace"
+    with at_terminal(tmp_path, "--trace", str(trace)) as (process, ours):
+        lines = (b"table.rate 400\n", b"power.of\t\n", b"table.rate 20\n")
+        text = "".join(typed(ours, line, "paper> ") for line in lines)
+        text += typed(ours, b"", "paper> ")
+        process.send_signal(signal.SIGINT)
+        os.write(ours, b"\n")  # Python sees a signal between its prompt and its waiting with the next line only
+        assert process.wait(20) == 4
+    assert "limits.max_rate_deg_s" in text
+    assert "supply outputs off" in text
+    assert "table at +20 deg/s" in text
+    assert "power.off" in (tmp_path / "vcfbench" / "talk-history").read_text("utf-8")
+    sent = [(line.role, line.data) for line in read_trace(trace) if line.mark == ">"]
+    turning = next(n for n, (_, data) in enumerate(sent) if b":Demand:Rate 1,20" in data)
+    commanded = [
+        role for role, data in sent[turning + 1 :] if b":Demand:Rate 1,0" in data or data.endswith(b"OUTP OFF\n")
+    ]
+    assert commanded[:3] == ["rate_table", "rate_source", "power"]
 
 
 @contextmanager

@@ -25,7 +25,7 @@ COMMANDS = {
     "bench check": (("bench", "check"), {"power", "rate_source", "multimeter", "oscilloscope", "rate_table"}),
     "discover": (("bench", "discover", "--library", "@vcfbench"), {"GPIB0::5::INSTR"}),
     "safe": (("safe", "--bench", "paper"), {"power", "rate_source", "rate_table"}),
-    "talk": (("talk", "multimeter", "-c", "*IDN?"), {"multimeter"}),
+    "talk": (("talk", "-c", "multimeter *IDN?"), {"multimeter"}),
     "run": (("run", "turntable", *SHORT), {"power", "rate_source", "multimeter", "oscilloscope", "rate_table"}),
 }
 

@@ -13,7 +13,7 @@ from simrack_tests.ports import PLENTY_S
 
 from vcfbench.clock import VirtualClock, WallClock
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
-from vcfbench.safety.signals import ControlClock, Interrupted, StopSignals
+from vcfbench.safety.signals import ControlClock, StopSignals
 from vcfbench.safety.stack import LeaveNow
 
 
@@ -178,32 +178,6 @@ def test_when_all_is_over_signals_change_nothing() -> None:
         for _ in range(4):
             signal.raise_signal(signal.SIGINT)
         signals.safe_point()
-
-
-def test_a_second_ctrl_c_in_a_wait_that_may_be_broken_off_is_meant_for_the_bench() -> None:
-    with StopSignals() as signals:
-        with signals.interruptible(), pytest.raises(Interrupted):
-            signal.raise_signal(signal.SIGINT)
-        with signals.interruptible():
-            with pytest.raises(Interrupted):
-                signal.raise_signal(signal.SIGINT)
-            signal.raise_signal(signal.SIGINT)
-        with pytest.raises(Aborted, match=r"^stopped by SIGINT$"):
-            signals.safe_point()
-
-
-@pytest.mark.parametrize("after", ["interruptible", "with SIGTERM", "unwinding"])
-def test_nothing_but_the_keyboard_breaks_off_a_wait_and_no_other_wait(after: str) -> None:
-    with StopSignals() as signals:
-        with signals.interruptible():
-            if after == "unwinding":
-                signals.unwind()
-            if after != "interruptible":
-                signal.raise_signal(signal.SIGTERM if after == "with SIGTERM" else signal.SIGINT)
-        if after == "interruptible":
-            signal.raise_signal(signal.SIGINT)
-        with nullcontext() if after == "unwinding" else pytest.raises(Aborted):
-            signals.safe_point()
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no SIGHUP")

@@ -11,7 +11,6 @@ from typer.testing import CliRunner
 
 import vcfbench
 from vcfbench.bench.check import check_bench
-from vcfbench.bench.console import open_console
 from vcfbench.cli.main import app
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.safety.trust import VARIABLE, Trust, require_library, require_trust
@@ -37,17 +36,11 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[BenchDesc
         yield replace(lab.on_wires(), visa_library=str(tmp_path / "libvisa.so"))
 
 
-def talk(bench: BenchDescription) -> None:
-    with open_console("multimeter", bench):
-        pass
-
-
 @pytest.mark.parametrize(
     "use",
     [
         vcfbench.open_bench,
         check_bench,
-        talk,
         lambda bench: vcfbench.run("turntable", bench, runs="not-made"),
         lambda bench: vcfbench.start("turntable", bench, runs="not-made").result(),
     ],
@@ -96,7 +89,7 @@ def test_what_has_no_file_is_refused_without_a_sum_to_trust(trust: Trust, tmp_pa
     assert refused.value.hint == "add --yes, trust=True from Python"
 
 
-@pytest.mark.parametrize("command", ["run turntable --quiet", "bench check", "talk multimeter"])
+@pytest.mark.parametrize("command", ["run turntable --quiet", "bench check", "talk"])
 def test_commands_without_a_terminal_refuse_it(command: str, bench: BenchDescription, tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(bench_text(bench), encoding="utf-8")

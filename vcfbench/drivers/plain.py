@@ -54,10 +54,6 @@ class Plain:
     def _deadline(self) -> Any:
         return self._conversation.deadline(self._timeout_s)
 
-    def clear(self) -> None:
-        """Drop unasked bytes; tables know no device clear."""
-        self._conversation.take_unasked()
-
 
 class PlainSession(Plain):
     """A SCPI instrument."""
@@ -71,10 +67,6 @@ class PlainSession(Plain):
     def ask(self, message: str) -> bytes:
         """Send a message and return its answer as it came, a line or a definite-length block, without its newline."""
         return self._conversation.query_raw(message, self._deadline())
-
-    def clear(self) -> None:
-        """Do a device clear."""
-        self._conversation.clear()
 
 
 class PlainLine(Plain):

@@ -114,9 +114,7 @@ class ByHand:
             except ConfigError:  # frames of bytes cannot be typed
                 continue
             within_s = getattr(description, role).timeout_s if timeout_s is None else timeout_s
-            self.consoles[role] = Console(
-                driver, bench.identities[role], raw=raw, clock=bench.clock, signals=signals, timeout_s=within_s
-            )
+            self.consoles[role] = Console(driver, raw=raw, signals=signals, timeout_s=within_s)
         self.words = {word.name: word for word in WORDS if word.role is None or word.role in bench.instruments}
 
     def names(self) -> list[str]:

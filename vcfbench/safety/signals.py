@@ -35,13 +35,6 @@ _AT_ONCE = 2
 """The signal that waits for no safe point."""
 
 
-class Interrupted(BaseException):
-    """Raised by the keyboard into a wait that a person no longer wants; nothing else ends.
-
-    No error, so that nothing on the way takes it for one of the wire.
-    """
-
-
 class StopSignals:
     """Turns SIGINT and its kin into Aborted while the bench is open; gives the handlers back when left.
 
@@ -57,7 +50,6 @@ class StopSignals:
         self._unwinding = False
         self._closing = False
         self._leaving = False
-        self._breakable = False
         self._held = False
         self._previous: dict[signal.Signals, object] = {}
         self.asleep = _Asleep(self)
@@ -126,15 +118,6 @@ class StopSignals:
             self._at_safe_point = before
 
     @contextmanager
-    def interruptible(self) -> Iterator[None]:
-        """Let Ctrl-C break off this context (Interrupted), instead of stopping the bench."""
-        self._breakable = True
-        try:
-            yield
-        finally:
-            self._breakable = False
-
-    @contextmanager
     def undivided(self) -> Iterator[None]:
         """Do all of this context, or nothing: a signal that comes in it stops the bench after it."""
         before, self._held = self._held, True
@@ -162,9 +145,6 @@ class StopSignals:
         return before
 
     def _handle(self, number: int, _frame: FrameType | None) -> None:
-        if self._breakable and number == signal.SIGINT and not self._unwinding:
-            self._breakable = False  # once: a second one is meant for the bench
-            raise Interrupted
         self._count += 1
         self._name, self._by = self._by or signal.Signals(number).name, ""
         if self._unwinding:
