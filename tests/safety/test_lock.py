@@ -225,6 +225,16 @@ def test_what_cannot_be_taken_away_is_left_empty(folder: Path, monkeypatch: pyte
 
 
 @posix
+def test_a_file_system_that_cannot_unlock_ends_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_file: int) -> None:
+        raise OSError
+
+    with monkeypatch.context() as patch, instrument_locks("lab-1", {"multimeter": METER}):
+        patch.setattr("vcfbench.safety.lock.unlock", refuse)
+    assert list(folder.iterdir()) == []
+
+
+@posix
 def test_what_a_library_has_kept_of_a_lock_keeps_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[int] = []
 
@@ -293,6 +303,20 @@ def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(folder: Path
             left = sorted(each.name for each in folder.iterdir())
     stays = (served_at, lives_at, nowhere, METER, "GPIB0::1::INSTR")
     assert left == sorted(lock_path(each).name for each in stays)
+
+
+@posix
+def test_what_a_dead_program_has_left_and_the_next_begins_to_lock_is_the_next_one_s(folder: Path) -> None:
+    path = lock_path(f"socket://localhost:{free_port()}")
+    folder.mkdir()
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        path.write_text(lock_path(METER).read_text().replace(f'"pid": {os.getpid()}', '"pid": 0'))
+    with path.open() as begun:
+        assert try_lock(begun.fileno())
+        with instrument_locks("lab-1", {"multimeter": METER}):
+            assert path.exists()
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        assert not path.exists()
 
 
 def test_what_nobody_has_signed_is_left_where_it_lies(folder: Path) -> None:

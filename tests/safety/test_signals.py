@@ -183,14 +183,15 @@ def test_when_all_is_over_signals_change_nothing() -> None:
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no SIGHUP")
 def test_the_handlers_are_given_back_and_what_is_ignored_stays_ignored() -> None:
     """``nohup vcfbench run ...`` goes on when its terminal is closed."""
-    before, hangup = signal.getsignal(signal.SIGINT), signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    watched, hangup = (signal.SIGINT, signal.SIGTERM), signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    before = [signal.getsignal(each) for each in watched]
     try:
         with StopSignals() as signals:
-            assert signal.getsignal(signal.SIGINT) != before
+            assert not {signal.getsignal(each) for each in watched} & {*before}
             assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, hangup)
-    assert signal.getsignal(signal.SIGINT) is before
+    assert [signal.getsignal(each) for each in watched] == before
     signals.stop("the page")  # too late for a signal
     with pytest.raises(Aborted, match=r"^stopped by the page$"):
         signals.safe_point()
