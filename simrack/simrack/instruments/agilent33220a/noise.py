@@ -8,7 +8,7 @@ oscilloscope sees of single ticks adds up to it. Each tick sounds through a low 
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,17 +61,16 @@ class NoiseSource(Simple, frozen=True):
         numbers, part = whole.astype(np.int64), ticks - whole
         heard = [_heard(part - offset) for offset in _OFFSETS]
         loudness = np.sqrt(sum(each**2 for each in heard))
-        drawn = self._drawn(numbers)
-        volts = sum(each * drawn(numbers + offset) for each, offset in zip(heard, _OFFSETS, strict=True)) / loudness
+        volts = sum(each * tick_v for each, tick_v in zip(heard, self._about_v(numbers), strict=True)) / loudness
         return np.asarray(self.offset_v + np.clip(volts, -CREST * self.rms_v, CREST * self.rms_v))
 
-    def _drawn(self, numbers: NDArray[np.int64]) -> Callable[[NDArray[np.int64]], Values]:
-        """Return how to look up ticks about some numbers: those of a short time are drawn once."""
+    def _about_v(self, numbers: NDArray[np.int64]) -> Values:
+        """Return the ticks that are heard at some, a row an offset: those of a short time are drawn once."""
         first, last = int(numbers.min()) + _OFFSETS[0], int(numbers.max()) + _OFFSETS[-1]
+        wanted = numbers + np.array(_OFFSETS)[:, None]
         if last - first > _TICKS * len(numbers):
-            return self._ticks_v
-        all_v, begun = self._row_v(first, last), first >> _LEVELS << _LEVELS
-        return lambda wanted: np.asarray(all_v[wanted - begun])
+            return self._ticks_v(wanted)
+        return np.asarray(self._row_v(first, last)[wanted - (first >> _LEVELS << _LEVELS)])
 
     def _row_v(self, first: int, last: int) -> Values:
         """Return the volts of all ticks in the 512s that contain `first` and `last`, as `_ticks_v` defines them."""
@@ -84,12 +83,18 @@ class NoiseSource(Simple, frozen=True):
         return volts
 
     def _ticks_v(self, numbers: NDArray[np.int64]) -> Values:
-        size = self.rms_v
-        volts = self._means_v(numbers >> _LEVELS) / _SLOW_GAIN
+        """Return the volts of ticks, rows of neighbours: what these have in common is drawn once."""
+
+        def each(drawn: Callable[[NDArray[np.int64]], Values], level: int) -> Values:
+            blocks = numbers >> level
+            few = blocks[0] + np.arange(int((blocks[-1] - blocks[0]).max()) + 1)[:, None]
+            return np.asarray(np.take_along_axis(drawn(few), blocks - blocks[0], axis=0))
+
+        volts = each(self._means_v, _LEVELS) / _SLOW_GAIN
         for level in reversed(range(_LEVELS)):
-            differing = size / math.sqrt(2 << level) * gaussian(self.seed, level, numbers >> (level + 1))
+            differing = self.rms_v / math.sqrt(2 << level) * each(partial(gaussian, self.seed, level), level + 1)
             volts += np.where((numbers >> level) & 1, differing, -differing)
-        return volts
+        return np.asarray(volts)
 
     def _means_v(self, numbers: NDArray[np.int64]) -> Values:
         """Return the means over 512 ticks."""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _SHORTEST_S, _LONGEST_S = 0.1, 1.0
 _DIGITS = 5
-_BLOCK_POINTS = 1 << 16
+_BLOCK_POINTS = 1 << 15
 _MOST_POINTS = 1 << 21
 """How often a gate is looked at."""
 _PARTS = 64

@@ -14,6 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from simrack.components import ended
 from simrack.sources import Sine
 
 if TYPE_CHECKING:
@@ -126,17 +127,24 @@ class LowPass:
 
     def passed(self, volts: NDArray[np.float64], step_s: float) -> NDArray[np.float64]:
         """Return the filtered samples; blocks overlap by one sample, the last of one being the first of the next."""
+        return ended(self.passing(volts, step_s))
+
+    def passing(self, volts: NDArray[np.float64], step_s: float) -> Generator[None, None, NDArray[np.float64]]:
+        """Return the same, after slices of work."""
         ratio = step_s / self._tau_s
         decay = math.exp(-ratio)
         mean = -math.expm1(-ratio) / ratio
         driven = (1.0 - mean) * volts[1:] + (mean - decay) * volts[:-1]
+        yield
         out = np.empty(len(volts))
         out[0] = self._out
         length = max(1, int(25.0 / ratio))
         for start in range(0, len(driven), length):
             part = driven[start : start + length]
             powers = decay ** np.arange(1, len(part) + 1)
+            yield
             out[start + 1 : start + 1 + len(part)] = powers * (out[start] + np.cumsum(part / powers))
+            yield
         self._out = float(out[-1])
         return out
 
@@ -239,8 +247,8 @@ class Capacitor:
             blocks.append(np.asarray(piece.at(times[first : first + at_once]), dtype=np.float64))
             yield
         volts = np.concatenate(blocks)
-        begun_v = float(volts.mean()) if start_v is None else start_v
-        return _Run(times, LowPass(begun_v, COUPLING_S).passed(volts, lasts_s / (len(times) - 1)))
+        filter_ = LowPass(float(volts.mean()) if start_v is None else start_v, COUPLING_S)
+        return _Run(times, (yield from filter_.passing(volts, lasts_s / (len(times) - 1))))
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return its voltage at bench times."""

@@ -16,13 +16,13 @@ from msgspec import Struct
 from simrack.components import ended
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Callable, Generator, Sequence
 
     from numpy.typing import NDArray
 
 _MODE_SHARE = 0.05
 """Part of all points that a histogram bin must hold to be top or base (the real criterion is unverified)."""
-_AT_ONCE = 1 << 18
+_AT_ONCE = 1 << 17
 """Samples of a record that are looked through in one go."""
 _BINS = 256
 _OUTER_BINS = 102
@@ -254,11 +254,13 @@ class MeasuredTrace:
             if not limits.absolute:
                 base, top = yield from self.leveling()
                 lower, middle, upper = (base + (top - base) * each / 100.0 for each in (lower, middle, upper))
-            side = np.where(self.volts >= upper, 1, np.where(self.volts <= lower, -1, 0))
+            places = np.zeros(0, dtype=np.int_)
+            if lower < middle < upper:
+                places = yield from self._places(lambda volts, _: (volts >= upper) | (volts <= lower), middle)
+            high = self.volts[places] >= upper
             yield
-            places = np.flatnonzero(side) if lower < middle < upper else np.zeros(0, dtype=np.int_)
-            turns = np.diff(side[places]) != 0
-            ends, rising = (places[:-1][turns], places[1:][turns]), side[places[1:][turns]] > 0
+            turns = high[1:] != high[:-1]
+            ends, rising = (places[:-1][turns], places[1:][turns]), high[1:][turns]
             yield
             lowers = yield from self._crossings(ends, rising, lower)
             middles = yield from self._crossings(ends, rising, middle)
@@ -278,20 +280,33 @@ class MeasuredTrace:
         for up in (True, False):
             these = rising == up
             if these.any():
-                passed = self.volts > level if up else self.volts < level
-                near = np.append(0, np.flatnonzero(~passed))
-                yield
-                last_near[these] = near[np.searchsorted(near, lasts[these], side="right") - 1]
-                yield
-                reached = self.volts >= level if up else self.volts <= level
-                beyond = np.append(np.flatnonzero(reached), len(self.volts) - 1)
+                beyond = yield from self._places(
+                    np.greater_equal if up else np.less_equal, level, end=[len(self.volts) - 1]
+                )
                 yield
                 first_beyond[these] = beyond[np.searchsorted(beyond, firsts[these])]
+                near = yield from self._places(np.less_equal if up else np.greater_equal, level, begin=[0])
+                yield
+                last_near[these] = near[np.searchsorted(near, lasts[these], side="right") - 1]
                 yield
         late = self._straight(np.minimum(last_near, lasts - 1), level)
         yield
         early = self._straight(np.maximum(first_beyond - 1, firsts), level)
         return np.asarray(0.5 * (early + late))
+
+    def _places(
+        self,
+        wanted: Callable[[NDArray[np.float64], float], NDArray[np.bool_]],
+        level: float,
+        begin: Sequence[int] = (),
+        end: Sequence[int] = (),
+    ) -> Generator[None, None, NDArray[np.int_]]:
+        """Return, after slices of work, the numbers of the samples that are as wanted to a level, between others."""
+        found = [np.array(begin, dtype=np.int_)]
+        for first in range(0, len(self.volts), _AT_ONCE):
+            found.append(first + np.flatnonzero(wanted(self.volts[first : first + _AT_ONCE], level)))
+            yield
+        return np.concatenate((*found, np.array(end, dtype=np.int_)))
 
     def _straight(self, near: NDArray[np.int_], level: float) -> NDArray[np.float64]:
         """Return where straight lines from samples to the next ones come to a level."""

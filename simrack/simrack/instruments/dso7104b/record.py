@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from simrack.instruments.dso7104b.inputs import ChannelView, Screen, Signals
 
-_BLOCK_POINTS = 1 << 16
+_BLOCK_POINTS, _INTERPOLATED_POINTS = 1 << 14, 1 << 16
+"""Samples worked out in one go: each by itself, and most of them from their neighbours."""
 _DENSE_POINTS = 1024
 _LEAST_SAVING, _MOST_SAVING = 4, 4096
 _SAMPLE_RATE_HZ = 4e9
@@ -136,7 +137,9 @@ class Record:
 
     def _at_once(self, channel: int, points: int) -> int:
         """Return how many of so many samples over the screen are one slice."""
-        return self._signals.at_once(channel, self.screen.range_s / points, _BLOCK_POINTS)
+        node, step_s = self.views[channel].node, self.screen.range_s / points
+        fine = node is not None and self._capture.finest_s(node) < _LEAST_SAVING * step_s
+        return self._signals.at_once(channel, step_s, _BLOCK_POINTS if fine else _INTERPOLATED_POINTS)
 
     def blocks(self, channel: int, points: int, block_points: int = 0) -> Iterator[NDArray[np.float64]]:
         """Yield the samples in blocks: eight million at once would take hundreds of megabytes."""

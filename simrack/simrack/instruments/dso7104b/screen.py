@@ -13,18 +13,20 @@ import numpy as np
 from msgspec import Struct
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Mapping, Sequence
+    from collections.abc import Callable, Generator, Mapping
 
     from numpy.typing import NDArray
 
 WIDTH, HEIGHT = 1024, 768
 COLOURS = ((255, 255, 0), (0, 255, 0), (80, 80, 255), (255, 80, 160), (200, 80, 255))
 """Of the channels and the math trace."""
-_BLACK, _WHITE, _GRID = (0, 0, 0), (255, 255, 255), (70, 70, 70)
+_GRID = (70, 70, 70)
 _LUMINANCE = (0.299, 0.587, 0.114)
 _LEVELS = 6
 """Of each of red, green and blue in the palette of an 8-bit picture."""
 _GREYS = 256 - _LEVELS**3
+_AT_ONCE = 1 << 17
+"""Points of a trace that are drawn in one go."""
 _BANDS = 16
 """Parts of a picture that are coloured one after the other."""
 
@@ -43,33 +45,35 @@ def screenshot(
 
     Their values run from -0.5 (bottom) to 0.5 (top).
     """
-    picture = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
-    picture[:] = _WHITE if look.ink_saver else _BLACK
+    picture = np.full((HEIGHT, WIDTH, 3), 255 if look.ink_saver else 0, dtype=np.uint8)
     picture[:: HEIGHT // 8, :] = _GRID
     picture[:, :: WIDTH // 10] = _GRID
     for number, trace in traces.items():
         # Draw each column from its lowest to its highest sample, joined to the column before
-        colour = COLOURS[number - 1]
-        rows_of_points = np.clip(np.round((0.5 - trace) * (HEIGHT - 1)), 0, HEIGHT - 1).astype(int)
-        last = int(rows_of_points[0])
-        for x, rows in enumerate(_columns(rows_of_points)):
-            top, bottom = min(int(rows.min()), last), max(int(rows.max()), last)
-            picture[top : bottom + 1, x] = colour
-            last = int(rows[-1])
+        rows = np.empty(len(trace), dtype=int)
+        for first in range(0, len(trace), _AT_ONCE):
+            yield
+            heights = (0.5 - trace[first : first + _AT_ONCE]) * (HEIGHT - 1)
+            rows[first : first + _AT_ONCE] = np.clip(np.round(heights), 0, HEIGHT - 1)
+        if len(rows) < WIDTH:  # the nearest point
+            rows = rows[np.arange(WIDTH) * len(rows) // WIDTH]
+        columns, (each, more) = np.arange(WIDTH), divmod(len(rows), WIDTH)
+        firsts = columns * each + np.minimum(columns, more)
+        before = rows[np.maximum(firsts - 1, 0)]
+        tops = np.minimum(np.minimum.reduceat(rows, firsts), before)
+        bottoms = np.maximum(np.maximum.reduceat(rows, firsts), before)
         yield
-    bands = []
+        for x, (top, bottom) in enumerate(zip(tops.tolist(), bottoms.tolist(), strict=True)):
+            picture[top : bottom + 1, x] = COLOURS[number - 1]
+        yield
+    bands, packed, packer = [], [], zlib.compressobj(1)
     for band in np.array_split(picture, _BANDS):
         toned = _toned(band, look)
         bands.append(_indexed(toned) if kind == "BMP8" else toned)
+        if kind == "PNG":
+            packed.append(packer.compress(b"".join(b"\0" + row.tobytes() for row in toned)))
         yield
-    return FORMATS[kind](np.concatenate(bands))
-
-
-def _columns(rows: NDArray[np.int_]) -> Sequence[NDArray[np.int_]]:
-    """Return the points of each column of pixels; where there are fewer points than columns, the nearest one."""
-    if len(rows) < WIDTH:
-        rows = rows[np.arange(WIDTH) * len(rows) // WIDTH]
-    return np.array_split(rows, WIDTH)
+    return _png([*packed, packer.flush()]) if kind == "PNG" else FORMATS[kind](np.concatenate(bands))
 
 
 def _toned(picture: NDArray[np.uint8], look: PictureStyle) -> NDArray[np.uint8]:
@@ -82,10 +86,9 @@ def _toned(picture: NDArray[np.uint8], look: PictureStyle) -> NDArray[np.uint8]:
     return np.repeat(np.rint(grey).astype(np.uint8)[:, :, None], 3, axis=2)
 
 
-def _png(picture: NDArray[np.uint8]) -> bytes:
-    rows = b"".join(b"\0" + row.tobytes() for row in picture)
+def _png(packed: list[bytes]) -> bytes:
     header = struct.pack(">IIBBBBB", WIDTH, HEIGHT, 8, 2, 0, 0, 0)
-    chunks = (_chunk(b"IHDR", header), _chunk(b"IDAT", zlib.compress(rows, 1)), _chunk(b"IEND", b""))
+    chunks = (_chunk(b"IHDR", header), _chunk(b"IDAT", b"".join(packed)), _chunk(b"IEND", b""))
     return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
 
 
@@ -135,9 +138,8 @@ def _tiff(picture: NDArray[np.uint8]) -> bytes:
 
 
 FORMATS: Mapping[str, Callable[[NDArray[np.uint8]], bytes]] = {
-    "PNG": _png,
     "BMP": lambda picture: _bmp(picture[::-1, :, ::-1].tobytes(), b"", 24),
     "BMP8": lambda picture: _bmp(picture[::-1].tobytes(), _palette(), 8),
     "TIFF": _tiff,
 }
-"""The formats by the short forms of their words."""
+"""Formats by the short forms of their words, beside PNG, whose rows are packed as they come."""

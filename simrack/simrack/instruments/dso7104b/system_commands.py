@@ -140,6 +140,7 @@ def _traces(model: SimulatedDso7104B) -> Generator[None, None, dict[int, NDArray
         if model.state.channel[channel].shown:
             view, trace = record.views[channel], (yield from model.shown.tracing(f"CHAN{channel}"))
             traces[channel] = (trace.volts - view.offset_v) / view.range_v
+            yield
     if model.state.function.shown:
         range_, offset = math_scale(model.state)
         traces[_MATH] = (math_trace(model.state, record, _POINTS).values - offset) / range_

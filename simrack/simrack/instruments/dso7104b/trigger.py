@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from simrack.instruments.dso7104b.inputs import Signals
 
 _GRID_POINTS = 4000
-_BLOCK_POINTS = 1 << 16
+_BLOCK_POINTS, _AT_ONCE = 1 << 16, 1 << 14
 _MOST_POINTS = 1 << 20
 """How often one search looks at most: a microsecond's pulse in a second."""
 _CHANGES_AT_ONCE = 1 << 7
@@ -155,7 +155,7 @@ class _Follower:
             slow = self.comparator.filter == "HF" and self._blocked(signals)
             return (heights - signals.slow(self._channel, times) if slow else heights), 0.0
         yield from signals.preparing(self._channel, ac=self.comparator.ac)
-        at_once, parts = signals.at_once(self._channel, float(times[1] - times[0]), len(times)), []
+        at_once, parts = signals.at_once(self._channel, float(times[1] - times[0]), _AT_ONCE), []
         for part in np.array_split(times, math.ceil(len(times) / at_once)):
             parts.append(self.volts(signals, part))
             yield

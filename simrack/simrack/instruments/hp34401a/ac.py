@@ -213,9 +213,9 @@ def _in_parts(
                 yield
                 yield from each.preparing(path)
             for begun in range(first, last, _SLICE):
+                yield
                 held = slice(begun, min(begun + _SLICE, last))
                 means[held], squares[held] = summed_powers(components, parts[held.start : held.stop + 1], path)
-                yield
             peak = max(peak, sum(each.peak_v(path) for each in components))
     return parts, means, squares, peak
 

@@ -336,7 +336,10 @@ class _Gate:
         waits = max(OVERHEAD_S, (self._known_s - self._start_s) / 4)
         if len(seen) < 2:
             return Counted(0.0, self._known_s + waits if len(seen) else math.inf)
-        first, last = (exactly(self._behind, float(each), step, self._threshold_v) for each in (seen[0], seen[-1]))
+        yield
+        first = exactly(self._behind, float(seen[0]), step, self._threshold_v)
+        yield
+        last = exactly(self._behind, float(seen[-1]), step, self._threshold_v)
         return _counted(len(seen) - 1, first, last, self._stop_s if closed else self._known_s + waits)
 
     def _in_stretches(self, step_s: float) -> Generator[None, None, float]:
