@@ -8,16 +8,11 @@ from __future__ import annotations
 
 import math
 import threading
-from contextlib import nullcontext
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Protocol
 
-from simrack.clock import ScaledClock
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from contextlib import AbstractContextManager
-
-    from simrack.clock import Clock
+from simrack.clock import Clock, ScaledClock
 
 
 class Attended(Protocol):

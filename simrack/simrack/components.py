@@ -8,23 +8,19 @@ its spectrum.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
+from simrack.sine import Sine
 
-    from numpy.typing import NDArray
-
-    from simrack.sine import Sine
-
-    Values = NDArray[np.float64]
-    Path = Callable[[Values], NDArray[np.complex128]]
-    """The transfer function of what an instrument has behind its input, by frequency, Hz."""
-
+Values = NDArray[np.float64]
+Path = Callable[[Values], NDArray[np.complex128]]
+"""The transfer function of what an instrument has behind its input, by frequency, Hz."""
 SHORTEST_S = 25e-9
 """Nothing has to be looked at more finely than this: the paths of the instruments end at 1 MHz."""
 _Ended = TypeVar("_Ended")

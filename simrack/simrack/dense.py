@@ -6,13 +6,9 @@ most 0.0234 (w h)^4, 2e-6 of a sine at 7 kHz, a tenth of a step of its 16-bit wa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from msgspec import Struct
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 COARSE_S = 2e-6
 FEWEST = 1024

@@ -17,15 +17,11 @@ import re
 import selectors
 import socket
 import tempfile
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from simrack.wires.faulty_wire import CHUNK, WIRE_FAULTS, FaultyWire, WireFault, WireLink, received
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
 
 __all__ = ["WIRE_FAULTS", "FaultyWire", "WireFault", "faulty_wire"]
 

@@ -19,7 +19,7 @@ from simrack.loads import NodeLoads
 from simrack.motion import TableMotion
 from simrack.observations import Observed
 from simrack.sources import Approach, Drive, Played, Ripple
-from simrack.world import LeadsOfRole  # noqa: TC002 - of an attribute
+from simrack.world import LeadsOfRole
 
 from vcfbench.clock import Clock
 from vcfbench.sim.gyro.gyro import Gyro

@@ -10,17 +10,14 @@ what raises the alarm bit (here an interlock, the over-rate trip, following erro
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Iterable
+from typing import ClassVar
 
+from simrack.adjustment import Adjustment
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import SerialTiming
 from simrack.rate_tables.stream import FrameDevice, StatusStream, StreamErrors
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from simrack.adjustment import Adjustment
 
 __all__ = ["AaaaTable", "StreamErrors"]
 

@@ -14,15 +14,13 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable
+from typing import ClassVar
 
 from simrack.handlers import Handlers
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import LineDevice, SerialTiming
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 __all__ = ["AtlTable", "TableErrors"]
 

@@ -9,15 +9,13 @@ Only one axis turns; frames for the other are taken without effect.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable
+from typing import ClassVar
 
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import SerialTiming
 from simrack.rate_tables.stream import FrameDevice
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 __all__ = ["Dd16Table", "TableErrors"]
 

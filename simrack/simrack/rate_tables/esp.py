@@ -12,15 +12,13 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable
+from typing import ClassVar
 
 from simrack.handlers import Handlers
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import LineDevice, SerialTiming
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 __all__ = ["EspTable", "TableErrors"]
 

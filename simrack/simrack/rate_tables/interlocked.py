@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simrack.adjustment import Adjustment
-from simrack.rate_tables.axis import INTERLOCKS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from simrack.rate_tables.axis import ServoAxis
+from simrack.rate_tables.axis import INTERLOCKS, ServoAxis
 
 
 class Interlocked:

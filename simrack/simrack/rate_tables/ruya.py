@@ -12,18 +12,15 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from enum import IntEnum
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from simrack.adjustment import Adjustment
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
 from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import LineDevice, SerialTiming
 from simrack.rate_tables.stream import StatusStream, StreamErrors
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from simrack.adjustment import Adjustment
 
 __all__ = ["RuyaTable", "StreamErrors"]
 

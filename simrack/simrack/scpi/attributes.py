@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from copy import deepcopy
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from msgspec import Struct
 
+from simrack.scpi.parameters import Parameter
 from simrack.scpi.table import Command
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.scpi.parameters import Parameter
-
 
 _Handler = TypeVar("_Handler", bound="Callable[..., Any]")
 

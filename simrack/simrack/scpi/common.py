@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simrack.scpi.attributes import attribute
 from simrack.scpi.dialect import RS232
+from simrack.scpi.engine import ScpiModel
 from simrack.scpi.errors import ScpiError
 from simrack.scpi.formats import boolean
 from simrack.scpi.parameters import Integer, Limits
+from simrack.scpi.status import Register
 from simrack.scpi.table import Command
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.scpi.engine import ScpiModel
-    from simrack.scpi.status import Register
 
 _INTEGER = "engine.dialect.integer"
 _MASK_8 = Integer(limits=Limits(0, 255), named=False)

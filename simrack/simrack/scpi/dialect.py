@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from msgspec import Struct, field
 
 from simrack.scpi.formats import signed_integer
 from simrack.scpi.parameters import Limits, Violation, refuse
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 class Interface(Struct, frozen=True):

@@ -6,11 +6,8 @@ Source: SCPI-99 volume 2 chapter 21; 34401A User's Guide p. 173-182; E3631A User
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from types import MappingProxyType
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 ERROR_WORDS = MappingProxyType(
     {

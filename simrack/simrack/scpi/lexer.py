@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Iterator
 from enum import Enum
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from simrack.scpi.errors import ScpiError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 _BLANK = "".join(map(chr, (*range(10), *range(11, 33))))
 """White space: blank and every control character but the newline (IEEE 488.2, 7.4.1.2)."""

@@ -8,17 +8,15 @@ limits, MIN, MAX and DEF may depend on the instrument's state.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from msgspec import Struct, field
 
 from simrack.scpi.errors import ScpiError
 from simrack.scpi.lexer import Token, TokenKind
 from simrack.scpi.mnemonics import Mnemonic
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
 
 
 class Special(Enum):

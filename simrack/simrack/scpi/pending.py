@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Protocol
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
+from typing import Any, Protocol
 
 
 class StreamedAnswer(Protocol):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct, field
 
@@ -12,9 +13,6 @@ from simrack.scpi.formats import Parts
 from simrack.scpi.lexer import Token, TokenKind, Unit, units
 from simrack.scpi.mnemonics import Mnemonic
 from simrack.scpi.parameters import Choice, Number, Parameter, Special
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
 
 _WORD_LIMIT = 12
 

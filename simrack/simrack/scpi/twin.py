@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from simrack.scpi.engine import ScpiEngine
+from simrack.scpi.engine import ScpiEngine
 
 
 class ScpiTwin:

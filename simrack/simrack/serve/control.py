@@ -35,24 +35,20 @@ from __future__ import annotations
 
 import json
 import math
+import socket
 from collections import deque
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable
+from typing import Any, Protocol
 
 from simrack.faults import fault_from
 from simrack.handlers import Handlers
-from simrack.serve.clock import MAX_SPEED
+from simrack.serve.clock import MAX_SPEED, ServedClock
+from simrack.serve.instrument import Client, ServedInstrument
+from simrack.serve.loop import Loop, Timer
+from simrack.serve.passage import AttendedPassage
 from simrack.serve.peer import is_welcome
+from simrack.serve.served_faults import ServedFaults
 from simrack.serve.wire import Connection, Listener
-
-if TYPE_CHECKING:
-    import socket
-    from collections.abc import Callable
-
-    from simrack.serve.clock import ServedClock
-    from simrack.serve.instrument import Client, ServedInstrument
-    from simrack.serve.loop import Loop, Timer
-    from simrack.serve.passage import AttendedPassage
-    from simrack.serve.served_faults import ServedFaults
 
 _LONGEST_REQUEST = 1 << 16
 _MOST_REQUESTS = 1 << 16

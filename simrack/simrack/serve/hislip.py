@@ -6,20 +6,17 @@ Sessions start in synchronised mode, where an answer that was not read when the 
 
 from __future__ import annotations
 
+import socket
 import struct
+from collections.abc import Callable, Iterator, Mapping
 from itertools import count
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from simrack.handlers import Handlers
 from simrack.serve.embodied import HISLIP
 from simrack.serve.instrument import Client, ServedInstrument
+from simrack.serve.loop import Loop
 from simrack.serve.wire import Connection, Listener
-
-if TYPE_CHECKING:
-    import socket
-    from collections.abc import Callable, Iterator, Mapping
-
-    from simrack.serve.loop import Loop
 
 _HEADER = struct.Struct("!2sBBIQ")
 _PROLOGUE = b"HS"

@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import errno
 import socket
+from collections.abc import Callable
 from itertools import count
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
-from simrack.serve.loop import READ, WRITE
+from simrack.serve.loop import READ, WRITE, Loop
 from simrack.serve.rpc import call_record, marked, opaque
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.serve.loop import Loop
 
 _SERVICE_REQUEST = 30
 _CONNECTING_S = 5.0

@@ -8,16 +8,13 @@ same instants, and finds the same bytes there, as a run in one process.
 from __future__ import annotations
 
 import socket
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import serial
 
-from simrack.serve.remote import ControlError
-
-if TYPE_CHECKING:
-    from simrack.clock import Clock
-    from simrack.serve.remote import Control
-    from simrack.wires.serial_line import CharacterFrame
+from simrack.clock import Clock
+from simrack.serve.remote import Control, ControlError
+from simrack.wires.serial_line import CharacterFrame
 
 _ARRIVAL_S = 10.0
 """Wall time for what has been sent already."""

@@ -10,13 +10,11 @@ import selectors
 import socket
 import sys
 import traceback
+from collections.abc import Callable
 from itertools import count
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from simrack.clock import WallClock
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 READ = 1
 """A file can be read, or has hung up. The values are those of epoll."""

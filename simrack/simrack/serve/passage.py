@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 import sys
 import traceback
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.serve.clock import ServedClock
-    from simrack.serve.instrument import ServedInstrument
+from simrack.serve.clock import ServedClock
+from simrack.serve.instrument import ServedInstrument
 
 _NOTHING = math.inf
 _PATIENCE_S = 0.005

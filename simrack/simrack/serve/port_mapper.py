@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 import struct
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
+from simrack.serve.loop import Loop
 from simrack.serve.rpc import Call, RpcConnection, RpcDatagrams
 from simrack.serve.wire import Listener
-
-if TYPE_CHECKING:
-    import socket
-    from collections.abc import Mapping
-
-    from simrack.serve.loop import Loop
 
 PORT_MAPPER = 100000
 _TCP, _UDP = 6, 17

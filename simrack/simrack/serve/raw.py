@@ -6,21 +6,14 @@ import os
 import re
 import socket
 import sys
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
-from simrack.scpi import RS232
+from simrack.scpi import RS232, Interface
 from simrack.serve.embodied import SOCKET
-from simrack.serve.instrument import Client
-from simrack.serve.loop import READ, WRITE
+from simrack.serve.instrument import Client, ServedInstrument
+from simrack.serve.loop import READ, WRITE, Loop
 from simrack.serve.wire import Outbox
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.scpi import Interface
-    from simrack.serve.instrument import ServedInstrument
-    from simrack.serve.loop import Loop
 
 _CHUNK = 1 << 16
 _HELD_BACK = 64

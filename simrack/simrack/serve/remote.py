@@ -10,10 +10,8 @@ import json
 import socket
 import threading
 from itertools import count
-from typing import TYPE_CHECKING, Any, Self
-
-if TYPE_CHECKING:
-    from types import TracebackType
+from types import TracebackType
+from typing import Any, Self
 
 _CHUNK = 1 << 16
 

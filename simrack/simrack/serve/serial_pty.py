@@ -6,15 +6,11 @@ terminal has: it is not read while the instrument's DTR is false, so that the cl
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from simrack.scpi import ScpiError
+from simrack.serve.instrument import ServedInstrument
+from simrack.serve.loop import Loop
 from simrack.serve.raw import Pty
 from simrack.wires.serial_line import CharacterFrame, HandshakeLine, LineEnd, ThreeWireLine
-
-if TYPE_CHECKING:
-    from simrack.scpi import ScpiError
-    from simrack.serve.instrument import ServedInstrument
-    from simrack.serve.loop import Loop
 
 _USUAL_BAUD = 9600
 _SLOW_BAUDS = (300, 600, 1200, 1800, 2400, 4800, _USUAL_BAUD, 19200, 38400)

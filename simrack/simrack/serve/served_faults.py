@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING
+import socket
+from collections.abc import Iterable, Mapping, Sequence
 
 from simrack.bench_faults import begin_on_bench, require_possible
-from simrack.faults import CUTTING, UNREACHABLE, Ongoing, spoiled, spoils
-
-if TYPE_CHECKING:
-    import socket
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from simrack.faults import Fault, FaultScript
-    from simrack.serve.instrument import ServedInstrument
-    from simrack.serve.passage import AttendedPassage
-    from simrack.serve.wire import Listener
+from simrack.faults import CUTTING, UNREACHABLE, Fault, FaultScript, Ongoing, spoiled, spoils
+from simrack.serve.instrument import ServedInstrument
+from simrack.serve.passage import AttendedPassage
+from simrack.serve.wire import Listener
 
 
 def require_roles(instruments: Mapping[str, ServedInstrument], roles: Iterable[str], what: str) -> None:

@@ -10,21 +10,18 @@ from __future__ import annotations
 import socket
 import struct
 from collections import deque
+from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from simrack.handlers import Handlers
 from simrack.serve.embodied import VXI11
 from simrack.serve.instrument import WHOLE_RESPONSE, Client, ServedInstrument
 from simrack.serve.interrupts import Destination, InterruptChannel
+from simrack.serve.loop import Loop, Timer
 from simrack.serve.rpc import Call, RpcConnection, opaque
 from simrack.serve.wire import Listener
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from simrack.serve.loop import Loop, Timer
 
 CORE, ABORT = 0x0607AF, 0x0607B0
 _WAIT_LOCK, _END, _TERMINATOR_SET = 1, 8, 128

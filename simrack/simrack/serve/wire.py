@@ -5,15 +5,11 @@ from __future__ import annotations
 import contextlib
 import socket
 from collections import deque
+from collections.abc import Callable, Iterable
 from itertools import islice
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-from simrack.serve.loop import READ, WRITE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from simrack.serve.loop import Loop
+from simrack.serve.loop import READ, WRITE, Loop
 
 _SENDMSG = hasattr(socket.socket, "sendmsg")
 _TOGETHER = 64

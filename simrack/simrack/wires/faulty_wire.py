@@ -6,17 +6,13 @@ import selectors
 import socket
 import threading
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from random import Random
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol, Self
 
 from simrack.clock import WallClock
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Self
-
 
 WIRE_FAULTS: dict[str, str] = {
     "silent": "replies are lost",

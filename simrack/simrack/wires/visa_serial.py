@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from pyvisa.constants import ControlFlow, LineState, Parity, ResourceAttribute
 
-from simrack.wires.serial_line import CharacterFrame
+from simrack.wires.serial_line import CharacterFrame, HandshakeLine
 from simrack.wires.serial_line import Parity as LineParity
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from simrack.wires.serial_line import HandshakeLine
 
 _SETTINGS = {
     ResourceAttribute.asrl_baud_rate: 9600,

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 from simrack.instruments.agilent33220a.arbitrary import crest, mean
 from simrack.instruments.agilent33220a.declarations import NameParameter, names_reply, nr3, setting
+from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 from simrack.scpi import Choice, Command, Limits, Number, Parameter, Rows, ScpiError, signed_integer
 from simrack.scpi.lexer import Token, TokenKind
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 ROWS = Rows()
 

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from simrack.instruments.agilent33220a.declarations import POLARITIES, SLOPES, angle, mode_switch, nr3, setting
+from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 from simrack.instruments.agilent33220a.settings import conflict
 from simrack.scpi import Choice, Command, Limits, Number, Rows, ScpiError, attribute
-
-if TYPE_CHECKING:
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 ROWS = Rows()
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from operator import methodcaller
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simrack import scpi
+from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 from simrack.scpi.lexer import Token, TokenKind
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 nr3 = scpi.real(13)
 

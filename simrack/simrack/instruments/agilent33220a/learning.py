@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
+from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 _FIRST = (
     *("UNIT:ANGL", "FORM:BORD", "OUTP:LOAD", "OUTP:POL", "OUTP:SYNC", "OUTP:TRIG:SLOP", "PHAS:UNL:ERR:STAT"),

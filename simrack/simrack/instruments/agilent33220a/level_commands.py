@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from simrack.instruments.agilent33220a.declarations import LEVEL_S, nr3
+from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 from simrack.instruments.agilent33220a.settings import MAX_PEAK_V, conflict
 from simrack.scpi import Boolean, Choice, Command, Limits, Number, Quantity, Rows, attribute, boolean
-
-if TYPE_CHECKING:
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 ROWS = Rows()
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
-from simrack.instruments.agilent33220a.arbitrary import crest
-from simrack.instruments.agilent33220a.settings import MAX_PEAK_V, SOURCE_OHM, conflict
+from simrack.instruments.agilent33220a.arbitrary import ArbitraryMemory, crest
+from simrack.instruments.agilent33220a.settings import (
+    MAX_PEAK_V,
+    SOURCE_OHM,
+    GeneratorErrors,
+    GeneratorSettings,
+    conflict,
+)
 from simrack.scpi import Limits, ScpiError, clip
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.agilent33220a.arbitrary import ArbitraryMemory
-    from simrack.instruments.agilent33220a.settings import GeneratorErrors, GeneratorSettings
 
 _ROUND_OFF = 1 + 1e-12
 

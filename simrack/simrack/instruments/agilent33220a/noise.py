@@ -8,24 +8,17 @@ oscilloscope sees of single ticks adds up to it. Each tick sounds through a low 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache, partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
-from simrack.components import SHORTEST_S, Simple
+from simrack.components import SHORTEST_S, Path, Simple
 from simrack.instruments.agilent33220a.playing import cosines
-from simrack.sources import Piece
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from simrack.components import Path
-    from simrack.instruments.agilent33220a.waveforms import Values
-    from simrack.sources import Bend
+from simrack.instruments.agilent33220a.waveforms import Values
+from simrack.sources import Bend, Piece
 
 CREST = 3.3
 """Peak over rms: the amplitude of noise is 6.6 times its rms (unverified)."""

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simrack.instruments.agilent33220a import declarations, level_commands
+from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 from simrack.instruments.agilent33220a.settings import FUNCTIONS
 from simrack.scpi import Boolean, Choice, Command, Limits, Number, Parameter, Rows, Special, attribute, boolean, quoted
-
-if TYPE_CHECKING:
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 ROWS = Rows()
 

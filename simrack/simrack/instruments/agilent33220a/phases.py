@@ -7,16 +7,13 @@ move smoothly: the steps of the real accumulator, below 1 uHz every 20 ns, are n
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from simrack.instruments.agilent33220a.waveforms import turned
-
-if TYPE_CHECKING:
-    from simrack.instruments.agilent33220a.waveforms import Cycle, Values
+from simrack.instruments.agilent33220a.waveforms import Cycle, Values, turned
 
 _MOST_BREAKS = 10_000
 _NEAR = 1e-4

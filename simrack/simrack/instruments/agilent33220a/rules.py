@@ -6,16 +6,11 @@ The words are general knowledge of the family (unverified), but for those that p
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
-from simrack.instruments.agilent33220a.settings import conflict
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.agilent33220a.levels import Levels
-    from simrack.instruments.agilent33220a.settings import GeneratorKind, GeneratorSettings
-    from simrack.scpi import ScpiError
+from simrack.instruments.agilent33220a.levels import Levels
+from simrack.instruments.agilent33220a.settings import GeneratorKind, GeneratorSettings, conflict
+from simrack.scpi import ScpiError
 
 _NAMES = {"RAMP": "ramp", "PULS": "pulse", "USER": "user", "SIN": "sine", "SQU": "square", "TRI": "triangle"}
 _MODE_WORDS = {"SWE": "sweep", "BURS": "burst"}

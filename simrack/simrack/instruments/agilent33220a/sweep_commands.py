@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from simrack.instruments.agilent33220a.declarations import FIRST_HZ, frequency_limits, mode_switch, nr3, setting
+from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 from simrack.scpi import Boolean, Choice, Command, Limits, Number, boolean
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 
 def _sweep(pattern: str, read: Callable[[float, float], float], write: Callable[..., tuple[float, float]]) -> Command:

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from simrack import scpi
 from simrack.instruments.agilent33220a.declarations import nr3
-
-if TYPE_CHECKING:
-    from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
+from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 
 _SECURED = "Calibration error; calibration memory is secured"
 

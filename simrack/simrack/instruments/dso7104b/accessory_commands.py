@@ -7,15 +7,11 @@ that need one say so with an error. The user calibration changes nothing.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from simrack import scpi
 from simrack.instruments.dso7104b.declarations import (
     nothing,
 )
-
-if TYPE_CHECKING:
-    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = scpi.Rows()
 

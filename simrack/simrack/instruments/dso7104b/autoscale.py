@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Generator, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from simrack.instruments.dso7104b.filters import UNKNOWN_AT_ONCE
-from simrack.instruments.dso7104b.inputs import finest_so_far_s
+from simrack.instruments.dso7104b.inputs import ChannelCapture, finest_so_far_s
 from simrack.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
 from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Mapping
-
-    from simrack.instruments.dso7104b.inputs import ChannelCapture
 
 LOOK_S = 0.1
 """How long it looks at the inputs (unverified)."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simrack import scpi
 from simrack.instruments.dso7104b.declarations import VOLTS, clipped
-
-if TYPE_CHECKING:
-    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
-    from simrack.scpi.lexer import Token
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+from simrack.scpi.lexer import Token
 
 ROWS = scpi.Rows()
 

@@ -5,10 +5,8 @@ After the 7000B user's guide (p. 129) a pulse triggers at its end.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, Protocol
 
 
 class Change(NamedTuple):

@@ -7,19 +7,14 @@ periods over the time that they took; of less than one there is nothing to count
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Generator
 
 import numpy as np
 from msgspec import Struct
 
 from simrack.instruments.dso7104b.filters import COUPLING_S
-from simrack.instruments.dso7104b.trigger import held
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
-
-    from simrack.instruments.dso7104b.inputs import Signals
-    from simrack.instruments.dso7104b.trigger import Comparator
+from simrack.instruments.dso7104b.inputs import Signals
+from simrack.instruments.dso7104b.trigger import Comparator, held
 
 _SHORTEST_S, _LONGEST_S = 0.1, 1.0
 _DIGITS = 5

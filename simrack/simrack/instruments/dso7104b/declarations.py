@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
-from simrack.scpi import Choice, Command, Integer, Limits, Number, ScpiError, signed_integer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
-    from simrack.scpi import Register
-    from simrack.scpi.lexer import Token
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+from simrack.scpi import Choice, Command, Integer, Limits, Number, Register, ScpiError, signed_integer
+from simrack.scpi.lexer import Token
 
 CHANNEL = Choice(("CHANnel<1-4>",))
 VOLTS = Number(unit="V")

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Generator
 
 from msgspec import Struct
 
+from simrack.instruments.dso7104b.measurements import MeasuredTrace
+from simrack.instruments.dso7104b.record import Record
 from simrack.scpi import INFINITY, ScpiError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
-
-    from simrack.instruments.dso7104b.measurements import MeasuredTrace
-    from simrack.instruments.dso7104b.record import Record
-
-    Preparation = Callable[[MeasuredTrace], Generator[None, None, object]]
+Preparation = Callable[[MeasuredTrace], Generator[None, None, object]]
 
 INVALID = INFINITY
 """The answer where nothing can be measured."""

@@ -6,18 +6,14 @@ ADD as well.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from msgspec.structs import replace
 
 from simrack.instruments.dso7104b.declarations import CHANNEL, clipped
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 from simrack.instruments.dso7104b.math_settings import MATH_RANGES, fft_band, fft_points, math_scale
 from simrack.instruments.dso7104b.math_trace import TWO_SOURCES
 from simrack.instruments.dso7104b.sampling import sample_rate_hz
 from simrack.scpi import Boolean, Choice, Command, Limits, Number, Rows, ScpiError, attribute, boolean
-
-if TYPE_CHECKING:
-    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = Rows()
 

@@ -8,18 +8,14 @@ frequencies.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from simrack.instruments.dso7104b.math_trace import FFT_POINTS, TWO_SOURCES, Spectrum, combined, transformed
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from simrack.instruments.dso7104b.record import Digitised, Record
-    from simrack.instruments.dso7104b.settings import ScopeSettings
+from simrack.instruments.dso7104b.record import Digitised, Record
+from simrack.instruments.dso7104b.settings import ScopeSettings
 
 _MOST_POINTS = 1000
 MATH_RANGES = {

@@ -8,15 +8,11 @@ that DIFFerentiate takes is the one between the two neighbours of a point here, 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from msgspec import Struct
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 FFT_POINTS = 65536
 _FLOOR_DBV = -200.0

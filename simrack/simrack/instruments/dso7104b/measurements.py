@@ -8,17 +8,13 @@ the one nearest the time reference. Whatever cannot be measured is None, which t
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Generator, Sequence
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from simrack.components import ended
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
-
-    from numpy.typing import NDArray
 
 _MODE_SHARE = 0.05
 """Part of all points that a histogram bin must hold to be top or base (the real criterion is unverified)."""

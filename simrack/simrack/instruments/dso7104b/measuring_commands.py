@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Generator, Sequence
+from typing import Any
 
 from simrack import scpi
 from simrack.instruments.dso7104b import declarations
-from simrack.instruments.dso7104b.installed import INVALID, Installed
+from simrack.instruments.dso7104b.installed import INVALID, Installed, Preparation
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 from simrack.instruments.dso7104b.measurements import MeasuredTrace
 from simrack.scpi.lexer import Token, TokenKind
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
-
-    from simrack.instruments.dso7104b.installed import Preparation
-    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = scpi.Rows()
 

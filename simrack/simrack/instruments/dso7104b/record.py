@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Generator, Iterator
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from simrack.components import ended
 from simrack.dense import Coarse
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator
-
-    from numpy.typing import NDArray
-
-    from simrack.instruments.dso7104b.inputs import ChannelView, Screen, Signals
+from simrack.instruments.dso7104b.inputs import ChannelView, Screen, Signals
 
 _BLOCK_POINTS, _INTERPOLATED_POINTS = 1 << 14, 1 << 16
 """Samples worked out in one go: each by itself, and most of them from their neighbours."""

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from simrack.instruments.dso7104b.acquisition import Pace
 from simrack.instruments.dso7104b.inputs import ChannelView, Screen
+from simrack.instruments.dso7104b.kinds import ScopeKind
 from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
-
-if TYPE_CHECKING:
-    from simrack.instruments.dso7104b.kinds import ScopeKind
 
 
 def main_window(state: ScopeSettings) -> Screen:

@@ -7,15 +7,11 @@ from __future__ import annotations
 
 import struct
 import zlib
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Generator, Mapping
 
 import numpy as np
 from msgspec import Struct
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Mapping
-
-    from numpy.typing import NDArray
+from numpy.typing import NDArray
 
 WIDTH, HEIGHT = 1024, 768
 COLOURS = ((255, 255, 0), (0, 255, 0), (80, 80, 255), (255, 80, 160), (200, 80, 255))

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Generator, Iterator
+from typing import Any
 
 from simrack.instruments.dso7104b.math_settings import math_trace
 from simrack.instruments.dso7104b.measurements import MeasuredTrace, Thresholds
+from simrack.instruments.dso7104b.record import Record
+from simrack.instruments.dso7104b.settings import ScopeSettings
 from simrack.scpi import Parts, Pending, ScpiError, block_header
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator
-
-    from simrack.instruments.dso7104b.record import Record
-    from simrack.instruments.dso7104b.settings import ScopeSettings
 
 _SCREEN_POINTS = 1000
 

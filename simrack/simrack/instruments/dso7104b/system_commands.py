@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import base64
-from typing import TYPE_CHECKING, Any
+from collections.abc import Generator
+from typing import Any
 
 import msgspec
+from numpy.typing import NDArray
 
 from simrack import scpi
 from simrack.instruments.dso7104b import declarations
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 from simrack.instruments.dso7104b.math_settings import math_scale, math_trace
 from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
-
-    from numpy.typing import NDArray
-
-    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
-    from simrack.scpi import Pending
+from simrack.scpi import Pending
 
 ROWS = scpi.Rows()
 

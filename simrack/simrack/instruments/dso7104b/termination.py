@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from simrack.instruments.dso7104b.inputs import ChannelCapture, ScopeWorld
+from simrack.instruments.dso7104b.inputs import ChannelCapture, ScopeWorld
 
 FIFTY_OHM = 50.0
 MOST_V_RMS = 5.0

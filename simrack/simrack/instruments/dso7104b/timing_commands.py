@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from simrack.instruments.dso7104b.declarations import clipped
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 from simrack.instruments.dso7104b.sampling import memory_points, sample_rate_hz
 from simrack.scpi import (
     Boolean,
@@ -19,9 +18,6 @@ from simrack.scpi import (
     boolean,
     signed_integer,
 )
-
-if TYPE_CHECKING:
-    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = Rows()
 

@@ -7,24 +7,17 @@ what is looked at here has no noise.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from heapq import merge
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
-from simrack.instruments.dso7104b.conditions import Change
-from simrack.instruments.dso7104b.filters import LowPass, time_constant_s
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-
-    from numpy.typing import NDArray
-
-    from simrack.instruments.dso7104b.conditions import Condition
-    from simrack.instruments.dso7104b.filters import Sines
-    from simrack.instruments.dso7104b.inputs import Signals
+from simrack.instruments.dso7104b.conditions import Change, Condition
+from simrack.instruments.dso7104b.filters import LowPass, Sines, time_constant_s
+from simrack.instruments.dso7104b.inputs import Signals
 
 _GRID_POINTS = 4000
 _BLOCK_POINTS, _AT_ONCE = 1 << 16, 1 << 14

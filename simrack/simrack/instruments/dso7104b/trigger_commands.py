@@ -6,13 +6,9 @@ belongs to its channel in every mode is unverified.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from simrack import scpi
 from simrack.instruments.dso7104b.declarations import CHANNEL, clipped
-
-if TYPE_CHECKING:
-    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = scpi.Rows()
 

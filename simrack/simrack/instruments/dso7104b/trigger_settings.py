@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from simrack.instruments.dso7104b.conditions import EdgeCondition, NeverMet, PulseCondition, Video
 from simrack.instruments.dso7104b.inputs import EXTERNAL, LINE
+from simrack.instruments.dso7104b.settings import ScopeSettings
 from simrack.instruments.dso7104b.trigger import Comparator, SyncTips, Trigger
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.dso7104b.settings import ScopeSettings
 
 _LINE_S = {"NTSC": 63.556e-6, "PALM": 63.556e-6, "PAL": 64e-6, "SEC": 64e-6, "GEN": 64e-6}
 _UNPLUGGED_V = 1e-9

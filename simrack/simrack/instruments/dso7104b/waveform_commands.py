@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from copy import deepcopy
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from simrack.instruments.dso7104b.declarations import SOURCE, clipped
 from simrack.instruments.dso7104b.installed import INVALID
+from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 from simrack.instruments.dso7104b.math_settings import MathTrace, math_scale, math_trace
 from simrack.instruments.dso7104b.sampling import memory_points
 from simrack.scpi import Boolean, Choice, Command, Number, Rows, attribute, boolean, real, signed_integer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from numpy.typing import NDArray
-
-    from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = Rows()
 

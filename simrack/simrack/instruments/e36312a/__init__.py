@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from simrack.instruments.e36312a.commands import TABLE
 from simrack.instruments.e36312a.instrument import Errors36312A, SimulatedE36312A
-
-if TYPE_CHECKING:
-    from simrack.scpi import CommandTable
+from simrack.scpi import CommandTable
 
 __all__ = ["E36312ATwin", "Errors36312A"]
 

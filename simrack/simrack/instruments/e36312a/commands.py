@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from simrack.instruments.e3631a.kinds import KINDS
 from simrack.instruments.e3631a.system_commands import STATUS_COMMANDS
+from simrack.instruments.e36312a.instrument import SimulatedE36312A
 from simrack.scpi import (
     COMMON_COMMANDS,
     Boolean,
@@ -30,11 +32,6 @@ from simrack.scpi import (
     status_commands,
 )
 from simrack.scpi.lexer import Token, TokenKind
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.e36312a.instrument import SimulatedE36312A
 
 ROWS = Rows()
 

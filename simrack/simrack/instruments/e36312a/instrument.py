@@ -14,19 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping  # msgspec reads the annotation of the errors
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from msgspec.structs import replace
 
 from simrack.instruments.e3631a.imperfections import OutputAccuracy
-from simrack.instruments.e3631a.instrument import SimulatedE3631A, SupplyErrors
-from simrack.instruments.e3631a.kinds import KINDS
-from simrack.scpi import GPIB, LAN, USB, Dialect, Register
-
-if TYPE_CHECKING:
-    from simrack.instruments.e3631a.instrument import Settings
-    from simrack.instruments.e3631a.kinds import OutputKind
-    from simrack.scpi import CommandTable, Interface
+from simrack.instruments.e3631a.instrument import Settings, SimulatedE3631A, SupplyErrors
+from simrack.instruments.e3631a.kinds import KINDS, OutputKind
+from simrack.scpi import GPIB, LAN, USB, CommandTable, Dialect, Interface, Register
 
 _OVER = 1.1
 """Over-voltage protection after ``*RST``, of the rated voltage (general knowledge, unverified)."""

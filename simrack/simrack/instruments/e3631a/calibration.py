@@ -6,17 +6,15 @@ what is too far to be taken (712, 713), and that data without a level is 221 are
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from msgspec import Struct, field
 from msgspec.structs import replace
 
+from simrack.instruments.e3631a.output import SupplyOutput
 from simrack.scpi import (
     ScpiError,
 )
-
-if TYPE_CHECKING:
-    from simrack.instruments.e3631a.output import SupplyOutput
 
 _SHARES = {"MIN": 0.05, "MAX": 1.0}
 """The two points, parts of the rated value (of the voltage, the range less its 3 %)."""

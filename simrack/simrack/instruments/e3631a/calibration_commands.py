@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from simrack import scpi
 from simrack.instruments.e3631a.calibration import CalibrationPoint, adjust_amps, adjust_volts, level_a, level_v
+from simrack.instruments.e3631a.instrument import SimulatedE3631A
+from simrack.instruments.e3631a.output import SupplyOutput
 from simrack.instruments.e3631a.system_commands import remote_only
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.e3631a.instrument import SimulatedE3631A
-    from simrack.instruments.e3631a.output import SupplyOutput
 
 
 def _require_on(supply: SimulatedE3631A) -> None:

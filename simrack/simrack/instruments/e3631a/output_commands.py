@@ -6,16 +6,14 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 84-96).
 from __future__ import annotations
 
 from operator import methodcaller
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec.structs import replace
 
 from simrack import scpi
+from simrack.instruments.e3631a.instrument import SimulatedE3631A
 from simrack.instruments.e3631a.kinds import KINDS
 from simrack.instruments.e3631a.system_commands import remote, remote_only
-
-if TYPE_CHECKING:
-    from simrack.instruments.e3631a.instrument import SimulatedE3631A
 
 ROWS = scpi.Rows()
 

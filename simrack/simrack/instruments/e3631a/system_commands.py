@@ -5,19 +5,16 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 96-108, 113-1
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec.structs import replace
 
 from simrack import scpi
+from simrack.instruments.e3631a.instrument import SimulatedE3631A
 from simrack.instruments.e3631a.kinds import KINDS
 from simrack.scpi.common import SERIAL_COMMANDS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.e3631a.instrument import SimulatedE3631A
 
 _SELF_TEST_S = 1.0
 """*TST?; unverified."""

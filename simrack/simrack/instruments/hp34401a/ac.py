@@ -11,23 +11,17 @@ voltage are left out.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Generator, Iterable
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
-from simrack.components import ended, summed_powers
-from simrack.trace import merged
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable
-
-    from numpy.typing import NDArray
-
-    from simrack.components import Path, Values
-    from simrack.instruments.hp34401a.imperfections import AcErrors
-    from simrack.trace import Piece
+from simrack.components import Path, Values, ended, summed_powers
+from simrack.instruments.hp34401a.imperfections import AcErrors
+from simrack.trace import Piece, merged
 
 SETTLING_S = MappingProxyType({3.0: 7.0, 20.0: 1.0, 200.0: 0.1})
 """What the converter's output depends on, by filter: its settling time to 0.01 % (p. 58)."""

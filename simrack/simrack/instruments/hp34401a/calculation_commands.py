@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from simrack.instruments.hp34401a.calculation import MATH_RULES
+from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 from simrack.scpi import Boolean, Choice, Command, Limits, Number, Rows, ScpiError, attribute, boolean, real
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
 ROWS = Rows()
 

@@ -8,21 +8,17 @@ gives, the time a calibration takes, and that a refused one answers nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from simrack.instruments.hp34401a.calculation import OVERLOAD
 from simrack.instruments.hp34401a.corrections import FLATNESS_HZ
+from simrack.instruments.hp34401a.functions import Function
+from simrack.instruments.hp34401a.inputs import Inputs, MeasuringConditions, MeterReading
+from simrack.instruments.hp34401a.setup import Setup
 from simrack.scpi import Pending, ScpiError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.hp34401a.functions import Function
-    from simrack.instruments.hp34401a.inputs import Inputs, MeasuringConditions, MeterReading
-    from simrack.instruments.hp34401a.setup import Setup
 
 _COUNT_LIMIT = 32767
 """After it the count is 0 again (p. 97)."""

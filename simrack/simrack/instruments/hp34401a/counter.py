@@ -8,20 +8,15 @@ Where each cycle of a signal makes one event its phase tells how many there were
 from __future__ import annotations
 
 import math
+from collections.abc import Generator, Iterator, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from simrack.components import transform_hz
-from simrack.trace import merged
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Sequence
-
-    from simrack.components import Component, Turning, Values
-    from simrack.instruments.hp34401a.ac import AcResponse
-    from simrack.trace import Piece
+from simrack.components import Component, Turning, Values, transform_hz
+from simrack.instruments.hp34401a.ac import AcResponse
+from simrack.trace import Piece, merged
 
 OVERHEAD_S = 2.2e-3
 """What 9.8 and 80 readings a second leave beside gates of 0.1 and 0.01 s (p. 221)."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from simrack.instruments.hp34401a.imperfections import CurrentErrors
+from simrack.instruments.hp34401a.imperfections import CurrentErrors
 
 _DC_LIMITS = MappingProxyType({0.01: 2e-4, 0.1: 5e-5, 1.0: 1e-4, 3.0: 2e-4})
 _AC_LIMITS = MappingProxyType({1.0: 4e-4, 3.0: 6e-4})

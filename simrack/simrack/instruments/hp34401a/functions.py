@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from msgspec import Struct, field
 
 from simrack.scpi import ScpiError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 RESOLUTIONS = MappingProxyType({0.02: 1e-4, 0.2: 1e-5, 1.0: 3e-6, 10.0: 1e-6, 100.0: 3e-7})
 """Power line cycles to resolution as a fraction of the range (p. 55)."""

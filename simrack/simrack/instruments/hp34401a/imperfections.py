@@ -11,12 +11,9 @@ errors at low frequencies and those of crest factors are as generally quoted, un
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
+import numpy as np
 from msgspec import Struct, field
-
-if TYPE_CHECKING:
-    import numpy as np
 
 
 def _share(rng: np.random.Generator) -> float:

@@ -4,29 +4,24 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Callable, Generator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from simrack.components import ended
 from simrack.instruments.hp34401a import counter, ohms
-from simrack.instruments.hp34401a.ac import SETTLING_S, AcResponse, crest_limit, detecting
+from simrack.instruments.hp34401a.ac import SETTLING_S, AcResponse, Detected, crest_limit, detecting
 from simrack.instruments.hp34401a.calculation import OVERLOAD
 from simrack.instruments.hp34401a.corrections import Corrections
 from simrack.instruments.hp34401a.current import open_ac_input_a, open_dc_input_a
 from simrack.instruments.hp34401a.functions import APERTURES_S, Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
-from simrack.specifications import HP_34401A
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Mapping
-
-    from simrack.instruments.hp34401a.ac import Detected
-    from simrack.instruments.hp34401a.setup import Setup
-    from simrack.specifications import VoltmeterSpecification
-    from simrack.trace import History, Piece
+from simrack.instruments.hp34401a.setup import Setup
+from simrack.specifications import HP_34401A, VoltmeterSpecification
+from simrack.trace import History, Piece
 
 __all__ = ["FAST_APERTURES_S", "Inputs", "MeasuringConditions", "MeterErrors", "MeterReading"]
 

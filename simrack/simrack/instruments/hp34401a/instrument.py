@@ -9,8 +9,9 @@ measure, `setup` settings, `inputs` readings, `ac`, `counter`, `ohms`, `current`
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from simrack import scpi
 from simrack.instruments.hp34401a import ohms
@@ -18,17 +19,11 @@ from simrack.instruments.hp34401a.calculation import MATH_RULES, OVERLOAD, Math
 from simrack.instruments.hp34401a.calibration import CalibrationMemory, MeterCalibration
 from simrack.instruments.hp34401a.functions import BY_NAME, Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
-from simrack.instruments.hp34401a.inputs import FAST_APERTURES_S, Inputs, MeasuringConditions
+from simrack.instruments.hp34401a.inputs import FAST_APERTURES_S, Inputs, MeasuringConditions, MeterReading
 from simrack.instruments.hp34401a.setup import Setup, configured
 from simrack.instruments.hp34401a.trigger import TriggerSystem
-from simrack.specifications import HP_34401A
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from simrack.instruments.hp34401a.inputs import MeterReading
-    from simrack.scpi import CommandTable, Interface
-    from simrack.specifications import VoltmeterSpecification
+from simrack.scpi import CommandTable, Interface
+from simrack.specifications import HP_34401A, VoltmeterSpecification
 
 __all__ = ["MeterErrors", "SimulatedHp34401A"]
 

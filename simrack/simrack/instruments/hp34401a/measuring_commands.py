@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simrack.instruments.hp34401a.functions import APERTURES_S, BY_NAME, Function
+from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
+from simrack.instruments.hp34401a.trigger import TriggerSequence, TriggerSystem
 from simrack.scpi import RS232, Command, Number, Pending, Rows, ScpiError, Text, comma_list, quoted, real
 from simrack.scpi.mnemonics import Mnemonic
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
-    from simrack.instruments.hp34401a.trigger import TriggerSequence, TriggerSystem
 
 ROWS = Rows()
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from simrack.instruments.hp34401a.functions import APERTURES_S, BY_NAME
+from simrack.instruments.hp34401a.functions import APERTURES_S, BY_NAME, Function
+from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 from simrack.instruments.hp34401a.setup import attainable_fraction
 from simrack.scpi import Boolean, Choice, Command, Limits, Number, attribute, boolean, real
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.hp34401a.functions import Function
-    from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
 _RANGE_CHANGE_S = 1 / 50
 """Range changes a second over the bus (p. 217)."""

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct
 
-from simrack.instruments.hp34401a.functions import APERTURES_S
+from simrack.instruments.hp34401a.functions import APERTURES_S, Function
 from simrack.scpi import ScpiError, Special
-
-if TYPE_CHECKING:
-    from simrack.instruments.hp34401a.functions import Function
 
 
 class Setup(Struct):

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
+from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 from simrack.scpi import RS232, Boolean, Command, Rows, ScpiError, Text, attribute, boolean, enable, event, quoted
 from simrack.scpi.common import SERIAL_COMMANDS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
 ROWS = Rows()
 

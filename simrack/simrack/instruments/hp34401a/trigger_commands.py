@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from simrack import scpi
-
-if TYPE_CHECKING:
-    from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
+from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 
 _NR3 = scpi.real(8)
 

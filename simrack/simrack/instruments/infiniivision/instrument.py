@@ -11,15 +11,13 @@ inside, reference waveforms, the second math trace.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
+import numpy as np
 from msgspec.structs import replace
 
 from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from simrack.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
-
-if TYPE_CHECKING:
-    import numpy as np
 
 _LENGTHS = (*(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 62_500), *(100_000, 200_000, 500_000, 1_000_000))
 

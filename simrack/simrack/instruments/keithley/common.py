@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from simrack.instruments.hp34401a.functions import BY_NAME
+from simrack.instruments.hp34401a.functions import BY_NAME, Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.range_commands import RANGED, range_commands
+from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.scpi import (
     Boolean,
     Choice,
@@ -26,15 +29,7 @@ from simrack.scpi import (
     real,
     signed_integer,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    import numpy as np
-
-    from simrack.instruments.hp34401a.functions import Function
-    from simrack.instruments.truevolt.instrument import SimulatedTruevolt
-    from simrack.specifications import VoltmeterSpecification
+from simrack.specifications import VoltmeterSpecification
 
 _NR3 = real(8)
 NAMES = MappingProxyType(

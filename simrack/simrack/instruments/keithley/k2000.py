@@ -12,22 +12,19 @@ relative values and mathematics are settings, taken off no reading.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
 
 from simrack import scpi, specifications
+from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
 from simrack.instruments.truevolt.measuring_commands import once_idle
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy as np
-
-    from simrack.instruments.hp34401a.functions import Function
-    from simrack.scpi import Interface
+from simrack.scpi import Interface
 
 ROWS = scpi.Rows()
 

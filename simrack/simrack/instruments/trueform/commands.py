@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec.structs import replace
 
@@ -28,11 +28,9 @@ from simrack.instruments.agilent33220a import (
 from simrack.instruments.agilent33220a.declarations import SWITCH_S, TUNE_S, nr3, setting
 from simrack.instruments.agilent33220a.settings import conflict
 from simrack.instruments.trueform.arbitrary import bare_name, path
+from simrack.instruments.trueform.instrument import SimulatedTrueform as _Model
 from simrack.instruments.trueform.kinds import LONGEST_BURST_S
 from simrack.scpi.lexer import Token, TokenKind
-
-if TYPE_CHECKING:
-    from simrack.instruments.trueform.instrument import SimulatedTrueform as _Model
 
 ROWS = scpi.Rows()
 

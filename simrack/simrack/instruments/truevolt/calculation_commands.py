@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from simrack import scpi
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.truevolt.instrument import SimulatedTruevolt
-    from simrack.instruments.truevolt.mathematics import Statistics
+from simrack.instruments.truevolt.instrument import SimulatedTruevolt
+from simrack.instruments.truevolt.mathematics import Statistics
 
 ROWS = scpi.Rows()
 

@@ -10,27 +10,23 @@ running measurement when a setting is changed (here it is ended, as the readings
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
+
+import numpy as np
 
 from simrack import specifications
 from simrack.instruments.hp34401a.calculation import OVERLOAD
+from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
+from simrack.instruments.hp34401a.trigger import TriggerSystem
+from simrack.instruments.truevolt.kinds import MeterKind
 from simrack.instruments.truevolt.mathematics import LimitTest, Null, Statistics
 from simrack.instruments.truevolt.memory import RingTriggerSystem
-from simrack.scpi import GPIB, LAN, USB, Dialect, Register
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    import numpy as np
-
-    from simrack.instruments.hp34401a.functions import Function
-    from simrack.instruments.hp34401a.trigger import TriggerSystem
-    from simrack.instruments.truevolt.kinds import MeterKind
-    from simrack.scpi import Interface
-    from simrack.specifications import VoltmeterSpecification
+from simrack.scpi import GPIB, LAN, USB, Dialect, Interface, Register
+from simrack.specifications import VoltmeterSpecification
 
 _DIALECT = Dialect(queue_depth=20, words={-350: "Error queue overflow"}, takes_blocks=False)
 """Depth and words are unverified."""

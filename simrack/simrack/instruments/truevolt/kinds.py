@@ -5,19 +5,15 @@ Capacitance, temperature, the options DIG and MEM and the current ranges that a 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from msgspec import Struct, field
 from msgspec.structs import replace
 
 from simrack import specifications
 from simrack.instruments.hp34401a.functions import BY_NAME, Function
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from simrack.specifications import VoltmeterSpecification
+from simrack.specifications import VoltmeterSpecification
 
 _DIGITISING = 0.02
 """Power line cycles below this are an option (guide p. 329)."""

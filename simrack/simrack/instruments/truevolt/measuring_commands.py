@@ -8,19 +8,16 @@ INITiate is overlapped: other commands are executed while it measures, FETCh? wa
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from msgspec.structs import replace
 
 from simrack import scpi
 from simrack.instruments.hp34401a.measuring_commands import CONFIGURATION, FUNCTION, measurement_commands
 from simrack.instruments.hp34401a.trigger_commands import BUS_TRIGGER, trigger_settings
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.truevolt.instrument import SimulatedTruevolt
-    from simrack.instruments.truevolt.kinds import MeterKind
+from simrack.instruments.truevolt.instrument import SimulatedTruevolt
+from simrack.instruments.truevolt.kinds import MeterKind
 
 _NR3 = scpi.real(8)
 _READINGS = scpi.comma_list(_NR3)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from msgspec.structs import replace
 
+from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.range_commands import (
     bandwidth_command,
     gate_command,
@@ -14,15 +16,10 @@ from simrack.instruments.hp34401a.range_commands import (
     range_commands,
     resolution_command,
 )
+from simrack.instruments.truevolt.instrument import SimulatedTruevolt
+from simrack.instruments.truevolt.kinds import MeterKind
 from simrack.instruments.truevolt.measuring_commands import forgetting
 from simrack.scpi import Boolean, Command, Limits, Number, attribute, boolean, real
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.instruments.hp34401a.functions import Function
-    from simrack.instruments.truevolt.instrument import SimulatedTruevolt
-    from simrack.instruments.truevolt.kinds import MeterKind
 
 _NR3 = real(8)
 _ON_OFF = (Boolean(),)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from simrack import scpi
-
-if TYPE_CHECKING:
-    from simrack.instruments.truevolt.instrument import SimulatedTruevolt
-    from simrack.instruments.truevolt.kinds import MeterKind
+from simrack.instruments.truevolt.instrument import SimulatedTruevolt
+from simrack.instruments.truevolt.kinds import MeterKind
 
 _SELF_TEST_S = 2.0
 """*TST? (unverified)."""

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from simrack.handlers import Handlers
 from simrack.rate_tables.acl import language
-from simrack.rate_tables.acl.drive import NORMAL_UNSERVO_BIT
-from simrack.rate_tables.acl.limits import FACTORY, FACTORY_OVERALL, AxisLimits, OverallLimits
-from simrack.rate_tables.acl.profiler import interval_ms
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.rate_tables.acl.drive import AclDrive
-    from simrack.rate_tables.acl.language import StateFormat
-    from simrack.rate_tables.acl.limits import AclLimits, Demand
-    from simrack.rate_tables.acl.profiler import Profiler
-    from simrack.rate_tables.acl.protection import Protection
-    from simrack.rate_tables.acl.status import AclStatus, FrontPanel
+from simrack.rate_tables.acl.drive import NORMAL_UNSERVO_BIT, AclDrive
+from simrack.rate_tables.acl.language import StateFormat
+from simrack.rate_tables.acl.limits import FACTORY, FACTORY_OVERALL, AclLimits, AxisLimits, Demand, OverallLimits
+from simrack.rate_tables.acl.profiler import Profiler, interval_ms
+from simrack.rate_tables.acl.protection import Protection
+from simrack.rate_tables.acl.status import AclStatus, FrontPanel
 
 
 class DemandCommands:

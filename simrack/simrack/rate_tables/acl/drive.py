@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from simrack.rate_tables.acl.limits import AclLimits
 from simrack.rate_tables.axis import PositionMoves, TableAxis, TableErrors, TableWorld
-
-if TYPE_CHECKING:
-    from simrack.rate_tables.acl.limits import AclLimits
 
 POLL_S = 0.002
 """How often the measured rate is looked at when it decides what happens next."""

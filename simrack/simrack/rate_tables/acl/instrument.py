@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Iterable
+from typing import ClassVar, Literal
 
+from simrack.adjustment import Adjustment
 from simrack.rate_tables.acl import language
 from simrack.rate_tables.acl.commands import (
     DemandCommands,
@@ -27,15 +29,9 @@ from simrack.rate_tables.acl.limits import AclLimits, Demand
 from simrack.rate_tables.acl.profiler import Oscillator, Profiler
 from simrack.rate_tables.acl.protection import Protection
 from simrack.rate_tables.acl.status import AclStatus, FrontPanel
-from simrack.rate_tables.axis import TableErrors
+from simrack.rate_tables.axis import TableErrors, TableWorld
 from simrack.rate_tables.interlocked import interlock_adjustments
 from simrack.rate_tables.line import LineDevice, SerialTiming
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from simrack.adjustment import Adjustment
-    from simrack.rate_tables.axis import TableWorld
 
 Header = Literal["none", "u32le2", "u32be2"]
 

@@ -6,15 +6,11 @@ Source: TM-9385A (interlocks), TM-8004-C appendix B (the bits that tell of them)
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from simrack.rate_tables.acl.drive import POLL_S, SOFTWARE_ABORT_BIT
-
-if TYPE_CHECKING:
-    from simrack.rate_tables.acl.drive import AclDrive
-    from simrack.rate_tables.acl.limits import AclLimits
-    from simrack.rate_tables.acl.profiler import Oscillator
-    from simrack.rate_tables.acl.status import AclStatus
+from simrack.rate_tables.acl.drive import POLL_S, SOFTWARE_ABORT_BIT, AclDrive
+from simrack.rate_tables.acl.limits import AclLimits
+from simrack.rate_tables.acl.profiler import Oscillator
+from simrack.rate_tables.acl.status import AclStatus
 
 _LAZY_POLL_S = 0.05
 """How often the measured rate is looked at when it decides what happens next, at constant rate."""
