@@ -317,7 +317,7 @@ class Inputs:
         return MeterReading(end, value)
 
     def _sense_open(self, function: Function) -> bool:
-        return function.name == "FRES" and self._sense is None
+        return function.unit in {"C", "F"} or (function.name == "FRES" and self._sense is None)
 
     def _resistive(self, function: Function, node_v: float, scale: _Scale) -> float:
         source_ohm = self._world.source_ohm(self._node)

@@ -99,7 +99,7 @@ def _limited(value: Callable[..., float], limits: Callable[[SimulatedHp34401A], 
 
 
 def nplc_command(function: Function, header: str) -> Command:
-    """Declare NPLCycles of one function: other power line cycles are rounded up to those it has."""
+    """Declare NPLCycles of one function: others are rounded to the nearest it has, by ratio (unverified)."""
     legal, name = tuple(function.fractions), function.name
     number = Number(limits=Limits(min(legal), max(legal)), legal=legal)
 

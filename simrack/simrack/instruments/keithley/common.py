@@ -14,6 +14,7 @@ from simrack.instruments.hp34401a.functions import BY_NAME, Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.range_commands import RANGED, range_commands
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
+from simrack.instruments.truevolt.kinds import NOTHING_THERE
 from simrack.scpi import (
     Boolean,
     Choice,
@@ -44,6 +45,7 @@ NAMES = MappingProxyType(
         "PER": "PER",
         "CONT": "CONT",
         "DIOD": "DIOD",
+        "TEMP": "TEMP",
     }
 )
 """The functions that are simulated, and what the makers call them in replies; nothing is wired to the current input."""
@@ -56,6 +58,8 @@ _SHORT = {
     "PERIOD": "PER",
     "CONTINUITY": "CONT",
     "DIODE": "DIOD",
+    "TEMPERATURE": "TEMP",
+    "CAPACITANCE": "CAP",
 }
 ERROR_WORDS = {-222: "Parameter data out of range", -230: "Data corrupt or stale"}
 """Words that differ from SCPI's (manuals of both, as users quote them)."""
@@ -71,17 +75,19 @@ UNITS = MappingProxyType(
         "PER": "SEC",
         "CONT": "OHM",
         "DIOD": "VDC",
+        "TEMP": "C",
     }
 )
-"""Units as the 2000 writes them behind a reading (users' records of its readings; OHM4W unverified)."""
+"""Units as the 2000 writes them behind a reading (users' records of its readings; OHM4W and C unverified)."""
 
 
-def functions_of(sheet: VoltmeterSpecification) -> Mapping[str, Function]:
-    """Return the measurement functions by name: a 34401A's with the resolutions of `sheet`."""
+def functions_of(sheet: VoltmeterSpecification, *more: str) -> Mapping[str, Function]:
+    """Return the measurement functions by name: a 34401A's with the resolutions of `sheet`, and `more`."""
+    all_ = BY_NAME | NOTHING_THERE
     return MappingProxyType(
         {
-            name: replace(BY_NAME[name], fractions=sheet.resolution) if BY_NAME[name].integrating else BY_NAME[name]
-            for name in (*NAMES, "VOLT:RAT")
+            name: replace(all_[name], fractions=sheet.resolution) if all_[name].integrating else all_[name]
+            for name in (*NAMES, *more, "VOLT:RAT")
         }
     )
 
@@ -99,16 +105,21 @@ def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
     del meter, values
 
 
+def told(meter: SimulatedTruevolt) -> str:
+    """Return the name of the present function."""
+    return NAMES.get(meter.function.name, meter.function.name)
+
+
 def function_command(pattern: str) -> Command:
     """Declare the choice of a function by name: VOLT:DC, VOLTage, RESistance."""
 
     def choose(meter: SimulatedTruevolt, name: str) -> None:
         known = ":".join(_SHORT.get(word, word) for word in name.strip().upper().split(":")).removesuffix(":DC")
-        if known not in NAMES:
+        if known not in meter.functions or known == "VOLT:RAT":
             raise ScpiError(-224)
         meter.choose(meter.functions[known])
 
-    return Command(pattern, (Text(),), do=choose, query=lambda meter: NAMES[meter.function.name], reply=quoted)
+    return Command(pattern, (Text(),), do=choose, query=told, reply=quoted)
 
 
 def digits_commands(functions: Mapping[str, Function], root: str, limits: Limits) -> tuple[Command, ...]:

@@ -4,8 +4,8 @@ Source: PyMeasure's driver, whose tests hold replies of a real one, and other us
 numbers but for theirs, error texts, which of the words of the trigger model wait.
 
 Not simulated: the command set TSP (``*LANG`` would count from the next power-on), buffers with readings of their own
-(one that is made holds those of defbuffer1), digitising, temperature, capacitance, the scanner, trigger models but
-SimpleLoop; averaging and relative values are settings, taken off no reading.
+(one that is made holds those of defbuffer1), digitising, the scanner, trigger models but SimpleLoop; temperature and
+capacitance have nothing to measure; averaging and relative values are settings, taken off no reading.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ ROWS = scpi.Rows()
 
 _SHEET = specifications.KEITHLEY_DMM6500
 _BUFFER = 100_000
-_FUNCTIONS = common.functions_of(_SHEET)
+_FUNCTIONS = common.functions_of(_SHEET, "CAP")
+_NAMES = (*common.NAMES, "CAP")
 _BEGUN = datetime(2026, 1, 1)  # noqa: DTZ001  (the meter knows no zone)
 _PRECISION = ("FORMat:ASCii:PRECision",)
 
@@ -58,7 +59,9 @@ def _formatted(meter: KeithleyDMM6500Twin, entries: Sequence[tuple[float, float]
             case "READ":
                 return f"{value:.{(meter.engine.remembered.get(_PRECISION, 0) or 7) - 1}E}"
             case "UNIT":
-                return {"V": "Volt", "A": "Amp", "OHM": "Ohm", "HZ": "Hertz", "S": "Second"}[meter.function.unit]
+                return {"V": "Volt", "A": "Amp", "OHM": "Ohm", "HZ": "Hertz", "S": "Second"}.get(
+                    meter.function.unit, ""
+                )
             case "TST":
                 return _stamp(instant_s)
             case "SECF":
@@ -199,7 +202,7 @@ _COMMANDS = (
             query_parameters=(*_NAMED, _ELEMENTS),
             repeat=True,
         )
-        for name in common.NAMES
+        for name in _NAMES
     ),
     scpi.Command("TRACe:ACTual", query=lambda meter, _buffer: len(meter.stored), query_parameters=_NAMED, reply=str),
     scpi.attribute("TRACe:POINts", scpi.Integer(limits=scpi.Limits(10, 7_000_000)), "points", scpi.signed_integer),
@@ -273,7 +276,7 @@ class KeithleyDMM6500Twin(SimulatedTruevolt):
 
     def reset(self) -> None:
         """*RST."""
-        self.kept = {name: common.KeptOfFunction(average=False, digits=6) for name in common.NAMES}
+        self.kept = {name: common.KeptOfFunction(average=False, digits=6) for name in _NAMES}
         self.samples, self.points, self.format = 1, _BUFFER, "ASC"
         self.stored: list[tuple[float, float]] = []
         """Readings and the bench times at which they were made."""

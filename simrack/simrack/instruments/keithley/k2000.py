@@ -5,14 +5,16 @@ Source: PyMeasure's driver and other users' code with records of ``*IDN?``, the 
 averaging, times beside integration. From memory of the manual: continuous initiation is on at power-on and off after
 ``*RST`` and CONFigure, INITiate is -213 meanwhile; TRACe takes readings when its feed control is NEXT.
 
-Not simulated: temperature, CALCulate2 and 3, the scanner, timer and manual triggers, binary formats; averaging,
-relative values and mathematics are settings, taken off no reading.
+Not simulated: the scanner, timer and manual triggers, binary formats; temperature has no probe; averaging, relative
+values and mathematics are settings, taken off no reading. CALCulate2 and 3 (statistics of the buffer, limits) are from
+users' code and memory: what they say without readings, and that 1 is a failure, is unverified.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from statistics import fmean
 from typing import Any, ClassVar
 
 import numpy as np
@@ -135,12 +137,31 @@ def _feed(meter: Keithley2000Twin, control: str) -> None:
         meter.stored = []
 
 
+@ROWS.query("CALCulate<2-2>:IMMediate")
+@ROWS.query("CALCulate<2-2>:DATA")
+def _statistic(meter: Keithley2000Twin) -> str:
+    kind = meter.engine.remembered.get((_STATISTIC,), "NONE")
+    if kind not in _STATISTICS or not meter.stored:
+        raise scpi.ScpiError(-230)
+    return _NR3(float(_STATISTICS[kind](meter.stored)))
+
+
+@ROWS.query("CALCulate<3-3>:LIMit<1-2>:FAIL", reply=scpi.boolean)
+def _fails(meter: Keithley2000Twin, limit: int) -> bool:
+    last, kept = meter.ring.last, meter.engine.remembered
+    upper, lower = (kept.get((f"{_LIMIT}:{side}[:DATA]", limit), usual) for side, usual in _SIDES)
+    return last is not None and not lower <= last <= upper
+
+
 @ROWS.do("SYSTem:PRESet")
 def _preset(meter: Keithley2000Twin) -> None:
     meter.reset()
     meter.continuous = True
 
 
+_STATISTIC, _LIMIT = "CALCulate<2-2>:FORMat", "CALCulate<3-3>:LIMit<1-2>"
+_STATISTICS: Mapping[str, Any] = {"MEAN": fmean, "SDEV": lambda each: np.std(each, ddof=1), "MAX": max, "MIN": min}
+_SIDES = (("UPPer", 1.0), ("LOWer", -1.0))
 _COUNTS = scpi.Integer(limits=scpi.Limits(1, 9999, 1), words={"INFinity": float("inf")})
 
 _COMMANDS = (
@@ -151,7 +172,7 @@ _COMMANDS = (
         scpi.Command(f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=())
         for name in common.NAMES
     ),
-    scpi.Command("CONFigure", query=lambda meter: common.NAMES[meter.function.name], reply=scpi.quoted),
+    scpi.Command("CONFigure", query=common.told, reply=scpi.quoted),
     common.function_command("[SENSe:]FUNCtion"),
     *common.settings_of_functions(_FUNCTIONS, (0.01, 10.0), "REFerence"),
     *common.digits_commands(_FUNCTIONS, "[SENSe:]", scpi.Limits(4, 7)),
@@ -205,6 +226,18 @@ _COMMANDS = (
         for name, default in (("MMFactor", 1.0), ("MBFactor", 0.0), ("PERCent", 1.0))
     ),
     scpi.remembered("CALCulate<1-1>:KMATh:MUNits", scpi.Text(limit=3), "MXB", scpi.quoted),
+    scpi.remembered(_STATISTIC, scpi.Choice(("NONE", "MEAN", "SDEViation", "MAXimum", "MINimum")), "NONE"),
+    scpi.remembered("CALCulate<2-2>:STATe", scpi.Boolean(), default=False, reply=scpi.boolean),
+    scpi.Command("CALCulate<2-2>:IMMediate", do=common.ignored),
+    *(
+        scpi.remembered(f"{_LIMIT}:{side}[:DATA]", scpi.Number(limits=scpi.Limits(-1e8, 1e8)), usual, _NR3)
+        for side, usual in _SIDES
+    ),
+    scpi.remembered(f"{_LIMIT}:STATe", scpi.Boolean(), default=False, reply=scpi.boolean),
+    scpi.Command(f"{_LIMIT}:CLEar[:IMMediate]", do=common.ignored),
+    scpi.Command("CALCulate<3-3>:IMMediate", do=common.ignored),
+    scpi.remembered("[SENSe:]TEMPerature:TCouple:TYPE", scpi.Choice(tuple("JKT")), "J"),
+    scpi.remembered("UNIT:TEMPerature", scpi.Choice(("C", "F", "K")), "C"),
     scpi.Command("CALCulate<1-1>:DATA[:LATest]", query=_fetch),
     scpi.attribute("DISPlay:ENABle", scpi.Boolean(), "display_on", scpi.boolean),
     scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),

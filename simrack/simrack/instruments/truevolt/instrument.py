@@ -102,7 +102,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
         """*RST."""
         self._autozero = dict.fromkeys(self.functions, True)
         self.aperture_on = dict.fromkeys(self.functions, False)
-        self.null = Null()
+        self.nulls = {name: Null() for name in self.functions}
         self.statistics = Statistics()
         self.limit_test = LimitTest()
         super().reset()
@@ -148,14 +148,15 @@ class SimulatedTruevolt(SimulatedHp34401A):
         automatic = isinstance(expected, float) and math.isnan(expected)
         super().configure(function, None if automatic else expected, resolution)
         self.aperture_on[function.name] = False
-        self.null, self.statistics, self.limit_test = Null(), Statistics(), LimitTest()
+        self.nulls[function.name] = Null()
+        self.statistics, self.limit_test = Statistics(), LimitTest()
 
     def _finish_reading(self, value: float) -> float:
         if abs(value) >= OVERLOAD:
             self._show_overload()
             return value
         self._sound(value)
-        reading = self.null.apply(value) if self.function.name == "VOLT" else value
+        reading = self.nulls[self.function.name].apply(value)
         if self.statistics.on:
             self.statistics.take(reading)
         self.questionable.latch(self.limit_test.bits(reading))

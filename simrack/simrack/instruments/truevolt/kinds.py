@@ -1,6 +1,7 @@
 """Differences between the 34461A and the 34465A, as data (Truevolt Series Operating and Service Guide).
 
-Capacitance, temperature, the options DIG and MEM and the current ranges that a 34401A has not are not simulated.
+The options DIG and MEM and the current ranges that a 34401A has not are not simulated. No probe and no capacitor is on
+the terminals: temperature and capacitance are overloads.
 """
 
 from __future__ import annotations
@@ -17,6 +18,13 @@ from simrack.specifications import VoltmeterSpecification
 
 _DIGITISING = 0.02
 """Power line cycles below this are an option (guide p. 329)."""
+
+
+NOTHING_THERE = {
+    "TEMP": Function("TEMP", "TEMPerature", ("TEMPerature",), (), "C", overload_bit=1 << 4),
+    "CAP": Function("CAP", "CAPacitance", ("CAPacitance",), (), "F", overload_bit=1 << 10, lowest=1e-9, highest=1e-4),
+}
+"""What there is nothing to measure of (bits of an overload from memory, unverified)."""
 
 
 class MeterKind(Struct, frozen=True):
@@ -44,12 +52,11 @@ class MeterKind(Struct, frozen=True):
         """Return the measurement functions by name: those of the 34401A with the finer resolutions of the model."""
         fractions = {nplc: part for nplc, part in self.sheet.resolution.items() if nplc >= _DIGITISING}
         fine = MappingProxyType(fractions)
-        return MappingProxyType(
-            {
-                name: replace(function, fractions=fine) if function.integrating else function
-                for name, function in BY_NAME.items()
-            }
-        )
+        functions = {
+            name: replace(function, fractions=fine) if function.integrating else function
+            for name, function in BY_NAME.items()
+        }
+        return MappingProxyType(functions | NOTHING_THERE)
 
 
 _34461A = MeterKind(

@@ -14,6 +14,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from simrack import scpi
+from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.measuring_commands import CONFIGURATION, FUNCTION, measurement_commands
 from simrack.instruments.hp34401a.trigger_commands import BUS_TRIGGER, trigger_settings
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
@@ -24,8 +25,14 @@ _READINGS = scpi.comma_list(_NR3)
 _NOT_A_NUMBER = 9.91e37
 AUTO = math.nan
 """What the word AUTO in place of a range is handed over as; no number that can be typed is."""
-_UNITS = {"V": "VDC", "OHM": "OHM", "HZ": "HZ", "S": "SEC"}
+_UNITS = {"V": "VDC", "A": "ADC", "OHM": "OHM", "HZ": "HZ", "S": "SEC", "C": "C", "F": "F"}
 """Unit after DATA:LAST?'s reading; all but VDC are unverified."""
+_PROBE = (
+    scpi.Choice(("FRTD", "RTD", "FTHermistor", "THERmistor", "TCouple", "DEFault"), required=False),
+    scpi.Number(required=False, words=dict.fromkeys("EJKNRT", 0.0)),
+    *(scpi.Number(required=False),) * 2,
+)
+"""After CONFigure:TEMPerature: probe, its type, 1, resolution (command quick reference)."""
 
 
 def forgetting(command: scpi.Command) -> scpi.Command:
@@ -86,17 +93,33 @@ def _take_whole(meter: SimulatedTruevolt, count: int, wait: str | None) -> Any:
 
 def _last(meter: SimulatedTruevolt) -> str:
     last = meter.ring.last
-    unit = "VAC" if meter.function.name == "VOLT:AC" else _UNITS[meter.function.unit]
+    unit = {"VOLT:AC": "VAC", "CURR:AC": "AAC"}.get(meter.function.name, _UNITS[meter.function.unit])
     return f"{_NR3(_NOT_A_NUMBER if last is None else last)} {unit}"
+
+
+def _temperature_commands(function: Function) -> tuple[scpi.Command, ...]:
+    """Declare CONFigure and MEASure of temperature; without a probe all of them read the same."""
+    configure, measure = measurement_commands(function, _read)
+
+    def set_up(meter: SimulatedTruevolt, *_probe: object) -> None:
+        meter.configure(function, None, None)
+
+    def read(meter: SimulatedTruevolt, *_probe: object) -> Any:
+        set_up(meter)
+        return _read(meter)
+
+    return replace(configure, parameters=_PROBE, do=set_up), replace(measure, query_parameters=_PROBE, query=read)
 
 
 def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
     """Return the measuring commands of a model."""
+    functions = dict(kind.functions())
+    temperature = _temperature_commands(functions.pop("TEMP"))
     of_functions = (
-        each for function in kind.functions().values() for each in measurement_commands(function, _read, {"AUTO": AUTO})
+        each for function in functions.values() for each in measurement_commands(function, _read, {"AUTO": AUTO})
     )
     return (
-        *(forgetting(each) for each in of_functions),
+        *(forgetting(each) for each in (*of_functions, *temperature)),
         CONFIGURATION,
         replace(forgetting(FUNCTION), pattern="[SENSe:]FUNCtion[:ON]"),
         scpi.Command("READ", query=_read, reply=_READINGS),

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.range_commands import (
+    RANGED,
     bandwidth_command,
     gate_command,
     impedance_command,
@@ -19,19 +20,49 @@ from simrack.instruments.hp34401a.range_commands import (
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
 from simrack.instruments.truevolt.measuring_commands import forgetting
-from simrack.scpi import Boolean, Command, Limits, Number, attribute, boolean, real
+from simrack.scpi import (
+    Boolean,
+    Choice,
+    Command,
+    Limits,
+    Number,
+    Parameter,
+    Text,
+    attribute,
+    bare_integer,
+    boolean,
+    quoted,
+    real,
+    remembered,
+)
 
 _NR3 = real(8)
+_OF_PROBES: tuple[tuple[str, Parameter, Any, Callable[[Any], str]], ...] = (
+    ("NPLCycles", Number(limits=Limits(0.02, 100.0), legal=(0.02, 0.2, 1.0, 10.0, 100.0)), 10.0, _NR3),
+    ("ZERO:AUTO", Boolean(words=("ONCE",)), True, boolean),
+    ("TRANsducer:TYPE", Choice(("FRTD", "RTD", "FTHermistor", "THERmistor", "TCouple")), "FRTD", str),
+    ("TRANsducer:TCouple:TYPE", Choice(tuple("EJKNRT")), "J", str),
+    *(
+        (f"TRANsducer:{each}:TYPE", Number(limits=Limits(2252.0, 1e4), legal=(2252.0, 5e3, 1e4)), 5e3, bare_integer)
+        for each in ("FTHermistor", "THERmistor")
+    ),
+    *(
+        (f"TRANsducer:{each}:RESistance[:REFerence]", Number(unit="OHM", limits=Limits(49.0, 2100.0)), 100.0, _NR3)
+        for each in ("FRTD", "RTD")
+    ),
+)
+"""Of temperature, kept only (names: Keysight's help page of [SENSe:]TEMPerature; defaults unverified)."""
 _ON_OFF = (Boolean(),)
 _ONCE = (Boolean(words=("ONCE",)),)
-_RANGED = {"VOLT": "VOLTage[:DC]", "VOLT:AC": "VOLTage:AC", "RES": "RESistance", "FRES": "FRESistance"}
-_INTEGRATING = ("VOLT", "RES", "FRES")
-_ZEROED = ("VOLT", "RES")
+_GATED = {"FREQ": "FREQuency", "PER": "PERiod"}
+_NOTHING_THERE = {"TEMP": "TEMPerature", "CAP": "CAPacitance"}
+_INTEGRATING = ("VOLT", "CURR", "RES", "FRES")
+_ZEROED = ("VOLT", "CURR", "RES")
 """Four-wire resistance always takes a zero, as it does in the 34401A (unverified)."""
 
 
 def _zero_command(name: str) -> Command:
-    header = _RANGED[name]
+    header = RANGED[name]
     return Command(
         f"[SENSe:]{header}:ZERO:AUTO",
         _ONCE,
@@ -75,7 +106,7 @@ def _enable_aperture(name: str) -> Callable[..., None]:
 
 
 def _aperture_commands(name: str, limits: tuple[float, float]) -> tuple[Command, ...]:
-    header, seconds = _RANGED[name], Number(unit="S", limits=Limits(*limits, 0.1))
+    header, seconds = RANGED[name], Number(unit="S", limits=Limits(*limits, 0.1))
     return (
         Command(
             f"[SENSe:]{header}:APERture",
@@ -105,7 +136,16 @@ def _ending_aperture(name: str, command: Command) -> Command:
     return replace(command, do=change)
 
 
-_NULL = "[SENSe:]VOLTage[:DC]:NULL"
+def _null_commands(name: str, header: str) -> tuple[Command, ...]:
+    """Declare what is taken off the readings of a function, and what else may be shown beside them (kept only)."""
+    null, path = f"[SENSe:]{header}:NULL", f"nulls[{name}]"
+    number = Number(unit=("V", "A", "OHM", "HZ", "S", "C", "F"), limits=Limits(-1e15, 1e15, 0.0))
+    return (
+        attribute(f"{null}[:STATe]", Boolean(), f"{path}.on", boolean, do=lambda m, on: m.nulls[name].switch(on=on)),
+        attribute(f"{null}:VALue", number, f"{path}.value", _NR3, do=lambda m, value: m.nulls[name].set_value(value)),
+        attribute(f"{null}:VALue:AUTO", Boolean(), f"{path}.automatic", boolean),
+        remembered(f"[SENSe:]{header}:SECondary", Text(), "OFF", quoted),
+    )
 
 
 def commands(kind: MeterKind) -> tuple[Command, ...]:
@@ -113,25 +153,27 @@ def commands(kind: MeterKind) -> tuple[Command, ...]:
     functions = kind.functions()
     apertures = kind.apertures_s
     settings = (
-        *(each for name, header in _RANGED.items() for each in _range_commands(functions[name], header)),
-        *_range_commands(functions["FREQ"], "FREQuency:VOLTage"),
-        *_range_commands(functions["PER"], "PERiod:VOLTage"),
-        *(_ending_aperture(name, resolution_command(functions[name], _RANGED[name])) for name in _INTEGRATING),
-        *(_ending_aperture(name, nplc_command(functions[name], _RANGED[name])) for name in _INTEGRATING),
+        *(each for name, header in RANGED.items() for each in _range_commands(functions[name], header)),
+        *(each for name, head in _GATED.items() for each in _range_commands(functions[name], f"{head}:VOLTage")),
+        *(gate_command(name, header) for name, header in _GATED.items()),
+        *(
+            remembered(f"[SENSe:]{head}:TIMeout:AUTO", Boolean(), default=False, reply=boolean)
+            for head in _GATED.values()
+        ),
+        *(_ending_aperture(name, resolution_command(functions[name], RANGED[name])) for name in _INTEGRATING),
+        *(_ending_aperture(name, nplc_command(functions[name], RANGED[name])) for name in _INTEGRATING),
         *(each for name in _INTEGRATING if apertures for each in _aperture_commands(name, apertures)),
-        gate_command("FREQ", "FREQuency"),
-        gate_command("PER", "PERiod"),
         *(_zero_command(name) for name in _ZEROED),
         bandwidth_command("[SENSe:]VOLTage:AC:BANDwidth"),
         impedance_command("[SENSe:]VOLTage[:DC]:IMPedance:AUTO"),
-        attribute(f"{_NULL}[:STATe]", Boolean(), "null.on", boolean, do=lambda meter, on: meter.null.switch(on=on)),
-        attribute(
-            f"{_NULL}:VALue",
-            Number(unit="V", limits=Limits(-1200.0, 1200.0, 0.0)),
-            "null.value",
-            _NR3,
-            do=lambda meter, volts: meter.null.set_value(volts),
+        bandwidth_command("[SENSe:]CURRent:AC:BANDwidth"),
+        *(each for name, header in (RANGED | _GATED | _NOTHING_THERE).items() for each in _null_commands(name, header)),
+        remembered("[SENSe:]CAPacitance:RANGe", Number(limits=Limits(1e-9, 1e-4)), 1e-6, _NR3),
+        remembered("[SENSe:]CAPacitance:RANGe:AUTO", _ONCE[0], default=True, reply=boolean),
+        *(
+            remembered(f"[SENSe:]TEMPerature:{header}", parameter, default, reply)
+            for header, parameter, default, reply in _OF_PROBES
         ),
-        attribute(f"{_NULL}:VALue:AUTO", Boolean(), "null.automatic", boolean),
+        remembered("UNIT:TEMPerature", Choice(("C", "F", "K")), "C"),
     )
     return tuple(forgetting(each) for each in settings)

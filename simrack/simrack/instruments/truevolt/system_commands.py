@@ -22,6 +22,22 @@ def _identities(kind: MeterKind) -> tuple[str, ...]:
     return ("DEFault", *older)
 
 
+def _clock(word: str, shown: str) -> scpi.Command:
+    """Declare a part of the clock, which stands still: three numbers (form: help page of SYSTem, users' drivers)."""
+
+    def write(meter: SimulatedTruevolt, *numbers: float) -> None:
+        meter.engine.remembered[word,] = ",".join(f"{each:g}" for each in numbers)
+
+    numbers = (scpi.Number(),) * 3
+    return scpi.Command(f"SYSTem:{word}", numbers, do=write, query=lambda m: m.engine.remembered.get((word,), shown))
+
+
+def _up_time(meter: SimulatedTruevolt) -> str:
+    """Return days, hours, minutes, seconds (users' drivers)."""
+    minutes, seconds = divmod(int(meter.clock.now()), 60)
+    return ",".join(scpi.signed_integer(each) for each in (minutes // 1440, minutes // 60 % 24, minutes % 60, seconds))
+
+
 def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
     """Return the system commands of a model."""
     return (
@@ -34,6 +50,12 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
         scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
         scpi.attribute("SYSTem:IDENtify", scpi.Choice(_identities(kind)), "identifies_as"),
+        _clock("DATE", "2026,1,1"),
+        _clock("TIME", "12,0,0.000"),
+        scpi.Command("SYSTem:UPTime", query=_up_time),
+        scpi.Command("SYSTem:TEMPerature", query=lambda _meter: 30.0, reply=scpi.real(8)),
+        scpi.remembered("SYSTem:LABel", scpi.Text(limit=_TEXT_LIMIT), "", scpi.quoted),
+        scpi.remembered("SYSTem:CLICk:STATe", scpi.Boolean(), default=True, reply=scpi.boolean),
         scpi.Command("SYSTem:LFRequency", query=lambda meter: f"{meter.line_hz:+d}"),
         scpi.Command("SYSTem:LICense:CATalog", query=lambda _meter: '""'),
         scpi.Command("SYSTem:LOCal", do=lambda _: None),

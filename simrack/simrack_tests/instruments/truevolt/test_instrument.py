@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from simrack.instruments.hp34401a import MeterErrors
+from simrack.instruments.keithley import Keithley2000Twin, KeithleyDMM6500Twin
 from simrack.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin, SimulatedTruevolt
 
 from simrack_tests.instruments.conversation import Conversation
@@ -126,6 +127,40 @@ def test_an_overload_is_told_as_one() -> None:
 def test_it_calls_itself_what_the_bench_calls_it() -> None:
     assert (Bench(Keysight34465ATwin, model="34470A").talk.ask("*IDN?") or "").split(",")[1] == "34470A"
     assert (Bench(Keysight34465ATwin).talk.ask("*IDN?") or "").split(",")[1] == "34465A"
+
+
+@pytest.mark.parametrize(
+    ("kind", "query"),
+    [
+        *((each, query) for each in MODELS for query in ("MEAS:TEMP?", "MEAS:TEMP? TC,K", "MEAS:TEMP? FRTD,85,1,0.1")),
+        *((each, "MEAS:CAP? 1E-6") for each in MODELS),
+        *((each, "MEAS:TEMP?") for each in (KeithleyDMM6500Twin, Keithley2000Twin)),
+        (KeithleyDMM6500Twin, "MEAS:CAP?"),
+    ],
+)
+def test_there_is_no_probe_and_no_capacitor(kind: type[SimulatedTruevolt], query: str) -> None:
+    assert Bench(kind).value(query) == 9.9e37
+
+
+def test_each_function_has_its_own_null() -> None:
+    bench = Bench(Keysight34461ATwin)
+    bench.talk.write("VOLT:NULL:VAL 0.25;STAT ON;:RES:NULL:STAT ON;:FREQ:NULL:VAL 3")
+    assert [bench.value(f"{each}:NULL:VAL?") for each in ("VOLT", "RES", "FREQ")] == [0.25, 0.0, 3.0]
+    assert bench.value('FUNC "VOLT";:READ?') == pytest.approx(0.75)
+    assert bench.talk.ask("VOLT:AC:NULL:STAT?;:CURR:NULL:STAT?") == "0;0"
+
+
+def test_a_2000_tells_statistics_of_its_buffer_and_whether_a_limit_is_broken() -> None:
+    bench = Bench(Keithley2000Twin)
+    bench.world.slope_v_s = 0.1
+    bench.talk.write("INIT:CONT OFF;:TRAC:POIN 5;FEED SENS;FEED:CONT NEXT;:SAMP:COUN 5;:INIT")
+    bench.world.clock.sleep_until(bench.world.clock.now() + 10.0)
+    readings = [float(each) for each in (bench.talk.ask("TRAC:DATA?") or "").split(",")]
+    expected = {"MEAN": np.mean(readings), "SDEV": np.std(readings, ddof=1), "MAX": max(readings), "MIN": min(readings)}
+    for kind, value in expected.items():
+        assert bench.value(f"CALC2:FORM {kind};:CALC2:IMM?") == pytest.approx(value, rel=1e-6)
+    bench.talk.write(f"CALC3:LIM2:UPP {readings[-1] + 0.01}")
+    assert bench.talk.ask("CALC3:LIM1:FAIL?;:CALC3:LIM2:FAIL?") == "1;0"
 
 
 @pytest.mark.parametrize("kind", MODELS)
