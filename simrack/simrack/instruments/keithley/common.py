@@ -105,7 +105,7 @@ def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
     del meter, values
 
 
-def told(meter: SimulatedTruevolt) -> str:
+def chosen_function(meter: SimulatedTruevolt) -> str:
     """Return the name of the present function."""
     return NAMES.get(meter.function.name, meter.function.name)
 
@@ -119,7 +119,7 @@ def function_command(pattern: str) -> Command:
             raise ScpiError(-224)
         meter.choose(meter.functions[known])
 
-    return Command(pattern, (Text(),), do=choose, query=told, reply=quoted)
+    return Command(pattern, (Text(),), do=choose, query=chosen_function, reply=quoted)
 
 
 def digits_commands(functions: Mapping[str, Function], root: str, limits: Limits) -> tuple[Command, ...]:

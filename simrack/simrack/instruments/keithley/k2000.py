@@ -172,7 +172,7 @@ _COMMANDS = (
         scpi.Command(f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=())
         for name in common.NAMES
     ),
-    scpi.Command("CONFigure", query=common.told, reply=scpi.quoted),
+    scpi.Command("CONFigure", query=common.chosen_function, reply=scpi.quoted),
     common.function_command("[SENSe:]FUNCtion"),
     *common.settings_of_functions(_FUNCTIONS, (0.01, 10.0), "REFerence"),
     *common.digits_commands(_FUNCTIONS, "[SENSe:]", scpi.Limits(4, 7)),
