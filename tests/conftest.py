@@ -6,6 +6,7 @@ import gc
 import os
 import sys
 from contextlib import suppress
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -148,6 +149,7 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@cache
 def _is_quick(path: Path) -> bool:
     place = path.relative_to(HERE).as_posix() if path.is_relative_to(HERE) else ""
     return place.startswith(QUICK) and place not in SLOW

@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "api.md"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("script", ["docs/make_api.py", "docs/make_cli.py"])
 def test_the_page_is_up_to_date(script: str) -> None:
     """Run the script if it is not."""

@@ -18,6 +18,7 @@ from simrack_tests.cells import few
 from simrack_tests.ports import PLENTY_S, eventually
 
 import vcfbench
+from tests import warm
 from tests.test_resume import cut
 from vcfbench.clock import WallClock, sleep
 from vcfbench.drivers.hp34401a import Hp34401A
@@ -223,9 +224,8 @@ def test_a_started_run_is_waited_for() -> None:
 def test_the_page_has_it_pause_and_go_on(tmp_path: Path) -> None:
     """With a real client, over its socket."""
     pytest.importorskip("uvicorn", reason="pip install 'vcfbench[page]'")
-    command = [sys.executable, "-m", "vcfbench", "run", "turntable", "--speed", "40", "--page", "--plain"]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:  # noqa: S603
-        assert process.stderr is not None
+    command = ["vcfbench", "run", "turntable", "--speed", "40", "--page", "--plain"]
+    with warm.running(command, tmp_path, errors=True) as process:
         address = urlsplit(process.stderr.readline().split()[1])
         said = iter(process.stderr.readline, "")
         next(line for line in said if "deg/s" in line)

@@ -6,8 +6,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 from datetime import datetime, timedelta
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
@@ -441,11 +439,10 @@ def test_two_signals_while_a_package_is_loaded_are_a_stop(tmp_path: Path, monkey
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
 def test_a_killed_run_is_resumed_by_the_command(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "vcfbench", "run", "turntable", "--bench", "ideal", "--speed", "60"]
+    command = ["vcfbench", "run", "turntable", "--bench", "ideal", "--speed", "60"]
     for key, value in QUICK.items():
         command += ["--set", f"{key}={list(value) if isinstance(value, tuple) else value}"]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as child:  # noqa: S603
-        assert child.stderr is not None
+    with warm.running(command, tmp_path, errors=True) as child:
         next(line for line in child.stderr if "average" in line)
         child.kill()
         child.stderr.read()

@@ -15,15 +15,15 @@ import runpy
 import subprocess
 import sys
 import tempfile
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
-from subprocess import CompletedProcess
-from typing import IO, TYPE_CHECKING, Any
+from subprocess import CompletedProcess, TimeoutExpired
+from typing import TYPE_CHECKING, Any
 
 import vcfbench
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from multiprocessing.process import BaseProcess
     from pathlib import Path
 
@@ -105,44 +105,73 @@ def run(words: Sequence[str], folder: Path, timeout_s: float = 120.0) -> Complet
         return CompletedProcess(list(words), process.exitcode or 0, out.read().decode(), err.read().decode())
 
 
+class Program:
+    """A command that goes on in a forked process, for whoever knows :class:`subprocess.Popen`."""
+
+    def __init__(self, process: BaseProcess, out: int, err: int | None) -> None:
+        self._process = process
+        self.pid = process.pid
+        self.stdout = open(out, encoding="utf-8")  # noqa: SIM115  # a pipe has no path
+        self.stderr = None if err is None else open(err, encoding="utf-8")  # noqa: PTH123, SIM115
+        self.kill, self.terminate = process.kill, process.terminate
+
+    @property
+    def returncode(self) -> int | None:
+        return self._process.exitcode
+
+    def poll(self) -> int | None:
+        return self._process.exitcode
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._process.join(timeout)
+        if self._process.exitcode is None:
+            raise TimeoutExpired("a forked command", timeout or 0.0)
+        return self._process.exitcode
+
+    def send_signal(self, number: int) -> None:
+        if self.pid is not None and self.poll() is None:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        said = self.stdout.read(), "" if self.stderr is None else self.stderr.read()
+        self.wait(timeout)
+        return said
+
+
 @contextmanager
-def running(words: Sequence[str], folder: Path) -> Iterator[tuple[Callable[[float], int | None], IO[str]]]:
-    """Start ``vcfbench ...`` in `folder`: what waits for its exit code, and what it prints. It is ended when left."""
-    if not FORKS:
-        with _fresh_running(words, folder) as given:
-            yield given
-        return
-    reading, writing = os.pipe()
-    with open(reading, encoding="utf-8") as printed:  # noqa: PTH123  # a pipe has no path
-        process = _process(words, folder, (writing, 2))
-        os.close(writing)
-
-        def wait(timeout_s: float) -> int | None:
-            process.join(timeout_s)
-            return process.exitcode
-
+def running(words: Sequence[str], folder: Path, *, errors: bool = False) -> Iterator[Any]:
+    """Start ``vcfbench ...`` in `folder`, with a pipe for its `errors` if asked; it is ended when left."""
+    process: Program | subprocess.Popen[str]
+    if FORKS:
+        out, its_out = os.pipe()
+        err, its_err = os.pipe() if errors else (None, 2)
+        process = Program(_process(words, folder, (its_out, its_err)), out, err)
+        for number in (its_out, its_err)[: 1 + errors]:
+            os.close(number)
+    else:
+        command, environment = _fresh(words)
+        process = subprocess.Popen(  # noqa: S603 - our own commands
+            command,
+            cwd=folder,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE if errors else None,
+            encoding="utf-8",
+        )
+    try:
+        yield process
+    finally:
+        process.terminate()
         try:
-            yield wait, printed
-        finally:
-            process.terminate()
-            if wait(10.0) is None:
-                process.kill()
-                process.join()
+            process.wait(10.0)
+        except TimeoutExpired:
+            process.kill()
+            process.wait()
+        for stream in filter(None, (process.stdout, process.stderr)):
+            stream.close()
 
 
 def _fresh(words: Sequence[str]) -> tuple[list[str], Mapping[str, str]]:
     program = {"vcfbench": [sys.executable, "-m", "vcfbench"], "python": [sys.executable]}[words[0]]
     return [*program, *words[1:]], {**os.environ, "PYTHONUTF8": "1"}
-
-
-@contextmanager
-def _fresh_running(words: Sequence[str], folder: Path) -> Iterator[tuple[Callable[[float], int | None], IO[str]]]:
-    command, environment = _fresh(words)
-    with subprocess.Popen(  # noqa: S603 - our own commands
-        command, cwd=folder, env=environment, stdout=subprocess.PIPE, encoding="utf-8"
-    ) as process:
-        assert process.stdout is not None
-        try:
-            yield process.wait, process.stdout
-        finally:
-            process.kill()

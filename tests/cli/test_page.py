@@ -10,7 +10,7 @@ import sys
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -25,23 +25,14 @@ if TYPE_CHECKING:
 
 pytest.importorskip("uvicorn", reason="pip install 'vcfbench[page]'")
 
-VCFBENCH = [sys.executable, "-m", "vcfbench"]
-
 
 @contextmanager
-def started(folder: Path, *words: str, said_on: str = "stderr") -> Iterator[tuple[subprocess.Popen[str], str]]:
+def started(folder: Path, *words: str, said_on: str = "stderr") -> Iterator[tuple[Any, str]]:
     """Start a command that shows a page; yield it and the address that it says."""
-    process = subprocess.Popen(  # noqa: S603
-        [*VCFBENCH, *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    with process:
-        try:
-            line = getattr(process, said_on).readline()
-            assert line.startswith("page: http://127.0.0.1:"), line
-            yield process, line.split()[1]
-        finally:
-            if process.poll() is None:
-                process.kill()
+    with warm.running(["vcfbench", *words], folder, errors=True) as process:
+        line = getattr(process, said_on).readline()
+        assert line.startswith("page: http://127.0.0.1:"), line
+        yield process, line.split()[1]
 
 
 def fetched(address: str, path: str) -> str:
@@ -132,16 +123,17 @@ def test_the_page_of_a_station_ends_with_ctrl_c(tmp_path: Path) -> None:
         assert process.returncode == 0
 
 
-@pytest.mark.parametrize("library", ["starlette", "uvicorn"])
-def test_without_its_extra_it_says_what_to_install(library: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("library", "words"), [("starlette", ["page"]), ("uvicorn", ["run", "turntable", "--page", "--quiet"])]
+)
+def test_without_its_extra_it_says_what_to_install(library: str, words: list[str], tmp_path: Path) -> None:
     """In a process of its own: nothing of the page may be imported before it is seen that it can be."""
     code = f"import sys; sys.modules[{library!r}] = None; from vcfbench.cli.main import main; main()"
-    for words in (["page"], ["run", "turntable", "--page", "--quiet"]):
-        command = [sys.executable, "-c", code, *words]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)  # noqa: S603
-        assert done.stderr.startswith(f"vcfbench: the page in a browser needs {library}, which is not installed")
-        assert "pip install 'vcfbench[page]'" in done.stderr
-        assert (done.stdout, done.returncode) == ("", ConfigError.exit_code)
+    command = [sys.executable, "-c", code, *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)  # noqa: S603
+    assert done.stderr.startswith(f"vcfbench: the page in a browser needs {library}, which is not installed")
+    assert "pip install 'vcfbench[page]'" in done.stderr
+    assert (done.stdout, done.returncode) == ("", ConfigError.exit_code)
 
 
 def test_it_listens_on_this_machine_alone(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import sys
 from typing import TYPE_CHECKING
 
@@ -58,8 +57,8 @@ def bench(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bench]:
     written, port = tmp_path / "served.toml", free_port()
     words = ["sim", "serve", "--bench", str(tmp_path / "short.toml"), "--speed", "4", "--control-port", str(port)]
     offers = ["--wires", request.param, "--offer", f"power:{request.param}", "--offer", f"rate_source:{request.param}"]
-    with warm.running(["vcfbench", *words, *offers, "--write-bench", str(written)], tmp_path) as (_, printed):
-        assert printed.readline()
+    with warm.running(["vcfbench", *words, *offers, "--write-bench", str(written)], tmp_path) as process:
+        assert process.stdout.readline()
         with Control(port) as control:
             yield Bench(written, control)
 
@@ -79,11 +78,8 @@ def on_its_own_clock(bench: Bench) -> None:
 @pytest.mark.parametrize("pause_s", few([0.02, 0.15, 0.3], 0.15))
 def test_three_signals_of_a_nervous_hand_leave_nothing_on(bench: Bench, tmp_path: Path, pause_s: float) -> None:
     on_its_own_clock(bench)
-    command = [sys.executable, "-m", "vcfbench", "run", "turntable", "--json", "--bench", str(bench.path)]
-    with subprocess.Popen(  # noqa: S603 - our own command
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
-    ) as process:
-        assert process.stderr is not None
+    command = ["vcfbench", "run", "turntable", "--json", "--bench", str(bench.path)]
+    with warm.running(command, tmp_path, errors=True) as process:
         assert any("outputs on" in line for line in process.stderr)
         for _ in range(3):
             process.send_signal(signal.SIGTERM)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -14,6 +13,7 @@ import pytest
 from simrack.observations import Window
 from typer.testing import CliRunner
 
+from tests import warm
 from vcfbench.cli.main import app
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.world import World
@@ -21,8 +21,6 @@ from vcfbench.sim.world import World
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-
-MAIN = "from vcfbench.cli.main import main; main()"
 
 
 def answer(runs: Path, *arguments: str) -> dict[str, Any]:
@@ -156,13 +154,10 @@ def test_what_breaks_in_full_swing_is_named_and_what_was_measured_is_kept(
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_an_interrupted_run_keeps_its_points_and_leaves_safely(tmp_path: Path) -> None:
     """At 50 times real time the first window is over within a second; then the signal comes."""
-    command = [sys.executable, "-c", MAIN, "run", "turntable", "--json", "--speed", "50", "--runs", str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:  # noqa: S603
-        assert child.stderr is not None
-        for line in child.stderr:
-            if "average" in line:
-                break
-        os.kill(child.pid, signal.SIGINT)
+    command = ["vcfbench", "run", "turntable", "--json", "--speed", "50", "--runs", str(tmp_path)]
+    with warm.running(command, tmp_path, errors=True) as child:
+        assert any("average" in line for line in child.stderr)
+        child.send_signal(signal.SIGINT)
         out, _ = child.communicate()
     answer = json.loads(out)
     assert child.returncode == 4
@@ -177,9 +172,8 @@ def test_an_interrupted_run_keeps_its_points_and_leaves_safely(tmp_path: Path) -
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_impatience_costs_neither_record_nor_answer(tmp_path: Path) -> None:
     """Signals go on coming while the bench is made safe and the record is closed, until the process is gone."""
-    command = [sys.executable, "-c", MAIN, "run", "turntable", "--json", "--speed", "50", "--runs", str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:  # noqa: S603
-        assert child.stderr is not None
+    command = ["vcfbench", "run", "turntable", "--json", "--speed", "50", "--runs", str(tmp_path)]
+    with warm.running(command, tmp_path, errors=True) as child:
         assert any("outputs on" in line for line in child.stderr)
         child.send_signal(signal.SIGINT)
         assert any("FAILED: stopped by SIGINT" in line for line in child.stderr)
@@ -196,10 +190,9 @@ def test_impatience_costs_neither_record_nor_answer(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="the system has no SIGKILL")
 def test_a_killed_run_keeps_every_point_that_was_told(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", MAIN, "run", "turntable", "--speed", "100", "--runs", str(tmp_path)]
+    command = ["vcfbench", "run", "turntable", "--speed", "100", "--runs", str(tmp_path)]
     printed = 0
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as child:  # noqa: S603
-        assert child.stderr is not None
+    with warm.running(command, tmp_path, errors=True) as child:
         for line in child.stderr:
             printed += "average" in line
             if printed == 3:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import pytest
 from simrack_tests.cells import few
 
+from tests import warm
 from tests.cli.streams import ENDINGS, QUICK
 from vcfbench.cli import ending
 from vcfbench.cli.answer import given
@@ -25,6 +26,7 @@ from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from subprocess import CompletedProcess
 
 ROOT = Path(__file__).parents[2]
 posix = pytest.mark.skipif(sys.platform == "win32", reason="processes are forked, and have signals and terminals")
@@ -103,12 +105,17 @@ finally:
 """
 
 
+def scripted(folder: Path, script: str, *words: str) -> CompletedProcess[str]:
+    """Run `script` as a program of its own."""
+    (folder / "script.py").write_text(script, encoding="utf-8")
+    return warm.run(["python", "script.py", *words], folder)
+
+
 @posix
 def test_a_signal_in_the_last_milliseconds_changes_nothing(tmp_path: Path) -> None:
     quick = embedded_text("paper").replace("\n[procedure.drive]", QUICK)
     (tmp_path / "quick.toml").write_text(quick, encoding="utf-8")
-    command = [sys.executable, "-c", LATE, "run", "turntable", "--bench", "quick.toml", "--quiet", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)  # noqa: S603
+    done = scripted(tmp_path, LATE, "run", "turntable", "--bench", "quick.toml", "--quiet", "--json")
     assert (done.returncode, done.stderr) == (0, "['SIG_IGN', 'SIG_IGN', 'SIG_IGN']\n")
     assert json.loads(done.stdout)["status"] == "complete"
 
@@ -133,7 +140,7 @@ def test_not_safe_is_found_wherever_it_is_in_the_chain() -> None:
 
 @posix
 @pytest.mark.parametrize(("answered", "code"), few([(False, 4), (True, 0)], (False, 4)))
-def test_a_signal_ends_a_command_until_it_has_answered(*, answered: bool, code: int) -> None:
+def test_a_signal_ends_a_command_until_it_has_answered(tmp_path: Path, *, answered: bool, code: int) -> None:
     script = f"""
 import os, signal, sys, typer
 from vcfbench.cli import ending, main
@@ -144,18 +151,14 @@ def wait(context: typer.Context):
     os.kill(os.getpid(), signal.SIGHUP)
 main.main()
 """
-    done = subprocess.run(  # noqa: S603
-        [sys.executable, "-c", script, "wait"], capture_output=True, text=True, check=False
-    )
+    done = scripted(tmp_path, script, "wait")
     assert (done.returncode, done.stderr) == (code, "" if answered else "vcfbench: stopped by SIGHUP\n")
 
 
-def test_a_mistake_of_ours_is_code_three_with_its_traceback() -> None:
+def test_a_mistake_of_ours_is_code_three_with_its_traceback(tmp_path: Path) -> None:
     """Code 1 is a verdict on a gyroscope."""
     script = "from vcfbench.cli import main\n@main.app.command('fail')\ndef fail(): 1 / 0\nmain.main()"
-    done = subprocess.run(  # noqa: S603
-        [sys.executable, "-c", script, "fail"], capture_output=True, text=True, check=False
-    )
+    done = scripted(tmp_path, script, "fail")
     assert done.returncode == 3
     assert done.stderr.endswith("ZeroDivisionError: division by zero\n")
 

@@ -92,7 +92,7 @@ for at in range(1, 100_000, every):
 """
 
 
-@pytest.mark.parametrize(("procedure", "settings", "every"), [("turntable", SETTINGS, 4), ("zero", LONG, 2)])
+@pytest.mark.parametrize(("procedure", "settings", "every"), [("turntable", SETTINGS, 4), ("zero", LONG, 4)])
 def test_a_run_that_is_killed_at_a_write_loses_nothing_that_was_shown(
     procedure: str, settings: dict[str, float], every: int, tmp_path: Path
 ) -> None:

@@ -11,6 +11,7 @@ import pytest
 from msgspec import structs
 
 import vcfbench
+from tests.procedures import test_bandwidth, test_resonance
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
@@ -318,8 +319,14 @@ def test_a_run_that_was_broken_off_goes_on_and_a_warm_up_in_two_pieces_is_none(t
 
 @pytest.mark.exhaustive
 def test_the_whole_of_it_is_one_data_sheet(tmp_path: Path) -> None:
-    """About 17 s on a quiet machine; each value with an uncertainty lies where the simulated bench has it."""
-    run = vcfbench.run("characterize", "lab", seed=8, runs=tmp_path)
+    """Each value with an uncertainty lies where the simulated bench has it."""
+    short = {
+        "resonance": {key: value for key, value in test_resonance.QUICK.items() if key != "warm_up_s"},
+        "bandwidth": {key: value for key, value in test_bandwidth.QUICK.items() if key != "warm_up_s"},
+        "vibration": {"record_samples": 256, "vibration_hz": [2.0, 10.0, 20.0, 35.0]},
+        "zero": QUICK["zero"],
+    }
+    run = vcfbench.run("characterize", "lab", seed=8, settings=short, runs=tmp_path)
     assert [each.name for each in run.results.parts] == [each.name for each in PARTS]
     assert all(each.no_result is None for each in run.results.parts)
     assert run.results.not_measured == ()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
 from simrack_tests.cells import few
 
+from tests.procedures import test_resonance
 from tests.procedures.fakes import MemoryJournal
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.bench_file import load_bench
@@ -34,10 +35,10 @@ class At:
             self.change(self.lab)
 
 
-def run(name: str, at_s: float, change: Callable[[SimulatedLab], None]) -> Execution:
+def run(name: str, at_s: float, change: Callable[[SimulatedLab], None], **settings: Any) -> Execution:
     with open_simulated(seed=3) as lab:
         procedure = PROCEDURES[name]
-        plan = procedure.plan(settings_of(procedure, lab.bench.description))
+        plan = procedure.plan(settings_of(procedure, lab.bench.description, asked_in_python(settings)))
         return Executor(lab.bench, MemoryJournal(), [At(lab, at_s, change)]).execute(plan)
 
 
@@ -94,14 +95,17 @@ def test_a_supply_that_failed_while_the_meter_sampled_by_itself_ends_the_run() -
 
 
 @pytest.mark.parametrize(
-    ("name", "at_s"),
+    ("name", "at_s", "settings"),
     few(
-        [("phase", 60.0), ("warmup", 400.0), ("zero", 1801.0), ("resonance", 2080.0)], ("phase", 60.0), ("zero", 1801.0)
+        [("phase", 60.0, {}), ("zero", 1801.0, {}), ("warmup", 400.0, {}), ("resonance", 70.0, test_resonance.QUICK)],
+        *(("phase", 60.0, {}), ("zero", 1801.0, {})),
     ),
 )
-def test_a_supply_in_current_limit_is_named_and_not_what_it_does(name: str, at_s: float) -> None:
+def test_a_supply_in_current_limit_is_named_and_not_what_it_does(
+    name: str, at_s: float, settings: dict[str, Any]
+) -> None:
     """Without rails there is no sine, another scatter, nothing that decays: another instrument sees that."""
-    error = run(name, at_s, short).error
+    error = run(name, at_s, short, **settings).error
     assert isinstance(error, MeasurementError)
     assert error.instrument == "power", error
     assert "current limit" in error.what

@@ -9,7 +9,7 @@ import pytest
 from simrack_tests.cells import few
 from typer.testing import CliRunner
 
-from tests.cli.test_run_served import SHORT, answer, serving
+from tests.cli.test_run_served import QUICK, answer, serving
 from tests.successors import BENCH
 from vcfbench.cli.main import app
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The bench with few rates."""
     path = tmp_path_factory.mktemp("successors") / "bench.toml"
-    path.write_text(BENCH.read_text(encoding="utf-8").replace("\n[procedure.drive]", SHORT), encoding="utf-8")
+    path.write_text(BENCH.read_text(encoding="utf-8").replace("\n[procedure.drive]", QUICK), encoding="utf-8")
     return path
 
 

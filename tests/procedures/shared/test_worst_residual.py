@@ -212,14 +212,11 @@ def held(true: ResidualSpread, count: int) -> tuple[float, float]:
 
 
 @pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    ("count", "chance"), [(250, 0.02), pytest.param(4000, 0.0, marks=pytest.mark.exhaustive, id="many")]
-)
-def test_u95_of_what_is_found_holds_the_truth_when_ranges_of_generators_are_drawn(count: int, chance: float) -> None:
-    """`chance` is what a share may be off besides, of so few."""
-    share, sd = held(of_generators(), count)
-    assert 0.93 - chance <= share <= 0.97 + chance
-    assert 0.93 - 3.0 * chance <= sd <= 1.07 + 3.0 * chance
+def test_u95_of_what_is_found_holds_the_truth_when_ranges_of_generators_are_drawn() -> None:
+    """A share of 2000 scatters by 0.005, their standard deviation by 0.016."""
+    share, sd = held(of_generators(), 2000)
+    assert 0.93 <= share <= 0.97
+    assert 0.93 <= sd <= 1.07
 
 
 @pytest.mark.parametrize(

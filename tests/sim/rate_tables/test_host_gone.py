@@ -46,8 +46,8 @@ def bench_file(folder: Path, dialect: str) -> Path:
 @contextmanager
 def served(bench: Path) -> Iterator[tuple[dict[str, Any], Control]]:
     words = ["vcfbench", "sim", "serve", "--json", "--bench", str(bench)]
-    with warm.running(words, bench.parent) as (_, printed):
-        said = json.loads(printed.readline())
+    with warm.running(words, bench.parent) as process:
+        said = json.loads(process.stdout.readline())
         with Control(said["control"]["port"]) as control:
             yield said["instruments"]["rate_table"], control
 
