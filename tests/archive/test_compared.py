@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
+from typer.testing import CliRunner
 
 import vcfbench
 from tests import warm
@@ -15,6 +16,7 @@ from tests.archive.test_written import QUICK
 from vcfbench import Point, Quantity, Run, Status
 from vcfbench.archive.compared import compare_runs
 from vcfbench.archive.quantities import ResultValue, values_of
+from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
 from vcfbench.reports.document import Figure, Heading, Table
 from vcfbench.reports.text import text_of
@@ -81,7 +83,17 @@ def test_results_with_an_uncertainty_stand_in_the_first_table() -> None:
     tables = [part for part in parts if isinstance(part, Table) and part.columns[0].name == "result"]
     first, second = ([row[0] for row in table.rows] for table in tables)
     assert heads[1:3] == ["Shared results", "Shared results without uncertainty"]
-    assert (first, second) == (["gain"], ["offset_v"])
+    assert (first, second) == (["gain"], ["offset"])
+
+
+def test_the_last_two_calibrations_of_a_device_are_compared(tmp_path: Path) -> None:
+    for seed, dut in ((1, "G1"), (2, "G2"), (3, "G1")):
+        vcfbench.run("turntable", seed=seed, settings={"samples": 2}, metadata={"dut": dut}, runs=tmp_path)
+    done = CliRunner().invoke(app, ["compare", "--dut", "G1", "--runs", str(tmp_path), "--json"])
+    of_device = [each.run for each in vcfbench.run_summaries(tmp_path, dut="G1")]
+    assert (done.exit_code, json.loads(done.stdout)["runs"]) == (0, of_device)
+    refused = CliRunner().invoke(app, ["compare", "last", "--dut", "G1", "--runs", str(tmp_path)])
+    assert "--dut: it chooses the runs" in refused.stderr
 
 
 def test_results_in_other_units_and_points_of_other_steps_are_not_compared() -> None:

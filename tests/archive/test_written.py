@@ -123,7 +123,7 @@ def test_the_figures_of_a_markdown_report_lie_beside_it(quick: Run, tmp_path: Pa
     assert all(each.read_bytes().startswith(b"<?xml") for each in figures)
     assert "(my%20run-2.svg)" in text.read_text(encoding="utf-8")
     assert not re.search(r"(?<!\\)<", text.read_text(encoding="utf-8"))
-    assert "scale_factor" in text.read_text(encoding="utf-8")
+    assert "| scale factor |" in text.read_text(encoding="utf-8")
 
 
 @pytest.mark.exhaustive

@@ -70,6 +70,20 @@ def test_tables_for_people(capsys: pytest.CaptureFixture[str]) -> None:
     assert max(map(len, out.splitlines())) <= 80
 
 
+def test_a_table_has_a_report_too(written: Callable[[bytes], Path], tmp_path: Path) -> None:
+    analyze(written(b"rate_deg_s,a\n-1,1\n0,2.1\n1,3\n2,4\n"), output=tmp_path / "out.md")
+    said = (tmp_path / "out.md").read_text("utf-8")
+    assert "| scale factor, mV/(deg/s) | 990.000000 |" in said
+    assert len(list(tmp_path.glob("*.svg"))) == 1
+
+
+def test_a_column_of_times_tells_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = "".join(f"{0.01 * place:.2f},{(-1) ** place}\n" for place in range(100))
+    (tmp_path / "zero.csv").write_text(f"t_s,rate_deg_s\n{rows}", "utf-8")
+    analyze(tmp_path / "zero.csv", json=True)
+    assert json.loads(capsys.readouterr().out)["interval_s"] == pytest.approx(0.01)
+
+
 def test_comparison_in_the_order_asked(capsys: pytest.CaptureFixture[str]) -> None:
     comparison = analysed(capsys, TABLE_1, "virtual_v, turntable_v")["comparison"]
     assert comparison["reference"] == "virtual_v"

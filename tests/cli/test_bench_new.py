@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from vcfbench.testing import ServedLab
 
 
+LATITUDE = ("--set", "site.latitude_deg=48.1")
+
+
 @pytest.fixture(autouse=True)
 def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
@@ -38,7 +41,7 @@ def new(*arguments: str, typed: str | None = None) -> Result:
 
 
 def test_proposals_alone_make_a_bench(tmp_path: Path) -> None:
-    done = new("--yes")
+    done = new("--yes", *LATITUDE)
     assert done.exit_code == 0, done.stderr
     assert done.stdout == "station.toml is written; next: vcfbench bench check --bench station.toml\n"
     assert "nobody has looked at its [limits]" in done.stderr
@@ -47,6 +50,14 @@ def test_proposals_alone_make_a_bench(tmp_path: Path) -> None:
     assert (bench.multimeter.model, bench.multimeter.resource) == ("34401A", "GPIB0::22::INSTR")
     assert bench.rate_table is None
     assert bench.limits.max_rail_v == 10.5
+
+
+def test_nobody_but_the_user_knows_the_latitude(tmp_path: Path) -> None:
+    done = new("--yes")
+    assert done.exit_code == 2
+    assert "site.latitude_deg: expected that of the bench" in done.stderr
+    assert "--set site.latitude_deg=48.1" in done.stderr
+    assert not (tmp_path / "station.toml").exists()
 
 
 def test_answers_can_be_given_beforehand(tmp_path: Path) -> None:
@@ -97,7 +108,7 @@ def test_answers_can_be_given_beforehand(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_is_refused_and_nothing_is_written(answer: str, words: str, tmp_path: Path) -> None:
-    done = new("--yes", "--set", answer)
+    done = new("--yes", "--set", answer, *LATITUDE)
     assert done.exit_code == 2
     assert words in " ".join(done.stderr.split())
     assert not (tmp_path / "station.toml").exists()
@@ -105,7 +116,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(answer: str, words: st
 
 def test_what_is_refused_is_asked_again(tmp_path: Path) -> None:
     typed = "\n".join(["kettle", *[""] * 6, "G P I B", *[""] * 60])
-    done = new("asked.toml", typed=typed)
+    done = new("asked.toml", *LATITUDE, typed=typed)
     assert done.exit_code == 0, done.stderr
     assert "no: expected one of multimeter, v_vc_meter, none, came 'kettle'" in done.stderr
     assert (tmp_path / "asked.toml").exists()
@@ -113,7 +124,7 @@ def test_what_is_refused_is_asked_again(tmp_path: Path) -> None:
 
 def test_what_is_off_today_is_named_all_the_same(tmp_path: Path) -> None:
     answers = {"rate_table.resource": "off COM3", "rate_table.dialect": "zaber", "rate_table.steps_per_deg": "1777.8"}
-    done = new("--yes", *(word for key, value in answers.items() for word in ("--set", f"{key}={value}")))
+    done = new("--yes", *LATITUDE, *(word for key, value in answers.items() for word in ("--set", f"{key}={value}")))
     assert done.exit_code == 0, done.stderr
     table = load_bench(tmp_path / "station.toml").rate_table
     assert table is not None
@@ -134,7 +145,8 @@ def served() -> Iterator[ServedLab]:
 
 
 def test_a_smaller_table_has_smaller_rates(served: ServedLab, tmp_path: Path) -> None:
-    asked = ["bench", "new", "--served", str(served.control_port), "--yes", "--set", "limits.max_rate_deg_s=40"]
+    given = (*LATITUDE, "--set", "limits.max_rate_deg_s=40")
+    asked = ["bench", "new", "--served", str(served.control_port), "--yes", *given]
     done = CliRunner().invoke(app, asked)
     assert done.exit_code == 0, done.stderr
     bench = load_bench(tmp_path / "station.toml")
@@ -149,7 +161,7 @@ def test_no_file_is_written_over(tmp_path: Path) -> None:
         2,
         "vcfbench: station.toml is there already, and is not written over\n",
     )
-    asked = new(typed="\n" * 80)
+    asked = new(*LATITUDE, typed="\n" * 80)
     assert asked.exit_code == 0
     assert (tmp_path / "station.toml").read_text("utf-8") == "mine"
     assert (tmp_path / "station-2.toml").exists()

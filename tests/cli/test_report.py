@@ -57,7 +57,7 @@ def test_all_runs_of_a_tag_are_reported_by_one_template(folder: Path) -> None:
     (folder / "lab.toml").write_text('title = "Our certificate"\nlaboratory = "L & Co"\nlogo = "l.svg"\n', "utf-8")
     (folder / "l.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>', "utf-8")
     words = ["--template", "lab.toml", "--set", "customer=ACME", "--set", "issued=2026-11-23"]
-    done = warm.run(["vcfbench", "report", "--all", "--tag", "batch=7", *words, "-o", "out"], folder)
+    done = warm.run(["vcfbench", "report", "--tag", "batch=7", *words, "-o", "out"], folder)
     (page,) = (folder / "out").iterdir()
     assert (done.returncode, done.stdout) == (0, f"out/{page.name}\n"), done.stderr
     text = page.read_text("utf-8")
@@ -70,7 +70,6 @@ def test_words_that_no_certificate_has_are_refused(folder: Path) -> None:
         (["--set", "custommer=x"], "came 'custommer'"),
         (["--set", "issued=tomorrow"], "issued: expected a day such as 2026-11-23, came 'tomorrow'"),
         (["--set", "logo=a.exe"], "expected a name that ends in .png, .jpg, .svg"),
-        (["--tag", "batch=7"], "--tag: it chooses runs for --all"),
         (["--all", "-o", "nowhere"], "expected a directory in -o"),
         (["--all", "--tag", "batch=none"], "there is no such run"),
     ):

@@ -102,9 +102,9 @@ def test_a_verdict_has_every_limit_with_its_value() -> None:
     limits = (Verdict("bias_v", 0.25, 0.0, 0.5), Verdict("bias_deg_s", None, 0.0, 1.0))
     assert table_text(verdict_table(Acceptance(limits))).splitlines() == [
         "FAIL",
-        "limit        value   low   high   verdict",
-        "-----------------------------------------",
-        "bias_v        0.25     0    0.5      PASS",
-        "bias_deg_s       -     0      1      FAIL",
+        "limit   value   low   high   unit    verdict",
+        "--------------------------------------------",
+        "bias     0.25     0    0.5   V          PASS",
+        "bias        -     0      1   deg/s      FAIL",
     ]
     assert verdict_table(Acceptance(limits[:1])).title == "PASS"

@@ -26,4 +26,5 @@ def test_results_are_named_with_the_unit_that_people_read() -> None:
     assert (of.words, of.factor, of.unit) == ("scale factor, on the table", 1e3, "mV/(deg/s)")
     assert of.german == "Skalenfaktor, Drehtisch"
     assert named("bias", "furlong") == ("bias", "", 1.0, "furlong")
-    assert named("own.gain_v").words == "gain, own"
+    assert named("own.gain_v")[:4] == ("own: gain", "", 1.0, "V")
+    assert named("nonlinearity_ppm.max_span")[:4] == ("nonlinearity: max span", "", 1.0, "ppm")

@@ -1,15 +1,18 @@
 """The whole analysis of a calibration table that was measured elsewhere, from its file."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from msgspec import Struct
 
-from vcfbench.analysis.csv_table import Series, decode, parse_table
+from vcfbench.analysis import csv_table
+from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
 from vcfbench.errors import ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.reports.document import Axis, Cell, Column, Figure, Report, Series, Table, Text, texts
 
 
 class TableAnalysis(Struct, frozen=True):
@@ -29,6 +32,53 @@ class TableAnalysis(Struct, frozen=True):
             reference, other = self.compared
             compared = {"reference": reference, "other": other, **self.comparison.as_json()}
         return {"series": {name: result.as_json() for name, result in self.series.items()}, "comparison": compared}
+
+    def report(self) -> Report:
+        """Return the lines, their non-linearities and residuals, and the comparison of two where there is one."""
+        found = self.series.values()
+        columns = [Column(name) for name in self.series]
+        fits: list[tuple[Cell | float | str, ...]] = [
+            ("scale factor, mV/(deg/s)", *(Cell(1e3 * each.line.scale_factor, ".6f") for each in found)),
+            ("  u_fit, mV/(deg/s)", *(Cell(1e3 * each.u_fit_scale_factor, ".2g") for each in found)),
+            ("bias, mV", *(Cell(1e3 * each.line.bias, ".4f") for each in found)),
+            ("  u_fit, mV", *(Cell(1e3 * each.u_fit_bias, ".2g") for each in found)),
+            ("bias, deg/s", *(Cell(each.line.bias_deg_s, ".4f") for each in found)),
+            ("residual std, mV", *(Cell(1e3 * each.line.s_v, ".4f") for each in found)),
+            ("degrees of freedom", *(each.line.dof for each in found)),
+        ]
+        bends: list[tuple[Cell | float | str, ...]] = [
+            (name, *(Cell(each.nonlinearity_ppm[name], ".1f") for each in found), words)
+            for name, words in DEFINITIONS.items()
+        ]
+        ppm = [1e6 / abs(each.line.scale_factor) / float(np.ptp(each.rate_deg_s)) for each in found]
+        drawn = [
+            Series(name, each.rate_deg_s.tolist(), (of_span * each.line.residuals_v).tolist())
+            for of_span, (name, each) in zip(ppm, self.series.items(), strict=True)
+        ]
+        residual = Axis("residual of the span", "ppm")
+        return Report(
+            [
+                Table([*texts(""), *columns], fits, "Least-squares line"),
+                Text("u_fit: of the fit alone, lack of fit included; of points alone no combined u is known"),
+                Table([*texts(""), *columns, *texts("definition")], bends, "Non-linearity and asymmetry, ppm"),
+                Text("full scale: |K| times the largest rate; reading: from 10 deg/s on"),
+                *self._compared(),
+                Figure("Residuals of the least-squares line", Axis("Omega_z", "deg/s"), residual, drawn),
+            ]
+        )
+
+    def _compared(self) -> Iterator[Table]:
+        found = self.comparison
+        if self.compared is None or found is None:
+            return
+        rows = [
+            ("scale factor error, %", Cell(found.scale_factor_error_percent, ".3f")),
+            ("  u_fit, percentage points", Cell(found.u_fit_scale_factor_error_percent, ".3f")),
+            ("  from slopes rounded to five decimals, %", Cell(found.scale_factor_error_percent_rounded, ".3f")),
+            ("E_n (above 1: they disagree)", Cell(found.e_n, ".2f")),
+            ("bias difference, mV", Cell(1e3 * found.bias_difference_v, ".3f")),
+        ]
+        yield Table([*texts(""), Column("")], rows, f"{self.compared[1]} against {self.compared[0]}")
 
 
 def analyze(file: Path | str, compared: Sequence[str] | None = None) -> TableAnalysis:
@@ -53,9 +103,9 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None) -> TableAna
     return TableAnalysis(results, pair, comparison)
 
 
-def read_series(file: Path) -> dict[str, Series]:
+def read_series(file: Path) -> dict[str, csv_table.Series]:
     """Read the table in `file`; raises ConfigError with file, line and column."""
-    return parse_table(decode(read_file(file, "a CSV file", MOST_TABLE), shown(file)), shown(file))
+    return csv_table.parse_table(csv_table.decode(read_file(file, "a CSV file", MOST_TABLE), shown(file)), shown(file))
 
 
 def compared_columns(asked: Sequence[str] | None, columns: list[str], file: Path) -> tuple[str, str] | None:

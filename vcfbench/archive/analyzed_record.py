@@ -123,6 +123,12 @@ def analyze_record(
     )  # fmt: skip
 
 
+def begins_with_times(file: Path) -> bool:
+    """Tell whether the first column of a file is one of times: a record at rest."""
+    head = read_file(file, "a CSV file", MOST_TABLE).split(b"\n", 1)[0].decode(errors="replace")
+    return unit_of(head.split(",")[0]) in _TIMES
+
+
 def unit_of(column: str) -> str | None:
     """Return the unit in the name of a column, None where it has none."""
     found = _UNIT.match(column.strip())

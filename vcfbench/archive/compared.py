@@ -14,6 +14,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
+from vcfbench.reports.names import named
 
 
 class Difference(Struct, frozen=True):
@@ -198,13 +199,13 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
         for each in known:
             pairs = zip(each.values, each.u, strict=True)
             unlike = ((d.value, d.u, d.e_n) for d in each.differences)
-            rows.append((each.name, each.unit, *chain.from_iterable(pairs), *chain.from_iterable(unlike)))
+            rows.append((*_named(each), *chain.from_iterable(pairs), *chain.from_iterable(unlike)))
         yield Table(columns, rows)
     for each in comparison.results:
         if any(each.missing):
             lacks = zip(letters, each.missing, strict=True)
             said = (f"{letter} without {', '.join(missing)}" for letter, missing in lacks if missing)
-            yield Text(f"INCOMPLETE: u of {each.name}: {'; '.join(said)}")
+            yield Text(f"INCOMPLETE: u of {_named(each)[0]}: {'; '.join(said)}")
     if known:
         shared = "No instrument is known to be in all runs: serial numbers tell of none."
         if comparison.instruments:
@@ -223,7 +224,13 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
         columns = texts("result", "unit")
         columns += [Column(letter, format=".7g") for letter in letters]
         columns += [Column(f"{letter} - A", format="+.3g") for letter in letters[1:]]
-        yield Table(columns, [(e.name, e.unit, *e.values, *(d.value for d in e.differences)) for e in unknown])
+        yield Table(columns, [(*_named(e), *e.values, *(d.value for d in e.differences)) for e in unknown])
+
+
+def _named(shared: SharedResult) -> tuple[str, str]:
+    """Return the words of a result, and the unit of its values."""
+    of = named(shared.name, shared.unit)
+    return of.words, shared.unit or of.unit
 
 
 def _points_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Part]:

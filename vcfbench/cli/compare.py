@@ -7,10 +7,11 @@ import typer
 
 from vcfbench.archive.compared import compare_runs
 from vcfbench.archive.recorded import load_run
+from vcfbench.archive.summary import run_summaries
 from vcfbench.archive.written import write_document
 from vcfbench.cli.answer import print_json
-from vcfbench.cli.options import Json_, Runs_, argument, output_option, run_names
-from vcfbench.records.directory import list_runs
+from vcfbench.cli.options import Json_, Runs_, argument, option, output_option, run_names
+from vcfbench.errors import ConfigError
 from vcfbench.reports.text import text_of
 
 
@@ -23,12 +24,16 @@ def compare(
     ] = None,
     output: Annotated[Path | None, output_option("Write the comparison with figures: .html, .pdf or .md.")] = None,
     directory: Runs_ = Path("runs"),
+    dut: Annotated[str | None, option("SERIAL", "The last 2 complete runs of this device, of one procedure.")] = None,
     *,
     json: Json_ = False,
 ) -> None:
     """Compare runs with the first of them: results with E_n, points, settings and equipment that differ."""
-    names = runs or [run.run for run in list_runs(directory)[-2:]]
-    comparison = compare_runs(*(load_run(each, directory) for each in names))
+    if runs and dut is not None:
+        raise ConfigError("--dut: it chooses the runs, name none")
+    found = run_summaries(directory, dut=dut, status=None if dut is None else "complete")
+    alike = [each.directory for each in found if dut is None or each.procedure == found[-1].procedure]
+    comparison = compare_runs(*(load_run(each, directory) for each in runs or alike[-2:]))
     if output is not None:
         both = " and ".join(run.name or run.procedure for run in comparison.runs)
         written = write_document(comparison.report(), "Comparison of runs", both, output)

@@ -22,7 +22,7 @@ def report(  # noqa: PLR0917  # options of a command
     run: Run_ = "last",
     output: Annotated[
         Path | None,
-        output_option("Where the report goes: .html, .pdf or .md; with --all a directory.  [default: RUN.html]"),
+        output_option("Where the report goes: .html, .pdf or .md; of several a directory.  [default: RUN.html]"),
     ] = None,
     runs: Runs_ = Path("runs"),
     words: Annotated[
@@ -31,18 +31,17 @@ def report(  # noqa: PLR0917  # options of a command
     template: Annotated[
         Path | None, option("FILE", "TOML file with such fields, title and logo for all reports.")
     ] = None,
-    tag: Annotated[list[str] | None, option("KEY=VALUE", "With --all: only runs with this tag. Repeatable.")] = None,
+    tag: Annotated[list[str] | None, option("KEY=VALUE", "A report of each run with this tag. Repeatable.")] = None,
     embed: Annotated[Path | None, option("FILE", "With --dcc: the report as PDF, which it then holds.")] = None,
     *,
     every: Annotated[bool, flag("A report of each run in the directory of --runs.", "--all")] = False,
-    as_: Annotated[Literal["html", "pdf", "md"], option(None, "With --all: what the reports are.", "--as")] = "html",
+    as_: Annotated[Literal["html", "pdf", "md"], option(None, "What several reports are.", "--as")] = "html",
     dcc: Annotated[
         bool, flag("Write a Digital Calibration Certificate (XML, DCC 3.3.0), not signed.", "--dcc")
     ] = False,
 ) -> None:
     """Write the report of a run: a first page with the results, then all that they rest on."""
-    if tag and not every:
-        raise ConfigError("--tag: it chooses runs for --all")
+    every = every or bool(tag)
     if embed is not None and (every or not dcc):
         raise ConfigError("--embed: a PDF goes into the one certificate of --dcc")
     said: dict[str, str] = {}
@@ -61,7 +60,7 @@ def report(  # noqa: PLR0917  # options of a command
         return
     folder = output or Path()
     if not folder.is_dir():
-        raise ConfigError(f"--all: expected a directory in -o, came {str(folder)!r}", hint="make it first")
+        raise ConfigError(f"expected a directory in -o, came {str(folder)!r}", hint="make it first")
     chosen = [each.directory for each in run_summaries(runs, tags=tags_of(tag or ())) if each.problem is None]
     if not chosen:
         raise ConfigError(f"there is no such run in {runs}")

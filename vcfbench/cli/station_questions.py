@@ -11,6 +11,7 @@ import typer
 
 from vcfbench.cli.interview import Interview
 from vcfbench.cli.set_option import plain_value
+from vcfbench.errors import ConfigError
 from vcfbench.station.new_station import Draft
 from vcfbench.station.settings import PAPER_RATES_DEG_S
 
@@ -28,6 +29,7 @@ class Question(NamedTuple):
 
 
 _TABLE, _POWER, _CHAMBER, _SCOPE = ("rate_table",), ("power",), ("chamber",), ("oscilloscope",)
+_LATITUDE: Final = "site.latitude_deg"
 _NODES: Final = "output, v_vc, drive, carrier, sense, rail_positive, rail_negative"
 _FIRST: Final = (
     Question("name", "Short name of the station"),
@@ -53,7 +55,7 @@ _REST: Final = (
     Question("wiring.oscilloscope.channel_2", "  channel 2", "carrier", _SCOPE),
     Question("wiring.oscilloscope.channel_3", "  channel 3", "sense", _SCOPE),
     Question("wiring.oscilloscope.channel_4", "  channel 4", "output", _SCOPE),
-    Question("site.latitude_deg", "Latitude, deg, north positive (for the Earth's rate)"),
+    Question(_LATITUDE, "Latitude, deg, north positive (for the Earth's rate)"),
     Question("site.mains_hz", "Mains frequency, Hz (50, 60)", "50"),
     "What is expected, low and high each: a run ends where it finds something else. Enter: not checked.",
     Question("expected.scale_factor_v_per_deg_s", "  Scale factor, V/(deg/s), signed: finds swapped leads"),
@@ -129,6 +131,8 @@ def _ask(question: Question, draft: Draft, interview: Interview) -> None:
         return
 
     def take(answer: str) -> None:
+        if path == _LATITUDE and not answer:  # 0, the equator, would be a wrong Earth's rate that nobody sees
+            raise ConfigError(f"{path}: expected that of the bench", hint=f"--set {path}=48.1")
         if answer:
             value: Any = answer
             if path.startswith(("expected", "acceptance")):  # low and high, with a blank or a comma between them
@@ -138,7 +142,7 @@ def _ask(question: Question, draft: Draft, interview: Interview) -> None:
             draft.change({path: value})
             draft.change(_FOLLOW[path](value) if path in _FOLLOW else {})
 
-    known = draft.value(path)
+    known = None if path == _LATITUDE else draft.value(path)
     if known is not None:
         proposed = f"{known:g}" if isinstance(known, float | int) else str(known)
     interview.ask(path, words, proposed, take)

@@ -6,7 +6,8 @@ from typing import Any
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.digits import incomplete
-from vcfbench.reports.document import Cell, Column, Report, Table, Value, texts
+from vcfbench.reports.document import Cell, Column, Report, Table, Value, heads, texts
+from vcfbench.reports.names import named
 from vcfbench.station.acceptance import Acceptance
 
 _QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
@@ -92,11 +93,9 @@ def _words(value: Any) -> Value:
 
 def verdict_table(acceptance: Acceptance) -> Table:
     """Return PASS, MARGINAL or FAIL, and below it every limit with its value."""
-    columns = (
-        Column("limit", align="left"),
-        Column("value", "", ".6g"),
-        Column("low", "", "g"),
-        Column("high", "", "g"),
-    )
-    rows = [(each.key, each.value, each.low, each.high, each.word.upper()) for each in acceptance.limits]
-    return Table((*columns, Column("verdict")), rows, title=acceptance.word.upper())
+    rows = []
+    for each in acceptance.limits:
+        of = named(each.key)
+        rows.append((of.words, each.value, each.low, each.high, of.unit, each.word.upper()))
+    columns = heads("<limit | value:.6g | low:g | high:g | <unit | verdict")
+    return Table(columns, rows, title=acceptance.word.upper())

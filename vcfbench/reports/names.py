@@ -53,7 +53,9 @@ def named(name: str, unit: str = "") -> Named:
         found = Named(words, unit=unit or of_name)
     where = _COLUMNS.get(column)
     if where is None:
-        return found if not column else found._replace(words=f"{found.words}, {in_words(column)[0]}", german="")
+        within, of_column = in_words(column)
+        words = f"{within}: {found.words}" if column else found.words
+        return found._replace(words=words, german="" if column else found.german, unit=found.unit or of_column)
     german = f"{found.german}, {where[1]}" if found.german else ""
     return found._replace(words=f"{found.words}, {where[0]}", german=german)
 

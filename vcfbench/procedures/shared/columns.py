@@ -9,12 +9,13 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.analysis.scale_factor import ScaleFactorResult, characterise
-from vcfbench.procedures.shared.budget.statement import Statement
+from vcfbench.procedures.shared.budget.statement import StatedValue, Statement
 from vcfbench.procedures.shared.sweep.found import SweepFound
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.reports.digits import incomplete, stated_cells
 from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
+from vcfbench.reports.names import named
 from vcfbench.station.settings import ProcedureSettings
 
 
@@ -147,23 +148,41 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
     rows = []
     for v in statement.values:
         value, u, u95 = stated_cells(v.value, v.u, v.u95)
-        rows.append((v.name, value, u95, u, v.coverage_factor, v.unit, v.of + incomplete(v.missing)))
+        of = v.of + incomplete(v.missing)
+        rows.append((named(v.name, v.unit).words, value, u95, u, v.coverage_factor, v.unit, of))
     shares = heads("<value | <contribution | u:.2g | <unit | share [%]:.1f")
     # a bias has its contributions once, as a rate: those of its voltage are the same
     names = {value.name for value in statement.values}
     lines = [
-        (value.name if not place else "", each.source, each.u, value.unit, 100.0 * each.share)
+        (named(value.name, value.unit).words if not place else "", cause, u, value.unit, 100.0 * share)
         for value in statement.values
         if f"{value.name}_deg_s" not in names
-        for place, each in enumerate(each for each in value.contributions if each.share >= _LEAST_SHARE)
+        for place, (cause, u, share) in enumerate(_causes(value))
+    ]
+    left_out = [
+        f"{named(name, 'ppm').words}: {words}" if name.endswith("nonlinearity") else each
+        for each in statement.not_in_u
+        for name, _, words in [each.partition(": ")]
     ]
     ratio = "" if statement.e_n is None else f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)\n"
     return [
         Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),
         Table(shares, lines, "Largest contributions"),
         Text(ratio + "\n  ".join(["what they are taken from:", *statement.known_from])),
-        Text("\n  ".join(["not in these uncertainties:", *statement.not_in_u])),
+        Text("\n  ".join(["not in these uncertainties:", *left_out])),
     ]
+
+
+def _causes(value: StatedValue) -> list[tuple[str, float, float]]:
+    """Return what makes the uncertainty of a value, the largest first: cause, u and share of all that it works by."""
+    shares: dict[str, float] = {}
+    for each in value.contributions:
+        cause = each.source.partition(": ")[0]
+        shares[cause] = shares.get(cause, 0.0) + each.share
+    return sorted(
+        ((cause, value.u * math.sqrt(share), share) for cause, share in shares.items() if share >= _LEAST_SHARE),
+        key=lambda each: -each[2],
+    )
 
 
 def line_words(name: str, column: CalibrationColumn) -> str:
