@@ -103,6 +103,23 @@ def test_a_recorded_run_has_its_whole_report(client: Client, made: tuple[Path, R
     assert client.get("/run/live/report").status_code == 404
 
 
+def test_a_batch_has_its_sheet(tmp_path: Path) -> None:
+    for serial in ("G1", "G2"):
+        about = {"dut": serial, "tags": {"batch": "lot 8"}}
+        vcfbench.run("turntable", seed=1, settings={"samples": 2}, metadata=about, runs=tmp_path)
+    station = StationDirectories(tmp_path, tmp_path)
+    assert [row["batch"] for row in station.listed()["runs"]] == ["lot 8", "lot 8"]
+    asked = Client(PageContent(station))
+    answer = asked.get("/batch/lot%208/sheet.html")
+    assert answer.status_code == 200
+    assert answer.headers["content-type"].startswith("text/html")
+    assert "Yield: 2 of 2" in answer.text
+    assert answer.headers["content-security-policy"].startswith("default-src 'none';")
+    assert asked.get("/batch/lot%208/sheet.md").text.startswith("# Batch lot 8")
+    for nothing in ("/batch/lot%209/sheet.html", "/batch/lot%208/sheet.exe", "/batch/lot%208/sheet.%00html"):
+        assert asked.get(nothing).status_code == 404
+
+
 def test_a_record_that_cannot_be_read_says_why(tmp_path: Path) -> None:
     folder = tmp_path / "20260101T000000Z-turntable-000000"
     folder.mkdir()

@@ -68,8 +68,8 @@ def test_turntable_ends_with_one_column_and_its_fit() -> None:
     stated = next(
         n for n, line in enumerate(lines) if line.startswith("Values with their combined uncertainty (95 %); INC")
     )
-    names = [line.split()[0] for line in lines[stated + 3 :] if line and not line.startswith(" ")]
-    assert names[:3] == ["scale_factor", "bias", "bias_deg_s"]
+    names = [line.split("   ")[0] for line in lines[stated + 3 :] if line and not line.startswith(" ")]
+    assert names[:3] == ["scale factor", "bias (output)", "bias"]
     assert lines[lines.index("not in these uncertainties:") + 1].startswith("  MISSING the multimeter's accuracy")
 
 

@@ -50,6 +50,13 @@ _DRAWING: Final = Lock()  # Matplotlib draws one figure at a time
 _OF_REPORTS: Final = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
 """A report has its style and figures in it, and no script."""
 
+_SHEETS: Final = {
+    "html": "text/html",
+    "md": "text/markdown",
+    "pdf": "application/pdf",
+    "xlsx": "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet",
+}
+
 _HEADERS: Final = {
     b"content-security-policy": b"default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     b"cache-control": b"no-store",
@@ -190,6 +197,7 @@ def application(shown: PageContent) -> Starlette:
             Route("/", routes.station_page),
             Route("/station", routes.station),
             Route("/device/{serial}", routes.device),
+            Route("/batch/{name}/sheet.{kind}", routes.sheet),
             Route("/run/{name}", routes.run_page),
             Route("/run/{name}/events", routes.events),
             Route("/run/{name}/readings", routes.readings),
@@ -225,6 +233,16 @@ class _Routes:
             return _json(await run_in_threadpool(self._shown.station.history, request.path_params["serial"]))
         except BenchError as error:
             raise HTTPException(404, str(error)) from error
+
+    async def sheet(self, request: Request) -> Response:
+        name, kind = request.path_params["name"], request.path_params["kind"]
+        if kind not in _SHEETS:
+            raise HTTPException(404, f"a sheet is one of {', '.join(_SHEETS)}")
+        try:
+            data = await run_in_threadpool(self._shown.station.sheet, name, kind)
+        except BenchError as error:
+            raise HTTPException(404, str(error)) from error
+        return Response(data, media_type=_SHEETS[kind], headers={"content-security-policy": _OF_REPORTS})
 
     async def run_page(self, request: Request) -> Response:
         name = request.path_params["name"]

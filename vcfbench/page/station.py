@@ -3,10 +3,12 @@
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+from vcfbench.archive.batch_sheet import sheet_rows, write_sheet
 from vcfbench.archive.summary import summary_of
-from vcfbench.errors import BenchError
+from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, Entry, SelfCalibration, StaticNoise
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import being_written, read_header
@@ -54,6 +56,15 @@ class StationDirectories:
         except OSError:  # nothing was recorded yet
             return []
 
+    def sheet(self, batch: str, kind: str) -> bytes:
+        """Return the sheet of a batch as a file of that kind: html, pdf, md, xlsx; a BenchError where there is none."""
+        rows = sheet_rows(batch, self._runs)
+        if not rows:
+            raise ConfigError(f"there is no batch {batch!r}")
+        with TemporaryDirectory() as folder:
+            (path, *_) = write_sheet(batch, rows, Path(folder) / f"sheet.{kind}")
+            return path.read_bytes()
+
     def history(self, serial: str) -> list[dict[str, Any]]:
         """Return the entries of a device, oldest first; a BenchError where they cannot be read."""
         return [_entry(each) for each in DeviceStore(self._devices).device(serial).entries]
@@ -90,6 +101,7 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
         "procedure": summary.procedure,
         "bench": summary.bench,
         "dut": summary.dut,
+        "batch": summary.tags.get("batch"),
         "status": summary.status.value,
         "verdict": summary.verdict,
         "problem": summary.problem or summary.damage,

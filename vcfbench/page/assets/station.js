@@ -37,6 +37,21 @@ function draw() {
   byId("live").hidden = !listed.live;
 }
 
+function drawBatches() {
+  const names = [...new Set(listed.runs.map((each) => each.batch).filter(Boolean))];
+  byId("batches").hidden = !names.length;
+  document.querySelector("#batches ul").replaceChildren(...names.map((name) => {
+    const line = made("li", `${name}: `);
+    for (const [kind, words] of [["html", "sheet"], ["pdf", "PDF"], ["xlsx", "spreadsheet"]]) {
+      const link = made("a", words);
+      link.href = `/batch/${encodeURIComponent(name)}/sheet.${kind}`;
+      if (kind !== "html") link.download = `${name}.${kind}`;
+      line.append(link, " ");
+    }
+    return line;
+  }));
+}
+
 function drawDevices() {
   const opened = new Set([...document.querySelectorAll("#devices details[open]")].map((each) => each.dataset.serial));
   if (!listed.devices.length) { byId("devices").replaceChildren(made("p", "none; vcfbench run kvc --dut SERIAL adds one", "quiet")); return; }
@@ -73,7 +88,7 @@ async function look() {
     if (answer.ok) {
       const next = await answer.json(), changed = JSON.stringify(next) !== JSON.stringify(listed);
       listed = next;
-      if (changed) { draw(); drawDevices(); }
+      if (changed) { draw(); drawBatches(); drawDevices(); }
     }
   } catch { byId("said").textContent = "the page's command does not answer any more"; }
 }
