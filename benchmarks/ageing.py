@@ -504,7 +504,6 @@ def calibrated(life: Life) -> Line:
     file, store = where / "lab.toml", where / "devices"
     file.write_text(lab.text(), encoding="utf-8")
     settings = {"dut": "G", "devices": str(store), "warm_up_s": WARM_UP_S, "temperature_c": stated_c(lab, named)}
-    settings["ac_volts"] = True  # where another oscilloscope tells the amplitudes, the multimeter has to
     found = vcfbench.run("kvc", file, seed=life.seed * 100 + 1, settings=settings, runs=where).results
     true = truth_of(lab, named)
     return {

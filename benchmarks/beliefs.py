@@ -68,7 +68,6 @@ ZEROS = ("none", "ends", "bracket")
 SWEEPS = [
     *(Case("turntable", order=order, zeros=zeros) for order in ORDERS for zeros in ZEROS),
     Case("turntable", repeat=2),
-    Case("turntable", whole_turns=True, longest_turn_s=40.0),
     *(
         Case("virtual-coriolis", bench, order=order, zeros=zeros)
         for bench in ("paper", "lab")

@@ -182,17 +182,6 @@ class ReadsVoltage(Protocol):
 
 
 @runtime_checkable
-class ReadsAcVoltage(ReadsVoltage, Protocol):
-    """Reads an alternating voltage too."""
-
-    def read_ac_voltages_v(self, count: int, range_v: float | None = None) -> tuple[tuple[float, ...], float]:
-        """Take `count` readings, rms, on a range, or on that which fits; return them and the range, V.
-
-        Direct voltage has to be configured again afterwards.
-        """
-
-
-@runtime_checkable
 class BeginsReadings(ReadsVoltage, Protocol):
     """Reads while another instrument is asked: a reading is begun, and fetched when it is over."""
 

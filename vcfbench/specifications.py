@@ -19,7 +19,6 @@ from simrack.specifications import (
 )
 
 __all__ = [
-    "AC_VOLTS_U",
     "AGILENT_33220A",
     "HP_34401A",
     "KEITHLEY_2000",
@@ -65,13 +64,6 @@ TEMPERATURE_COEFFICIENTS: Final = MappingProxyType({0.1: Accuracy(5e-6, 5e-6)})
 """Temperature coefficient for each kelvin outside of 18 to 28 degC, by range: 34401A, p. 216; assumed of the others."""
 ROOM_C: Final = (18.0, 28.0)
 """Temperatures at which data sheets of voltmeters hold, degC."""
-
-
-AC_VOLTS_U: Final = MappingProxyType({"34401A": Accuracy(6e-4 / 4.0, 3e-4 / 4.0)})
-"""Standard uncertainties of alternating voltage, 10 Hz to 20 kHz, a year, 1 V range and above, by model.
-
-34401A: limits of the User's Guide p. 218, which are four standard deviations (p. 227).
-"""
 
 
 class SupplySpecification(Struct, frozen=True):

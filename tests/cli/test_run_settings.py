@@ -100,9 +100,9 @@ def test_an_option_that_stands_for_a_key_is_named_itself() -> None:
 
 def test_options_may_be_called_otherwise_than_their_keys() -> None:
     """A key called like a procedure would make ``[procedure.zero]`` both; a truth value needs no word."""
-    asked = ["--order", "abba", "--zero", "bracket", "--whole-turns", "--repeat", "2", "--kvc", "plus-minus"]
+    asked = ["--order", "abba", "--zero", "bracket", "--repeat", "2", "--kvc", "plus-minus"]
     shown = " ".join(call("virtual-coriolis", "--dry-run", *asked).stdout.split())
-    assert "order abba, a zero before and after each rate, whole turns, 2 times" in shown
+    assert "order abba, a zero before and after each rate, 2 times" in shown
     assert "Cycle 2, 10 deg/s: table at rest, V_Vc on" in shown
     assert refusal("--zero", "both") == "--zero: expected 'none' or 'ends' or 'bracket', came 'both'"
     assert refusal("--kvc", "two").startswith("--kvc: expected 'one-point' or 'plus-minus' or 'curve'")

@@ -31,14 +31,6 @@ def reading(*answers: str | None) -> list[Exchange]:
     return [("INIT", None), ("FETC?", first), ("FETC?", again)]
 
 
-def test_alternating_voltage_is_read_on_a_range_that_is_told() -> None:
-    read = reading("+7.07100000E-01", "+7.07100000E-01")
-    asked: list[Exchange] = [("CONF:VOLT:AC 10", None), ("DET:BAND 20", None), ("TRIG:SOUR IMM", None), NO_ERROR]
-    range_: list[Exchange] = [("VOLT:AC:RANG?", "+1.00000000E+01")]
-    with expected_exchange(OPEN, [*OPENING, *asked, *read, *read, *range_]) as meter:
-        assert meter.read_ac_voltages_v(2, 10.0) == ((0.7071, 0.7071), 10.0)
-
-
 def test_range_and_integration_time_are_fixed_and_read_back() -> None:
     with expected_exchange(OPEN, [*OPENING, *CONFIGURED, *reading("-1.67463210E-01")]) as meter:
         meter.configure_dc_voltage(10.0, 10.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +13,6 @@ import vcfbench
 from tests.procedures.shared.test_k_vc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.health.by_meter import carrier_over_drive
 from vcfbench.procedures.health.check import checked, health_parts, not_measured
 from vcfbench.procedures.health.found import Health, beside
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
@@ -24,8 +22,6 @@ from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.simulation import physical_parameters
-from vcfbench.station.settings import PlacedInstrument
-from vcfbench.steps import AcMeasured, MeasureAc
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -100,35 +96,6 @@ def test_another_oscilloscope_tells_amplitudes_too_badly_to_correct_by() -> None
     assert [cause.done for cause in found.causes if "amplitudes" in cause.cause] == ["left to its drift"]
 
 
-def test_the_multimeter_tells_amplitudes_where_another_oscilloscope_cannot() -> None:
-    then, now = (
-        {**health(scope=scope), "carrier_over_drive": measurand(ratio, "", [UncertaintyPart("records", 1e-4)])}
-        for scope, ratio in (("DSO7104B no. 1", 2.0), ("DSO7104B no. 2", 2.01))
-    )
-    found = checked(beside(then, Characteristics()), beside(now, Characteristics()))
-    amplitudes = next(cause for cause in found.causes if "amplitudes" in cause.cause)
-    assert (amplitudes.done, amplitudes.ppm) == ("corrected", pytest.approx(5000.0, rel=0.01))
-    assert 60.0 < found.u_ppm < 80.0
-
-
-def test_a_ratio_of_ac_volts_has_the_range_of_the_one_in_that_of_the_other() -> None:
-    """The 10 V range is off by 2 mV, the 1 V range by none: the drive on both tells."""
-    seen = [("carrier", 1.414 + 0.002, 10.0, None), ("drive", 0.707, 1.0, None), ("drive", 0.707 + 0.002, 10.0, 10.0)]
-    steps = [
-        (MeasureAc(node, 8, 0.7, range_v), AcMeasured((level_v,) * 8, on_v)) for node, level_v, on_v, range_v in seen
-    ]
-    settings = SimpleNamespace(
-        station=SimpleNamespace(instruments={"multimeter": PlacedInstrument(model="34401A", where="no. 1")})
-    )
-    found = carrier_over_drive(settings, SimpleNamespace(found=lambda _kind: steps))  # type: ignore[arg-type]
-    assert found is not None
-    assert found.value == pytest.approx(2.0, rel=1e-9)
-    assert 1e6 * found.u / 2.0 == pytest.approx(math.hypot(17.3, 75.0, 75.0, 53.0), rel=0.01)
-    same = measurand(2.0, "", found.parts).kept()
-    then = Characteristics(drive_amplitude_v=Kept(value=1.0, u=0.0), carrier_amplitude_v=same)
-    assert k_vc_change(then, then).u_ppm < 30.0  # the same meter later
-
-
 def test_a_split_and_a_q_that_are_measured_are_not_in_temperature_again() -> None:
     """Without a drive frequency temperature is the thermometer's: what it did to split and Q is measured."""
     then = structs.replace(
@@ -176,10 +143,6 @@ def test_a_dry_run_finds_nothing_that_has_changed() -> None:
     planned = vcfbench.dry_run("kvc", LAB)
     words = [each.step.describe() for each in planned.steps]
     assert "oscilloscope: the sense modes ring down" in words
-    assert not any("AC volts" in word for word in words)  # a person is asked only if that is wanted
-    by_meter = [each.step.describe() for each in vcfbench.dry_run("kvc", LAB, settings={"ac_volts": True}).steps]
-    at = by_meter.index("by hand: move the leads of the multimeter to the carrier")
-    assert by_meter[at + 1] == "multimeter: AC volts of the carrier, 8 readings"
     assert planned.bench_seconds - vcfbench.dry_run("kvc", LAB, settings={"health": False}).bench_seconds < 600.0
 
 

@@ -22,7 +22,6 @@ from vcfbench.station.settings import Sources
 from vcfbench.steps import Acquire, Note, Outcome, RailsReading, Step, StepResult, VerifyZero, Window
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured
-from vcfbench.steps.meter import AcMeasured, MeasureAc
 from vcfbench.steps.sampling import ModulatedRecord, SampleModulated, SampleSine, SineResponse
 from vcfbench.steps.step import Reading
 from vcfbench.steps.v_vc import MeasureVvc, PairedReading, VvcMeasured, VvcWindow
@@ -205,7 +204,6 @@ def driven(v_vc: Literal["v_vc_meter", "multimeter"]) -> list[tuple[Step, StepRe
         (SampleSine(1.0, 1.0, 1, 1.0, 25.0), SineResponse(1.0, 1.0, (1.0,))),
         (SwitchOnAndLog(1.0, 1.0), SwitchedOn(0.0, (one,))),
         (SuppliedAndLogged(rails, 1.0), RailsLogged(0.0, (), (one,))),
-        (MeasureAc("drive", 1, 1.0), AcMeasured((1.0,), 1.0)),
     ]
 
 
@@ -222,10 +220,9 @@ def test_certificates_correct_every_direct_voltage_that_results_are_made_of(
     found = raw.corrected(KNOWN)
     assert (raw[0].output_v, found[0].output_v, found[0].v_vc_measured_v) == pytest.approx((1.0, 1.003, 0.999))
     assert found.readings.voltage_v == pytest.approx([1.003] * found.readings.voltage_v.size)
-    window, paired, v_vc_found, record, sine, warm, rails, alternating = (each for _, each in found.found(StepResult))
+    window, paired, v_vc_found, record, sine, warm, rails = (each for _, each in found.found(StepResult))
     assert (window.mean_v, paired.readings[0].v_vc_v) == pytest.approx((1.003, 0.999))
     assert (v_vc_found.mean_v, v_vc_found.v_vc[0].voltage_v) == pytest.approx((v_vc_v, v_vc_v))
     assert (*record.output_v, *record.v_vc_v, *sine.voltages_v) == pytest.approx((1.003, v_vc_v, 1.003))
     assert (warm.log[0].voltage_v, rails.outputs[0].voltage_v) == pytest.approx((1.003, 1.003))
-    assert alternating.voltages_v == (1.0,)  # what a certificate says of direct voltage is nothing of this
     assert found.corrected(Sources())[0].output_v == 1.0  # corrections go before one another, they are not added up

@@ -102,13 +102,9 @@ def _asks(message: str) -> bool:
     return "?" in bare or bare.strip().lstrip(":").upper().startswith("READ:")
 
 
-def _is_block(answer: bytes) -> bool:
-    return answer[:1] == b"#" and answer[1:2] in b"123456789" and answer[1:2] != b""
-
-
 def summary(answer: bytes) -> str:
     """Return an answer as a person can read it: text as it is, a block by its size and its first bytes."""
-    if _is_block(answer):
+    if answer[:1] == b"#" and answer[1:2] in b"123456789" and answer[1:2] != b"":
         data = answer[2 + int(answer[1:2]) :]
         return f"block of {len(data)} bytes: {_hexadecimal(data)}"
     if answer.isascii() and answer.decode("ascii").isprintable():

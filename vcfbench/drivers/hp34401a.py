@@ -16,7 +16,6 @@ _TRANSFER_S = 0.02
 _OVERHEAD_S = 0.05
 """Settling delay 1.5 ms (guide p. 81), about 20 ms into wait-for-trigger, and a 9600-baud line's 17 ms."""
 
-_AC_RANGING_S, _AC_READING_S = 10.0, 3.0
 """Alternating voltage: finding the range, and a reading with its automatic delay of 1 s (guide p. 81, 219)."""
 
 
@@ -98,27 +97,6 @@ class Hp34401A(ScpiInstrument):
         for question, wanted in ((f"{self.header}:RANG?", range_v), (f"{self.header}:NPLC?", nplc)):
             self._read_back(question, wanted, 1e-6 * wanted)
         self._nplc, self._range_v = nplc, range_v
-
-    def read_ac_voltages_v(self, count: int, range_v: float | None = None) -> tuple[tuple[float, ...], float]:
-        """Take `count` readings of alternating voltage, rms (V), on a range or that which fits; return both, V.
-
-        The filter is for 20 Hz and above; the meter waits by itself until it has settled (guide p. 81). Direct voltage
-        has to be configured again afterwards.
-
-        Raises:
-            FramingError: a reading is answered differently when it is fetched again.
-            MeasurementError: overload.
-        """
-        deadline = self._session.deadline(self._session.timeout_s + _AC_RANGING_S + count * _AC_READING_S)
-        with self._session.exclusive():
-            range_words = "" if range_v is None else f" {decimal(range_v)}"
-            self._session.write(f"CONF:VOLT:AC{range_words}", "DET:BAND 20", "TRIG:SOUR IMM", deadline=deadline)
-            self._range_v = None
-            found = []
-            for _ in range(count):
-                self._session.send("INIT", deadline=deadline)
-                found.append(self._begun_reading_v(deadline))
-            return tuple(found), self._session.query_reading("VOLT:AC:RANG?")
 
     def _require_one_of(self, what: str, value: float, allowed: tuple[float, ...]) -> None:
         if value not in allowed:

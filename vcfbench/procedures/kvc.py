@@ -29,9 +29,8 @@ from vcfbench.analysis.k_vc_curve import (
 )
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.health.by_meter import compared_amplitudes
 from vcfbench.procedures.health.found import Health, beside, health_of, with_output_curve
-from vcfbench.procedures.health.plan import AC_WANTED, HEALTH, examined
+from vcfbench.procedures.health.plan import HEALTH, examined
 from vcfbench.procedures.procedure import PAPER_NEEDS, Procedure, Provenance, roles
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
@@ -72,7 +71,6 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
         float, Meta(gt=0.0, le=1e6, description="U95 of K_Vc at which the device should come back to a table, ppm")
     ] = 500.0
     health: Annotated[bool, said(HEALTH, option=True)] = True
-    ac_volts: Annotated[bool, said(AC_WANTED)] = False
     axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "of the table's axis, limit")] = 0.5
 
     def recalled(self) -> Self:
@@ -433,8 +431,6 @@ def k_vc(settings: KVcSettings) -> Plan:
         ),
     )
     yield from examined(settings, None, looked_for=settings.health)
-    if settings.ac_volts:
-        yield from compared_amplitudes(settings)
     yield from measured_levels(settings, (0.0, *found.levels_v.values()))
     return Outcome(f"V_Vc matched at {2 * len(settings.magnitudes_deg_s)} rates, {settings.cycles} times")
 

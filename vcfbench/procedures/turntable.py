@@ -48,9 +48,6 @@ def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[P
     zeros: list[Point] = []
     if words := schedule.sweep_words(settings):
         yield Note(f"The rates{words}")
-    for rate_deg_s in sorted({abs(rate) for rate in settings.rates_deg_s}) if settings.whole_turns else ():
-        if not schedule.window_grid(settings, rate_deg_s).turns:
-            yield Note(schedule.no_whole_turn(settings, rate_deg_s))
     yield Settle(settings.settle_s, "gyro settles, table at rest")
     yield from take_reference(settings, step)
     for visit in settings.visits_deg_s:

@@ -140,7 +140,6 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     v_vc_feedthrough: Measured | None = None  # Of V_Vc into the sense signal without motion, over the modes' response
     drive_amplitude_v: Measured | None = None  # Amplitude of the drive signal, V
     carrier_amplitude_v: Measured | None = None  # Amplitude of the carrier, V
-    carrier_over_drive: Measured | None = None  # Carrier's amplitude over the drive's by the multimeter's AC volts
     modulator_second_per_v: Measured | None = None  # Of the modulator, which acts as V + second V^2 + third V^3; 1/V
     modulator_third_per_v2: Measured | None = None  # Its third order, 1/V^2
     output_second_per_deg_s: Measured | None = None  # Of output against rate, as rate + second rate^2 + ...; 1/(deg/s)

@@ -5,12 +5,10 @@ from vcfbench.steps.chamber import SetTemperature as SetTemperature
 from vcfbench.steps.chamber import StopFlow as StopFlow
 from vcfbench.steps.chamber import TemperatureReading as TemperatureReading
 from vcfbench.steps.chamber import set_air_by_hand as set_air_by_hand
-from vcfbench.steps.meter import AcMeasured as AcMeasured
 from vcfbench.steps.meter import Acquire as Acquire
 from vcfbench.steps.meter import AcquireGapless as AcquireGapless
 from vcfbench.steps.meter import ConfigureMeter as ConfigureMeter
 from vcfbench.steps.meter import LookAtOutput as LookAtOutput
-from vcfbench.steps.meter import MeasureAc as MeasureAc
 from vcfbench.steps.meter import OutputSeen as OutputSeen
 from vcfbench.steps.meter import VerifyZero as VerifyZero
 from vcfbench.steps.meter import Window as Window

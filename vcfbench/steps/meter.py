@@ -8,8 +8,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.bench.bench import Bench
-from vcfbench.errors import ConfigError
-from vcfbench.interfaces import ReadsAcVoltage, SamplesVoltage
+from vcfbench.interfaces import SamplesVoltage
 from vcfbench.records.schema import Point, fits_one_chunk
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
@@ -141,52 +140,6 @@ class LookAtOutput(Step, Struct, frozen=True):
 
     def predict(self, gyro: LinearGyro) -> OutputSeen:
         return OutputSeen((gyro.output_v(self.rate_deg_s),) * self.count)
-
-
-class AcMeasured(StepResult, Struct, frozen=True):
-    """Readings of an alternating voltage, rms, and the range that they were taken on, V."""
-
-    voltages_v: tuple[float, ...]
-    range_v: float
-
-    def describe(self) -> str:
-        return f"{math.fsum(self.voltages_v) / len(self.voltages_v):.5f} V rms, {self.range_v:g} V range"
-
-
-@does(Effect.MEASURES, "an alternating voltage")
-class MeasureAc(Step, Struct, frozen=True):
-    """Read the alternating voltage of `node`, where the leads of the multimeter are, `count` times.
-
-    `range_v` is that of the meter, None: what fits. `expected_v` is what a dry run answers with, V rms. The multimeter
-    has to be configured again afterwards.
-    """
-
-    node: str
-    count: int
-    expected_v: float
-    range_v: float | None = None
-
-    def describe(self) -> str:
-        on = "" if self.range_v is None else f" on the {self.range_v:g} V range"
-        return f"multimeter: AC volts of the {self.node}{on}, {self.count} readings"
-
-    @property
-    def physical_s(self) -> float:
-        return 1.1 * self.count + 1.0
-
-    def perform(self, context: Context) -> AcMeasured:
-        """Read it.
-
-        Raises:
-            ConfigError: the meter reads none.
-        """
-        meter = context.bench.multimeter
-        if not isinstance(meter, ReadsAcVoltage):
-            raise ConfigError("the multimeter reads no alternating voltage, as health by it asks for")
-        return AcMeasured(*meter.read_ac_voltages_v(self.count, self.range_v))
-
-    def predict(self, gyro: LinearGyro) -> AcMeasured:
-        return AcMeasured((self.expected_v,) * self.count, self.range_v or 1.0)
 
 
 @does(Effect.MEASURES, "output")

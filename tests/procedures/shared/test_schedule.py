@@ -18,11 +18,8 @@ from vcfbench.procedures.shared.sweep.schedule import (
     SweepSettings,
     Zeros,
     loop_directions,
-    no_whole_turn,
     ordered,
     visits,
-    whole_turns,
-    window_grid,
 )
 from vcfbench.procedures.shared.sweep.windows import drift_weights, sweep_of, window_times
 from vcfbench.records.schema import Point
@@ -160,45 +157,6 @@ def test_1_mv_a_window_reads_as_scale_factor_by_the_factors_of_the_orders() -> N
     assert read[Order.PAPER] == pytest.approx(0.0520e-3, abs=5e-8)
     assert read[Order.ALTERNATE] == pytest.approx(0.0037e-3, abs=5e-8)
     assert read[Order.ABBA] < 1e-15
-
-
-@given(st.floats(1.0, 400.0), st.integers(3, 20), st.floats(0.4, 2.0), st.integers(1, 2), st.floats(0.0, 6.3))
-def test_what_goes_with_the_turn_has_a_mean_of_nothing_over_whole_turns(
-    rate_deg_s: float, samples: int, interval_s: float, harmonic: int, phase: float
-) -> None:
-    grid = whole_turns(rate_deg_s, samples, interval_s, 400.0)
-    assert grid is not None
-    assert grid.samples >= samples
-    assert grid.interval_s >= interval_s - 1e-9
-    assert grid.samples * grid.interval_s * rate_deg_s == pytest.approx(360.0 * grid.turns)
-    angle = np.radians(rate_deg_s * grid.interval_s * np.arange(grid.samples))
-    assert abs(np.cos(harmonic * angle + phase).mean()) < 1e-9
-
-
-def test_windows_of_whole_turns_of_the_paper_s_rates() -> None:
-    """Those of the literature, but that 200 deg/s takes 7 turns of 12 readings, not 6 of 10, which have a factor 2."""
-    found = {rate: whole_turns(rate, 10, 1.0, 360.0) for rate in (200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5)}
-    turns = {rate: (grid.turns, grid.samples) for rate, grid in found.items() if grid is not None}
-    assert turns == {
-        200.0: (7, 12),
-        100.0: (3, 10),
-        50.0: (2, 13),
-        20.0: (1, 18),
-        10.0: (1, 36),
-        5.0: (1, 72),
-        2.0: (1, 180),
-        1.0: (1, 360),
-    }
-    assert found[0.5] is None
-
-
-def test_where_whole_turns_cannot_be_the_window_is_the_ordinary_one_and_the_words_say_so() -> None:
-    settings = make_settings(whole_turns=True, longest_turn_s=100.0)
-    assert window_grid(settings, 1.0)[:2] == (10, 1.0)
-    assert window_grid(settings, 1.0).turns == 0
-    assert window_grid(settings, 10.0).samples == 36
-    assert "one turn takes 360 s, more than 100 s (longest_turn_s)" in no_whole_turn(settings, 1.0)
-    assert "does not turn" in no_whole_turn(settings, 0.0)
 
 
 def test_abba_without_pairs_is_refused() -> None:

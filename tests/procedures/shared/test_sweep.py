@@ -1,4 +1,4 @@
-"""Order, zeros, repeats, whole turns in results: against drawn noise, a hysteresis put in, the simulated bench."""
+"""Order, zeros, repeats in results: against drawn noise, a hysteresis put in, the simulated bench."""
 
 from __future__ import annotations
 
@@ -263,24 +263,6 @@ def test_a_record_shows_the_same_again(drifting: dict[str, Any]) -> None:
     for name in ("abba", "loop"):
         again = vcfbench.load_run(drifting[name].directory)
         assert again.results == drifting[name].results
-
-
-def test_whole_turns_average_a_ripple_of_the_table_out(tmp_path: Path) -> None:
-    """An angle that is off by 20 arcsec once a turn, at 20 deg/s by 2 mdeg/s; an ordinary window sees 60 deg of it.
-
-    With the same seed the noise is the same, and goes out of the difference.
-    """
-    ripple = "[table]\nripple_arcsec = [20.0]\nripple_harmonic = [1]\nripple_phase_rad = [0.3]\n"
-    off_v = {}
-    for whole in (False, True):
-        with_ripple, even = (
-            turntable(tmp_path, each, rates_deg_s=[20.0, 0.0, -20.0], whole_turns=whole).points
-            for each in (ripple, f"[table]\n{NO_RIPPLE}")
-        )
-        off_v[whole] = max(abs(a.output_v - b.output_v) for a, b in zip(with_ripple, even, strict=True))
-        assert [point.n for point in even] == ([18, 3, 18] if whole else [3, 3, 3])
-    assert off_v[False] > 1e-5
-    assert off_v[True] < 0.02 * off_v[False]
 
 
 def test_the_earth_s_rate_leaves_the_bias_where_it_is_added_to_the_table_s(tmp_path: Path) -> None:

@@ -1,10 +1,6 @@
-"""Characteristics that K_Vc depends on, by the multimeter.
-
-Split and Q by the response to a few sines on V_Vc; the amplitudes of carrier and drive, its leads moved there.
-"""
+"""Split and Q by the multimeter: the response to a few sines on V_Vc."""
 
 import math
-from statistics import fmean, stdev
 
 from vcfbench import steps
 from vcfbench.analysis.rate_band import Known, NearSplit, fit_near_split, split_response
@@ -16,36 +12,14 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mea
 from vcfbench.procedures.shared.routines import rails_of, set_sine, v_vc_level_again, v_vc_on
 from vcfbench.procedures.shared.tones import HIGHEST_HZ, NPLC, sampled_every_s, stands_off_mains
 from vcfbench.records.devices import Characteristics
-from vcfbench.specifications import AC_VOLTS_U
 from vcfbench.steps.measured import Measured
-from vcfbench.steps.step import Routine, answer
+from vcfbench.steps.step import Routine
 
 _OF_SPLIT, _SINE_V, _SAMPLES = (0.1, 0.6, 0.94, 1.0, 1.06, 1.4), 0.1, 512
 """Frequencies of the sines over the split that was, their peak, and readings of each."""
 _OF_THE_OTHER = ("drive_hz", "in_phase_split_hz", "in_phase_share")
 _ALIKE = 0.2
 """Largest share of a change of Q by which that of the in-phase mode may differ (assumed): gas damps both alike."""
-_READINGS = 8
-_BETWEEN = 3e-5
-"""By which a 34401A may drift between its readings of drive and carrier, in a few minutes (assumed), rectangular."""
-
-
-def compared_amplitudes(settings: KnownVvcSettings) -> Routine[None]:
-    """Have the leads of the multimeter moved to drive and carrier and back, and read the AC volts of both."""
-    model = settings.station.instruments["multimeter"].model
-    if model not in AC_VOLTS_U:
-        yield steps.NotChecked("amplitudes of drive and carrier", f"nothing is known of the AC volts of a {model}")
-        return
-    yield steps.Note("Health: amplitudes of drive and carrier, by the multimeter")
-    expected_v = fmean(settings.drive.amplitude_v) / math.sqrt(2.0)
-    yield steps.move_leads("multimeter", "carrier")
-    carrier = answer((yield steps.MeasureAc("carrier", _READINGS, expected_v)), steps.AcMeasured)
-    yield steps.move_leads("multimeter", "drive")
-    drive = answer((yield steps.MeasureAc("drive", _READINGS, expected_v)), steps.AcMeasured)
-    if drive.range_v < carrier.range_v:
-        yield steps.MeasureAc("drive", _READINGS, expected_v, carrier.range_v)
-    yield steps.move_leads("multimeter", "output")
-    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
 
 
 def split_by_meter(settings: KnownVvcSettings, then: Characteristics) -> Routine[None]:
@@ -134,45 +108,3 @@ def found_by_sines(
         parts = [UncertaintyPart(each.source, each.u * in_phase.value / q) for each in q_parts]
         seen["q_in_phase"] = measurand(in_phase.value * ratio, "", [alike, *parts])
     return seen
-
-
-def same_oscilloscope(settings: KnownVvcSettings, then: Characteristics) -> bool:
-    """Tell whether the bench has the oscilloscope that saw the amplitudes of the certificate, beyond doubt."""
-    placed, seen = settings.station.instruments.get("oscilloscope"), then.carrier_amplitude_v
-    return placed is not None and seen is not None and any(share.of == placed.owner for share in seen.shares)
-
-
-def carrier_over_drive(settings: KnownVvcSettings, measured: Measured) -> Measurand | None:
-    """Return the carrier's amplitude over the drive's; None where they were not read.
-
-    The drive on both ranges tells what the carrier's range is off against the other; the error of range is taken to be
-    one of its zero. What is left goes with how far the two levels are apart, and cancels with the same meter later.
-    """
-    seen = [(step, each) for step, each in measured.found(steps.AcMeasured) if isinstance(step, steps.MeasureAc)]
-    if not seen:
-        return None
-    carrier, drive, *again = [each for _, each in seen]
-    carrier_v, drive_v = fmean(carrier.voltages_v), fmean(drive.voltages_v)
-    if again:
-        carrier_v -= fmean(again[0].voltages_v) - drive_v
-    scatter = [stdev(each.voltages_v) / math.sqrt(_READINGS) / carrier_v for each in (carrier, *again)]
-    scatter.append(stdev(drive.voltages_v) / math.sqrt(_READINGS) / drive_v)
-    placed = settings.station.instruments["multimeter"]
-    u = AC_VOLTS_U[placed.model]
-    compared = bool(again) or carrier.range_v == drive.range_v
-    apart = abs(1.0 - drive_v / carrier_v) if compared else 1.0
-    shares = {f"zero of AC volts, {drive.range_v:g} V range": u.range * drive.range_v / drive_v * apart}
-    if not compared:
-        shares[f"zero of AC volts, {carrier.range_v:g} V range"] = u.range * carrier.range_v / carrier_v
-    if carrier.range_v != drive.range_v:
-        shares |= {f"gain of AC volts, {each.range_v:g} V range": u.reading * apart for each in (carrier, drive)}
-    ratio = carrier_v / drive_v
-    return measurand(
-        ratio,
-        "",
-        [
-            UncertaintyPart("records", ratio * math.hypot(*scatter), len(scatter) * (_READINGS - 1)),
-            UncertaintyPart("drift between two readings", ratio * _BETWEEN / math.sqrt(3.0)),
-            *(UncertaintyPart(name, ratio * each, of=placed.owner) for name, each in shares.items()),
-        ],
-    )

@@ -52,8 +52,8 @@ def gaps_of(settings: KnownDeviceSettings, missing: Collection[str]) -> Iterator
     if AMPLITUDES in missing:
         yield (
             f"MISSING the ratio of {AMPLITUDES}, since the certificate: by the oscilloscope of the certificate (its "
-            "inventory_number in both bench files), or by AC volts (kvc --set ac_volts=true); or say that "
-            "k_vc_drift_ppm_per_year has it: uncertainty.k_vc_not_measured_ppm"
+            "inventory_number in both bench files); or say that k_vc_drift_ppm_per_year has it: "
+            "uncertainty.k_vc_not_measured_ppm"
         )
 
 
@@ -169,21 +169,8 @@ class HealthCheck(Struct, frozen=True, kw_only=True):
 def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
     """Return the changes of K_Vc's causes, with the treatment of each."""
     seen = structs.replace(now, in_phase_share=None)  # force and pick-off of either mode stay as they were
-    # Then and now, and the effect of the amplitudes alone, by oscilloscope and by multimeter; one at least
-    both = [(then, seen)]
-    if then.carrier_over_drive is not None and seen.carrier_over_drive is not None:
-        one = Kept(value=1.0, u=0.0)
-        by_meter = [
-            structs.replace(each, drive_amplitude_v=one, carrier_amplitude_v=each.carrier_over_drive)
-            for each in (then, seen)
-        ]
-        both.append((by_meter[0], by_meter[1]))
-    alone = [
-        Characteristics(drive_amplitude_v=each.drive_amplitude_v, carrier_amplitude_v=each.carrier_amplitude_v)
-        for _, each in both
-    ]
-    found = [(first, second, k_vc_change(first, each)) for (first, second), each in zip(both, alone, strict=True)]
-    then, seen, amplitudes = min([each for each in found if each[2].parts] or found[:1], key=lambda each: each[2].u_ppm)
+    alone = Characteristics(drive_amplitude_v=seen.drive_amplitude_v, carrier_amplitude_v=seen.carrier_amplitude_v)
+    amplitudes = k_vc_change(then, alone)
     worth = amplitudes.u_ppm <= AMPLITUDES_WORTH_PPM
     whole = k_vc_change(
         then, seen if worth else structs.replace(seen, drive_amplitude_v=None, carrier_amplitude_v=None)

@@ -11,7 +11,7 @@ from msgspec import Struct, structs
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.rotating import reference_phase
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.health.by_meter import carrier_over_drive, found_by_sines
+from vcfbench.procedures.health.by_meter import found_by_sines
 from vcfbench.procedures.health.plan import CaptureFar, Modes, level_v, middle_of, modes_of
 from vcfbench.procedures.resonance import SenseDecay
 from vcfbench.procedures.shared import oscilloscope
@@ -73,10 +73,7 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
         MeasurementError: only one mode rang down, or V_Vc does not move the sense signal.
     """
     decays = [found for _, found in measured.found(SenseDecay)]
-    by_meter = found_by_sines(settings, measured, then)
-    found = _by_oscilloscope(settings, measured, decays, then) if decays else by_meter
-    ratio = carrier_over_drive(settings, measured)
-    return found if ratio is None else {**found, "carrier_over_drive": ratio}
+    return _by_oscilloscope(settings, measured, decays, then) if decays else found_by_sines(settings, measured, then)
 
 
 def _by_oscilloscope(

@@ -31,7 +31,6 @@ from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.step import Routine
 
 HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
-AC_WANTED: Final = "whether a person moves the multimeter to drive and carrier, for the ratio of their AC volts"
 NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
 """Nodes that the oscilloscope must see."""
 

@@ -7,8 +7,7 @@ needed: supply, generator, a multimeter, and where there is one a second on V_Vc
 
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.procedures.catalogue import BUILT_IN
-from vcfbench.procedures.health.by_meter import compared_amplitudes, same_oscilloscope
-from vcfbench.procedures.health.plan import examined, way_of
+from vcfbench.procedures.health.plan import examined
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.self_calibration import results
 from vcfbench.procedures.self_calibration.results import SelfCalibrationSettings
@@ -44,12 +43,6 @@ def self_calibration(settings: SelfCalibrationSettings) -> Plan:
     yield from _at_rest(settings)
     known = settings.known
     yield from examined(settings, known.characteristics, looked_for=settings.health, source=known.source)
-    # AC volts serve where the certificate has them, and no oscilloscope tells the amplitudes better
-    then = known.characteristics
-    if settings.health and settings.ac_volts and then is not None and then.carrier_over_drive is not None:
-        seen_better = way_of(settings)[0] == "oscilloscope" and same_oscilloscope(settings, then)
-        if not seen_better:
-            yield from compared_amplitudes(settings)
     yield from measured_levels(settings, levels_v.values())
     return Outcome(f"V_Vc at {2 * len(settings.magnitudes_deg_s)} levels, {settings.cycles} times")
 

@@ -20,7 +20,7 @@ from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health import check as health_check
 from vcfbench.procedures.health.found import beside, health_of, unchanged
-from vcfbench.procedures.health.plan import AC_WANTED, HEALTH
+from vcfbench.procedures.health.plan import HEALTH
 from vcfbench.procedures.procedure import Provenance
 from vcfbench.procedures.self_calibration import shape
 from vcfbench.procedures.shared.budget import phases
@@ -50,9 +50,6 @@ class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
         *(10.0, 20.0, 50.0, 100.0, 200.0),
     )
     health: Annotated[bool, said(HEALTH, option=True)] = True
-    ac_volts: Annotated[bool, said(f"{AC_WANTED}, if the certificate has them so and its oscilloscope is not here")] = (
-        True
-    )
 
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:

@@ -122,7 +122,6 @@ def sweep_text(name: str, sweep: SweepFound) -> Text:
         said.append(f"  the zero drifted by {1e3 * sweep.zero_drift_v:+.4g} mV from first to last; it is taken off")
     if earth_deg_s := sweep.earth_rate_deg_s:
         said.append(f"  the Earth's rate about the table's axis, {earth_deg_s:+.6f} deg/s, is added to the rates")
-    said += [f"  no whole turns at {each}" for each in sweep.no_whole_turns]
     said += [
         f"  repeatability of the {each.name.replace('_', ' ')} within this run: s {each.sd:.2g} {each.unit} "
         f"(u {each.u:.1g}, {each.dof} degrees of freedom; noise alone {each.noise:.2g})"

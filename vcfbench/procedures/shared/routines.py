@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.shared.sweep.schedule import window_grid
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.drive_check import check_drive
@@ -119,9 +118,7 @@ def take(
     settings: ProcedureSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None = None
 ) -> Routine[Point]:
     """Average one window and return its point; `table_deg_s` is the table's due readback, None asks no table."""
-    grid = window_grid(settings, table_deg_s or 0.0)
-    window = {**window_of(settings), "samples": grid.samples, "interval_s": grid.interval_s}
-    acquire = steps.Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window)
+    acquire = steps.Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window_of(settings))
     return answer((yield acquire), steps.Window).point
 
 

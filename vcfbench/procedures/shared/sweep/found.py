@@ -56,8 +56,6 @@ class SweepFound(Struct, frozen=True, kw_only=True):
     """Last zero less the first; with a linear drift in between it is in no value."""
     earth_rate_deg_s: float
     """Rate of the Earth added to the rates."""
-    no_whole_turns: tuple[str, ...]
-    """Reasons for windows that are not of whole turns, where they were to be."""
     repeatability: tuple[Repeatability, ...]
     hysteresis: Hysteresis | None
 
@@ -65,8 +63,6 @@ class SweepFound(Struct, frozen=True, kw_only=True):
 def sweep_found(settings: schedule.SweepSettings, points: Sequence[Point], sweep: Sweep) -> SweepFound:
     """Return the results of the order, the zeros and the repeats of a sweep."""
     zeros = zero_places(points, sweep.step)
-    on_table = sweep.step != 4
-    short = sorted({abs(rate) for rate in settings.rates_deg_s}) if settings.whole_turns and on_table else []
     return SweepFound(
         order=settings.order,
         zeros=settings.zeros,
@@ -74,9 +70,6 @@ def sweep_found(settings: schedule.SweepSettings, points: Sequence[Point], sweep
         windows=len(sweep.places),
         zero_drift_v=points[zeros[-1]].output_v - points[zeros[0]].output_v if zeros else None,
         earth_rate_deg_s=settings.earth_rate_deg_s,
-        no_whole_turns=tuple(
-            schedule.no_whole_turn(settings, rate) for rate in short if not schedule.window_grid(settings, rate).turns
-        ),
         repeatability=tuple(_repeatability(settings, points, sweep)) if settings.repeat > 1 else (),
         hysteresis=_hysteresis(settings, points, sweep) if settings.order is schedule.Order.LOOP else None,
     )

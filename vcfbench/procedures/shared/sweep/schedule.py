@@ -7,8 +7,7 @@ A drift of the zero reads as scale factor where rate and time go together: in th
 import math
 from collections.abc import Iterator, Sequence
 from enum import Enum
-from itertools import count
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 from vcfbench.procedures.shared.kept import KnownFlickerSettings
 from vcfbench.station.bounds import ranged, said
@@ -79,10 +78,6 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
             "zeros about each series or each rate, their drift off; u grows by ends in the order paper", option="--zero"
         ),
     ] = Zeros.NONE
-    whole_turns: Annotated[bool, said("windows on the table last whole revolutions", option=True)] = False
-    longest_turn_s: Annotated[float, ranged(1.0, 86_400.0, "of whole_turns: slower rates have ordinary windows")] = (
-        360.0
-    )
     repeat: Annotated[int, ranged(1, 100, "times that the series is taken", option=True)] = 1
     earth: Annotated[
         Earth, said("the Earth's rate stays in the bias, or is added to the table's rate", option=True)
@@ -92,8 +87,8 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
     @property
     def as_in_the_paper(self) -> bool:
         """True if the rates are visited as the paper does it."""
-        asked = (self.order, self.zeros, self.repeat, self.whole_turns, self.earth)
-        return asked == (Order.PAPER, Zeros.NONE, 1, False, Earth.BIAS)
+        asked = (self.order, self.zeros, self.repeat, self.earth)
+        return asked == (Order.PAPER, Zeros.NONE, 1, Earth.BIAS)
 
     @property
     def series_deg_s(self) -> tuple[float, ...]:
@@ -157,51 +152,6 @@ def visits(series_deg_s: Sequence[float], zeros: Zeros, repeat: int) -> tuple[fl
     return (None, *[each for rate in series_deg_s for each in (rate, None)] * repeat)
 
 
-class Grid(NamedTuple):
-    """The readings of a window: how many, one every `interval_s`, in so many whole `turns` of the table or in none."""
-
-    samples: int
-    interval_s: float
-    turns: int = 0
-
-
-def whole_turns(rate_deg_s: float, samples: int, interval_s: float, longest_s: float) -> Grid | None:
-    """Return the shortest window of whole revolutions with `samples` readings; None if one lasts more than `longest_s`.
-
-    A disturbance that goes once, or a few times, with each revolution (the Earth's horizontal rate on a tilted axis,
-    ripple of the table) has a mean of zero over evenly spaced readings whose number has no factor in common with that
-    of the turns. Readings are never closer than `interval_s`.
-    """
-    if rate_deg_s == 0.0 or 360.0 / abs(rate_deg_s) > longest_s:
-        return None
-    turn_s = 360.0 / abs(rate_deg_s)
-    for turns in count(max(1, math.ceil(samples * interval_s / turn_s - 1e-9))):
-        most = math.floor(turns * turn_s / interval_s + 1e-9)
-        if found := [number for number in range(samples, most + 1) if math.gcd(turns, number) == 1]:
-            return Grid(found[-1], turns * turn_s / found[-1], turns)
-    return None
-
-
-def window_grid(settings: ProcedureSettings, table_deg_s: float) -> Grid:
-    """Return the readings of a window at a rate of the table."""
-    ordinary = Grid(settings.samples, settings.sample_interval_s)
-    if not isinstance(settings, SweepSettings) or not settings.whole_turns:
-        return ordinary
-    return whole_turns(table_deg_s, *ordinary[:2], settings.longest_turn_s) or ordinary
-
-
-def no_whole_turn(settings: SweepSettings, rate_deg_s: float) -> str:
-    """Return the reason for a window without whole turns at a rate, with its length instead."""
-    instead = f"the window lasts {settings.samples * settings.sample_interval_s:g} s, as without whole_turns"
-    if rate_deg_s == 0.0:
-        return f"0 deg/s: the table does not turn, so what its heading does to the output stays in it; {instead}"
-    turn_s = 360.0 / abs(rate_deg_s)
-    return (
-        f"{abs(rate_deg_s):g} deg/s: one turn takes {turn_s:g} s, more than {settings.longest_turn_s:g} s "
-        f"(longest_turn_s); {instead}"
-    )
-
-
 def sweep_words(settings: SweepSettings) -> str:
     """Say how the rates are visited where it is not the paper's way; empty where it is."""
     if settings.as_in_the_paper:
@@ -214,7 +164,6 @@ def sweep_words(settings: SweepSettings) -> str:
     if settings.zeros is Zeros.ENDS and settings.order is Order.PAPER:
         zeros += " (two zeros know a drift less well than rates that fall or rise count it: u grows; abba, bracket)"
     words = [f"order {settings.order.value}", zeros]
-    words += ["whole turns"] if settings.whole_turns else []
     words += [f"{settings.repeat} times"] if settings.repeat > 1 else []
     words += ["the Earth's rate added to the table's"] if settings.earth is Earth.RATE else []
     return ": " + ", ".join(words)

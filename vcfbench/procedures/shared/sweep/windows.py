@@ -17,7 +17,7 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Source
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.sweep.schedule import ZERO_DRIVEN, ZERO_TABLE, SweepSettings, window_grid
+from vcfbench.procedures.shared.sweep.schedule import ZERO_DRIVEN, ZERO_TABLE, SweepSettings
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings, Sources
 
@@ -92,7 +92,7 @@ def window_times(settings: ProcedureSettings, points: Sequence[Point]) -> tuple[
         table = 0.0 if point.step in {2, 4, 7} else point.rate_deg_s
         now += (settings.settle_s + abs(table - rate) / settings.acceleration_deg_s2) if number else 0.0
         begin.append(now)
-        now += window_grid(settings, table).interval_s * point.n
+        now += settings.sample_interval_s * point.n
         end.append(now)
         rate = table
     return np.array(begin), np.array(end)
