@@ -3,7 +3,7 @@
     python benchmarks/ageing.py --check                              the truth, against an integration at carrier level
     python benchmarks/ageing.py --seeds 0:100 --lines first.jsonl    all causes of ageing
     python benchmarks/ageing.py --seeds 0:300 --cause leak,all_seen --lines leak.jsonl
-    python benchmarks/ageing.py --no-oscilloscope --not-measured 0 --cause nothing,leak,split    by the multimeter
+    python benchmarks/ageing.py --no-oscilloscope --cause nothing,leak,split    nothing of its health is measured
     python benchmarks/ageing.py --summary first.jsonl leak.jsonl
 
 Each seed draws a laboratory and calibrates a gyroscope on its table (`run kvc --dut`). Then, for every cause, that

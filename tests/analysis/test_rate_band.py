@@ -12,7 +12,6 @@ from simrack_tests.cells import few
 from vcfbench.analysis.rate_band import (
     Known,
     Tone,
-    fit_near_split,
     fit_rate_band,
     fit_tone,
     response_phase_deg,
@@ -59,21 +58,6 @@ def test_the_third_harmonic_shows_a_cube_with_its_sign() -> None:
             for _ in range(9)
         ]
         assert np.mean(third) == pytest.approx(cube * 0.2**3 / 4.0, abs=3e-5)
-
-
-@pytest.mark.parametrize(("split_hz", "q"), few([(24.8, 1224.0), (24.3, 612.0), (25.3, 1800.0)], (24.8, 1224.0)))
-def test_six_tones_about_the_split_tell_it_and_q(split_hz: float, q: float) -> None:
-    f = 24.8 * np.array([0.1, 0.6, 0.94, 1.0, 1.06, 1.4])
-    gains = response(f, split_hz, q, 0.8, 0.0) / np.sqrt(1.0 + (f / 100.0) ** 8)
-    tones = [Tone(hz, 0.2 * gain, 2e-5, 0.0, INTERVAL_S, 28.0) for hz, gain in zip(f, gains, strict=True)]
-    found = fit_near_split(tones, Known(3488.9, 146.9), (24.8, 1224.0), (0.8, 0.0))
-    assert found.split_hz == pytest.approx(split_hz, abs=3.0 * found.u_split_hz)
-    assert found.q == pytest.approx(q, abs=3.0 * found.u_q)
-    assert found.u_q < 2e-3 * q
-    with pytest.raises(ConfigError, match="not that of two modes"):
-        fit_near_split(
-            [Tone(hz, 0.2, 2e-5, 0.0, INTERVAL_S, 28.0) for hz in f], Known(3488.9), (24.8, 1224.0), (0.8, 0.0)
-        )
 
 
 @pytest.mark.parametrize(("count", "frequency_hz"), [(63, 10.0), (512, 96.0)])

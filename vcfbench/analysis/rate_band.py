@@ -246,61 +246,6 @@ def response_phase_deg(frequency_hz: float, known: Known, parameters: Floats) ->
     return float(np.degrees(np.angle(passed[0] / passed[1] * filtered)))
 
 
-class NearSplit(Struct, frozen=True):
-    """Split and Q of the anti-phase mode with their covariance; Q and its share relative."""
-
-    split_hz: float
-    q: float
-    u_split_hz: float
-    u_q: float
-
-
-def fit_near_split(
-    tones: Sequence[Tone], known: Known, start: tuple[float, float], other: tuple[float, float]
-) -> NearSplit:
-    """Fit split and Q to a few tones of one amplitude about the split, all else of the response being known.
-
-    Args:
-        tones: four at least, within a few half-widths of the split and far below it.
-        known: drive, place of the in-phase mode and filter.
-        start: about split (Hz) and Q; Q may have halved since, or doubled.
-        other: force and pick-off of the in-phase mode over those of the other, and lag (rad), of `split_response`.
-
-    Raises:
-        ConfigError: fewer tones, or no response of that kind fits them.
-    """
-    if len(tones) < 4:
-        raise ConfigError(f"split and Q need tones at four frequencies at least, got {len(tones)}")
-    f = np.array([tone.frequency_hz for tone in tones])
-    weight = 1.0 / np.hypot([tone.u_amplitude / tone.amplitude for tone in tones], _LEVEL)
-    filtered = -0.5 * np.log1p((f / known.low_pass_hz) ** (2 * known.low_pass_order))
-    seen = np.log([tone.amplitude for tone in tones]) - filtered
-
-    def left(of: Floats) -> Floats:
-        shape = np.array([of[0], math.exp(of[1]), other[0], known.in_phase_split_hz, other[1]])
-        rest = seen - np.log(split_response(f, known.drive_hz, shape))
-        return np.asarray((rest - np.average(rest, weights=weight**2)) * weight)
-
-    found = []
-    for factor in (1.0, 0.5, 2.0):  # Gauss and Newton to split and logarithm of Q, from three of Q
-        at = np.array([start[0], math.log(start[1] * factor)])
-        for _ in range(_ROUNDS):
-            steps = 1e-3 * np.diag([at[0], 1.0])
-            rows = np.column_stack([(left(at + step) - left(at - step)) / 2e-3 for step in steps])
-            change = -np.linalg.lstsq(rows, left(at), rcond=None)[0]
-            at = at + np.clip(change, -0.1, 0.1) * np.array([at[0], 1.0])
-            if np.abs(change).max() < _SETTLED:
-                break
-        found.append((at, rows / np.array([at[0], 1.0])))
-    best, rows = min(found, key=lambda each: float(np.sum(left(each[0]) ** 2)))
-    scatter = max(1.0, float(np.sum(left(best) ** 2)) / (len(tones) - 3))
-    if not math.isfinite(scatter) or scatter > _UNLIKE:
-        raise ConfigError(f"no split near {start[0]:.4g} Hz: the response is not that of two modes")
-    u_split_hz, u_log_q = np.sqrt(scatter * np.diag(np.linalg.inv(rows.T @ rows))).tolist()
-    q = math.exp(best[1])
-    return NearSplit(float(best[0]), q, u_split_hz, q * u_log_q)
-
-
 def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> RateBand:
     """Fit the closed form to tones that one amplitude at the input gave.
 

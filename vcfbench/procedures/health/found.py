@@ -11,7 +11,6 @@ from msgspec import Struct, structs
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.rotating import reference_phase
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.health.by_meter import found_by_sines
 from vcfbench.procedures.health.plan import CaptureFar, Modes, level_v, middle_of, modes_of
 from vcfbench.procedures.resonance import SenseDecay
 from vcfbench.procedures.shared import oscilloscope
@@ -67,18 +66,14 @@ class _AtRest(Struct, frozen=True):
 def health_of(settings: KnownVvcSettings, measured: Measured, then: Characteristics | None = None) -> Health:
     """Return the characteristics that K_Vc depends on, by the steps of :mod:`.plan`; nothing where none were done.
 
-    `then` is what the sines of the meter's way rest on.
+    `then` are those of the certificate.
 
     Raises:
         MeasurementError: only one mode rang down, or V_Vc does not move the sense signal.
     """
     decays = [found for _, found in measured.found(SenseDecay)]
-    return _by_oscilloscope(settings, measured, decays, then) if decays else found_by_sines(settings, measured, then)
-
-
-def _by_oscilloscope(
-    settings: KnownVvcSettings, measured: Measured, decays: Sequence[SenseDecay], then: Characteristics | None
-) -> Health:
+    if not decays:
+        return {}
     placed = settings.station.instruments["oscilloscope"]
     scope = placed.owner
     pairs = [modes_of(each) for each in decays]

@@ -10,16 +10,15 @@ import cmath
 import math
 from collections.abc import Sequence
 from statistics import fmean
-from typing import Final, Literal
+from typing import Final
 
 from msgspec import Struct, structs
 
 from vcfbench import steps
 from vcfbench.analysis.rotating import fit_rotation
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, SamplesVoltage, SetsSine, lacking
+from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, SetsSine, lacking
 from vcfbench.models import driver_of, find_model
-from vcfbench.procedures.health.by_meter import split_by_meter
 from vcfbench.procedures.resonance import RingingMode, SenseDecay, ring_downs
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, channels_of
@@ -35,27 +34,18 @@ NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
 """Nodes that the oscilloscope must see."""
 
 
-def way_of(settings: KnownVvcSettings) -> tuple[Literal["oscilloscope", "multimeter"] | None, str]:
-    """Return the measuring instrument, and the reason if it measures only a part, or nothing (None)."""
-    if not _is_able(settings, "rate_source", SetsSine):
-        return None, "the generator makes no sines"
-    wiring = settings.station.oscilloscope
-    unseen = list(NODES) if wiring is None else [node for node in NODES if wiring.channel_of(node) is None]
-    if not unseen:
-        return "oscilloscope", ""
-    why = f"no channel of the oscilloscope sees {' and '.join(unseen)} (wiring.oscilloscope)"
-    why = "the bench has no oscilloscope" if wiring is None else why
-    if not _is_able(settings, "multimeter", SamplesVoltage):
-        return None, f"{why}, and the multimeter takes no readings by itself"
-    return "multimeter", why
-
-
-def _is_able(settings: KnownVvcSettings, role: str, capability: type) -> bool:
-    """Tell whether the instrument in a role is there, and its driver has a capability."""
-    placed = settings.station.instruments.get(role)
+def why_not(settings: KnownVvcSettings) -> str:
+    """Return the reason why the bench cannot measure it; empty: it can."""
+    placed = settings.station.instruments.get("rate_source")
     row = None if placed is None else find_model(placed.model)
     driver = None if row is None else driver_of(row)
-    return driver is not None and not lacking(getattr(driver, "driver_class", driver), capability)
+    if driver is None or lacking(getattr(driver, "driver_class", driver), SetsSine):
+        return "the generator makes no sines"
+    wiring = settings.station.oscilloscope
+    if wiring is None:
+        return "the bench has no oscilloscope"
+    unseen = [node for node in NODES if wiring.channel_of(node) is None]
+    return f"no channel of the oscilloscope sees {' and '.join(unseen)} (wiring.oscilloscope)" if unseen else ""
 
 
 class Modes(Struct, frozen=True):
@@ -170,16 +160,13 @@ def examined(
     """
     if not looked_for:
         return
-    way, lacks = way_of(settings)
-    if way == "oscilloscope" and (not source or (then is not None and then.sense_phase_deg is not None)):
-        yield from _by_oscilloscope(settings)
-        return
-    split_and_q = then is not None and source and then.split_hz is not None and then.q_anti_phase is not None
-    if way == "multimeter" and then is not None and split_and_q:
-        yield steps.NotChecked("phases, feed-through and amplitudes", lacks)
-        yield from split_by_meter(settings, then)
+    lacks = why_not(settings)
+    if not lacks and source and (then is None or then.sense_phase_deg is None):
+        lacks = f"{source} does not have it"
+    if lacks:
+        yield steps.NotChecked("what K_Vc depends on", lacks)
     else:
-        yield steps.NotChecked("what K_Vc depends on", lacks if way != "oscilloscope" else f"{source} does not have it")
+        yield from _by_oscilloscope(settings)
 
 
 def _by_oscilloscope(settings: KnownVvcSettings) -> Routine[None]:
