@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from simrack_tests.cells import few
 from simrack_tests.ports import PLENTY_S
 from typer.testing import CliRunner
 
+from tests import warm
 from tests.bench.test_holding import SCRIPT, what_is_on
 from vcfbench.bench import make_safe as safing
 from vcfbench.bench.make_safe import safe_bench
@@ -30,7 +32,6 @@ if TYPE_CHECKING:
 
     from vcfbench.testing.benches import ServedLab
 
-ROOT = Path(__file__).parents[2]
 UNWATCHED = "bench.watchdog._process.kill()\nbench.watchdog._process.wait()\n"
 """The watchdog is killed first: else it makes the bench safe."""
 
@@ -50,16 +51,17 @@ def bench_file(lab: ServedLab, folder: Path, deaf: str | None = None) -> Path:
     return path
 
 
-def left_live(path: Path, end: str) -> subprocess.Popen[str]:
-    """Start a program that turns the table, switches everything on, and then does `end`."""
-    command = [sys.executable, "-c", SCRIPT + end, str(path)]
+@contextmanager
+def left_live(path: Path, end: str) -> Iterator[Any]:
+    """Start a program that turns the table, switches everything on, and then does `end`; wait for its end."""
+    (path.parent / "live.py").write_text(SCRIPT + end, encoding="utf-8")
     for _ in range(20):
-        pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-        process = subprocess.Popen(command, **pipes, text=True, cwd=ROOT)  # noqa: S603
-        assert process.stdout is not None
-        if (said := process.stdout.readline()) == "<Bench paper, open> 50\n":
-            return process
-        said += process.communicate()[1]
+        with warm.running(["python", "live.py", str(path)], path.parent, errors=True) as process:
+            if (said := process.stdout.readline()) == "<Bench paper, open> 50\n":
+                yield process
+                process.wait(PLENTY_S)
+                return
+            said += process.communicate()[1]
         assert "leads the clock" in said  # the watchdog of the program before does, until the bench is safe
     raise AssertionError(said)
 
@@ -107,10 +109,10 @@ def test_a_bench_whose_program_was_killed_is_made_safe(lab: ServedLab, tmp_path:
         assert "NOT SAFE: power at " in err
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="the system has no pause")
 def test_a_bench_that_another_process_has_is_left_to_it_unless_forced(lab: ServedLab, tmp_path: Path) -> None:
     path = bench_file(lab, tmp_path)
-    process = left_live(path, "sys.stdin.read()")
-    try:
+    with left_live(path, "signal.pause()") as process:
         code, _, err = call(path)
         assert code == 3
         assert f"in use by process {process.pid} of " in err
@@ -120,9 +122,7 @@ def test_a_bench_that_another_process_has_is_left_to_it_unless_forced(lab: Serve
         assert (code, err) == (0, "")
         assert what_is_on(lab) == []
         assert [line.split()[0] for line in out.splitlines()[-3:]] == ["rate_table", "rate_source", "power"]
-    finally:
         process.kill()
-        process.communicate()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no SIGKILL")
@@ -133,8 +133,7 @@ def test_the_process_that_has_the_bench_is_ended_on_request(
     path = bench_file(lab, tmp_path)
     monkeypatch.setattr("vcfbench.bench.make_safe._STOPPING_S", 0.3 if hangs else PLENTY_S)
     end = UNWATCHED + "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n" if hangs else ""
-    with left_live(path, end + "print('ready', flush=True)\nsys.stdin.read()") as process:
-        assert process.stdout is not None
+    with left_live(path, end + "print('ready', flush=True)\nsignal.pause()") as process:
         assert process.stdout.readline() == "ready\n"  # a signal before would end also one that is to hang
         code, out, err = call(path, "--end-owner", "--json")
         assert process.wait(PLENTY_S) == (-9 if hangs else 4)
