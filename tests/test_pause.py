@@ -19,6 +19,7 @@ from simrack_tests.ports import PLENTY_S, eventually
 
 import vcfbench
 from tests import warm
+from tests.procedures import test_bandwidth
 from tests.test_resume import cut
 from vcfbench.clock import WallClock, sleep
 from vcfbench.drivers.hp34401a import Hp34401A
@@ -172,13 +173,13 @@ def test_a_run_is_stopped_while_it_pauses(tmp_path: Path) -> None:
 
 SOME = [("virtual-coriolis", 145), ("kvc", 60), ("zero", 14), ("bandwidth", 30), ("power", 40), ("phase", 30)]
 SOME += [("temperature", 40), ("polarity", 30), ("vibration", 30)]
+SHORT = {"bandwidth": test_bandwidth.QUICK, "kvc": {"cycles": 1}}
 
 
 @pytest.mark.parametrize(("procedure", "number"), few(SOME, ("virtual-coriolis", 145)))
 def test_every_procedure_pauses(procedure: str, number: int) -> None:
     presser = Presser(number, 1)
-    options: dict[str, Any] = {"runs": None}
-    run = presser.run(procedure, bench="lab", **options)
+    run = presser.run(procedure, bench="lab", settings=SHORT.get(procedure), runs=None)
     assert run.status == "complete"
     assert len(presser.went_on()) == 2
 

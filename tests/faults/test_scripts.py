@@ -11,7 +11,6 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from simrack_tests.cells import few
 
 from tests.faults.benches import SPEED, Served, bench_text, serving
 from vcfbench.clock import WallClock, sleep
@@ -36,7 +35,7 @@ sleep(bench.clock, 1.0)
 print(bench.rate_table.rate_deg_s(), flush=True)
 {ends}
 """
-ENDS = {
+ENDS = {  # of this Python the others are in tests/bench/test_holding.py
     "raises": "raise ValueError('a mistake in the script')",
     "leaves": "sys.exit(7)",
     "ends": "",
@@ -59,8 +58,10 @@ def performed(served: Served, command: list[str]) -> subprocess.CompletedProcess
     raise AssertionError(done.stderr)
 
 
-@pytest.mark.parametrize("how", few(ENDS))
-@pytest.mark.parametrize("python", PYTHONS)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("python", "how"), [(PYTHONS[0], "forgets"), *((python, how) for python in PYTHONS[1:] for how in ENDS)]
+)
 def test_a_script_that_ends_with_its_bench_open(python: str, how: str, tmp_path: Path) -> None:
     text = bench_text("acl", name=f"scripts-{tmp_path.parent.name}"[:60])
     with serving(tmp_path, text, speed=SPEED["acl"]) as served:

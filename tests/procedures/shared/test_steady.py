@@ -101,7 +101,7 @@ SWEEPS = [
 
 @pytest.mark.parametrize(
     ("case", "each"),
-    [(SWEEPS[0], 401), *(pytest.param(case, 97, marks=pytest.mark.exhaustive) for case in SWEEPS)],
+    [(SWEEPS[0], 401), *(pytest.param(case, 197, marks=pytest.mark.exhaustive) for case in SWEEPS)],
     ids=lambda value: getattr(value, "name", str(value)),
 )
 def test_faults_of_the_multimeter_end_a_simulated_run(case: Case, each: int, tmp_path: Any) -> None:
