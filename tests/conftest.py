@@ -125,9 +125,10 @@ def pytest_collection(session: pytest.Session) -> None:
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Do not even import what is not quick when nothing else is wanted."""
+    """Do not even import what has nothing quick, or nothing exhaustive, when nothing else is wanted."""
+    wanted = {"quick": _is_quick, "exhaustive": _has_exhaustive}.get(config.option.markexpr)
     is_test = collection_path.suffix == ".py" and collection_path.is_relative_to(HERE)
-    return True if config.option.markexpr == "quick" and is_test and not _is_quick(collection_path) else None
+    return True if wanted is not None and is_test and not wanted(collection_path) else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -135,6 +136,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if "exhaustive" not in config.option.markexpr:
         left_out = [item for item in items if item.get_closest_marker("exhaustive") is not None]
         config.hook.pytest_deselected(items=left_out)
+        if unseen := {
+            item.path for item in left_out if item.path.is_relative_to(HERE) and not _has_exhaustive(item.path)
+        }:
+            raise pytest.UsageError(f"say `exhaustive` in {unseen}, else `-m exhaustive` does not look there")
         items[:] = [item for item in items if item.get_closest_marker("exhaustive") is None]
     for item in items:
         if _is_quick(item.path) and item.get_closest_marker("slow") is None:
@@ -153,3 +158,9 @@ def pytest_collection_finish() -> None:
 def _is_quick(path: Path) -> bool:
     place = path.relative_to(HERE).as_posix() if path.is_relative_to(HERE) else ""
     return place.startswith(QUICK) and place not in SLOW
+
+
+@cache
+def _has_exhaustive(path: Path) -> bool:
+    text = path.read_text(encoding="utf-8")
+    return "mark.exhaustive" in text or "few(" in text
