@@ -214,12 +214,6 @@ def test_a_process_that_is_killed_costs_nothing(whole: Path, tmp_path: Path) -> 
     assert of(tmp_path) == of(whole)
 
 
-@pytest.mark.exhaustive
-def test_two_processes_give_the_same_bytes(whole: Path, tmp_path: Path) -> None:
-    again(whole, tmp_path, workers=2)
-    assert of(tmp_path) == of(whole)
-
-
 def test_names_that_fit_no_metric_are_refused_after_one_run(tmp_path: Path) -> None:
     asked = {"procedure": "turntable", "seeds": {"count": 50}, "settings": QUICK, "metrics": ["nothing.*"]}
     with pytest.raises(vcfbench.ConfigError, match=r"study: metrics: expected .*scale_factor, .*came nothing\.\*"):

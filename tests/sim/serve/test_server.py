@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -29,6 +30,7 @@ from simrack_tests.serve.lamp import ALL, IDENTITY, Lamp, served_lamp, serving
 from simrack_tests.serve.test_raw import Wire
 from typer.testing import CliRunner
 
+from tests import warm
 from vcfbench.cli.serve import register
 from vcfbench.clock import VirtualClock, sleep
 from vcfbench.procedures.bench_file import load_bench
@@ -39,7 +41,6 @@ if TYPE_CHECKING:
 
 HAS_PTYS = hasattr(os, "openpty")
 needs_ptys = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
-SCRIPT = "import typer; from vcfbench.cli.serve import register; app = typer.Typer(); register(app); app()"
 
 
 @contextmanager
@@ -51,21 +52,14 @@ def paper_bench(speed: float) -> Iterator[Any]:
 
 
 @contextmanager
-def command(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(  # noqa: S603
-        [sys.executable, "-c", SCRIPT, "serve", *arguments], stdout=subprocess.PIPE, text=True
-    )
-    try:
+def command(*arguments: str) -> Iterator[Any]:
+    with warm.running(["vcfbench", "sim", "serve", *arguments], Path.cwd()) as process:
         yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 @pytest.fixture(scope="module")
-def described() -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
+def described() -> Iterator[tuple[Any, dict[str, Any]]]:
     with command("--json", "--speed", "max") as process:
-        assert process.stdout is not None
         yield process, json.loads(process.stdout.readline())
 
 
@@ -163,7 +157,6 @@ def test_every_field_of_a_fault_can_be_said_on_the_command_line(described: tuple
 @pytest.mark.parametrize("number", few([signal.SIGTERM, signal.SIGINT], signal.SIGTERM))
 def test_it_serves_until_it_is_told_to_stop(number: signal.Signals) -> None:
     with command("--speed", "10", "--offer", "rate_source:hislip") as process:
-        assert process.stdout is not None
         lines = [process.stdout.readline() for _ in range(7)]
         assert "hislip0," in lines[2]
         assert "vcfbench sim ctl --port" in lines[6]
