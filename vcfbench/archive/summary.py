@@ -139,18 +139,8 @@ def run_summaries(
 ) -> tuple[RunSummary, ...]:
     """Return summaries of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
 
+    Arguments and errors are those of :func:`list_runs`.
     ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
-
-    Args:
-        runs: directory of the records.
-        dut: only those of this device.
-        since: only those that began on this day (``"2026-01-15"``, UTC) or later, or from an instant on.
-        status: only those that ended so.
-        procedure: only those of this procedure.
-        tags: only those that have all of them.
-
-    Raises:
-        ConfigError: there is no such status, or the date is none.
     """
     chosen = Selection.of(dut, since, status, procedure=procedure, tags=dict(tags or {}))
     found = (each for each in map(summary_of, recorded_runs(Path(runs))) if chosen.takes(each))
