@@ -50,6 +50,11 @@ def test_pymeasure_on_a_dmm6500(pymeasure: Path, served_dmm6500: Served) -> None
     check(methods(pymeasure, "pymeasure_successors.py", "KeithleyDMM6500", resource), "pymeasure.KeithleyDMM6500", 22)
 
 
+def test_qcodes_on_a_dmm6500(qcodes: Path, served_dmm6500: Served) -> None:
+    seen = methods(qcodes, "qcodes_walk.py", "Keithley.Keithley6500", served_dmm6500.resource("multimeter", "tcp"))
+    check(seen, "qcodes.Keithley.Keithley6500", 22)
+
+
 def test_qcodes(qcodes: Path, served: Served) -> None:
     seen = methods(qcodes, "qcodes_methods.py", "Agilent34401A", served.resource("multimeter", "tcp"))
     check(seen, "qcodes.Agilent34401A", 12)

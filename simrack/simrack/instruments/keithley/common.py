@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -110,7 +110,7 @@ def chosen_function(meter: SimulatedTruevolt) -> str:
     return NAMES.get(meter.function.name, meter.function.name)
 
 
-def function_command(pattern: str) -> Command:
+def function_command(pattern: str, reply: Callable[[str], str] = quoted) -> Command:
     """Declare the choice of a function by name: VOLT:DC, VOLTage, RESistance."""
 
     def choose(meter: SimulatedTruevolt, name: str) -> None:
@@ -119,7 +119,7 @@ def function_command(pattern: str) -> Command:
             raise ScpiError(-224)
         meter.choose(meter.functions[known])
 
-    return Command(pattern, (Text(),), do=choose, query=chosen_function, reply=quoted)
+    return Command(pattern, (Text(),), do=choose, query=chosen_function, reply=reply)
 
 
 def digits_commands(functions: Mapping[str, Function], root: str, limits: Limits) -> tuple[Command, ...]:

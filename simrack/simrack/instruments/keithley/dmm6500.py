@@ -19,6 +19,7 @@ import numpy as np
 from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
+from simrack.instruments.hp34401a.range_commands import range_commands
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
@@ -29,6 +30,7 @@ ROWS = scpi.Rows()
 
 _SHEET = specifications.KEITHLEY_DMM6500
 _BUFFER = 100_000
+_NR3 = scpi.real(8)
 _FUNCTIONS = common.functions_of(_SHEET, "CAP")
 _NAMES = (*common.NAMES, "CAP")
 _BEGUN = datetime(2026, 1, 1)  # noqa: DTZ001  (the meter knows no zone)
@@ -185,11 +187,25 @@ def _clear(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
     meter.stored.clear()
 
 
+_STIMULI = ("NONE", "TIMer<1-4>", "NOTify<1-8>", "DISPlay", "COMMand", "EXTernal")
 _COMMANDS = (
     *ROWS,
     *scpi.COMMON_COMMANDS,
     scpi.Command("*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set),
-    common.function_command("[SENSe:]FUNCtion[:ON]"),
+    common.function_command("[SENSe:]FUNCtion[:ON]", str),  # PyMeasure's tests of a real one, QCoDeS' driver
+    *(
+        each
+        for name in ("FREQ", "PER")
+        for each in range_commands(_FUNCTIONS[name], f"{_FUNCTIONS[name].header}:THReshold")
+    ),
+    scpi.attribute(
+        "[SENSe:]VOLTage[:DC]:INPutimpedance",
+        scpi.Choice(("MOHM10", "AUTO")),
+        "high_impedance",
+        lambda high: "AUTO" if high else "MOHM10",
+        convert=lambda word: word == "AUTO",
+    ),
+    scpi.remembered("[SENSe:]DIODe:BIAS:LEVel", scpi.Number(unit="A", limits=scpi.Limits(1e-5, 1e-2)), 1e-3, _NR3),
     *common.settings_of_functions(_FUNCTIONS, (0.0005, 12.0), "RELative"),
     *(_zero(name) for name in ("VOLT", "RES", "FRES")),
     *common.digits_commands(_FUNCTIONS, "DISPlay:", scpi.Limits(3, 6)),
@@ -230,6 +246,17 @@ _COMMANDS = (
     scpi.Command("DISPlay:CLEar", do=common.ignored),
     scpi.Command("DISPlay:SCReen", (scpi.Word(),), do=common.ignored),
     *(scpi.Command(f"DISPlay:USER{line}:TEXT[:DATA]", (scpi.Text(),), do=common.ignored) for line in (1, 2)),
+    # of the scanner, the timers of trigger models and the display what QCoDeS' driver sets (defaults unverified)
+    *(
+        scpi.remembered(*row)
+        for row in (
+            ("DISPlay:LIGHt:STATe", scpi.Choice(("ON100", "ON75", "ON50", "ON25", "OFF", "BLACkout")), "ON50"),
+            ("ROUTe:SCAN:COUNt:SCAN", scpi.Integer(limits=scpi.Limits(1, 100_000_000, 1)), 1, scpi.bare_integer),
+            ("ROUTe:SCAN:INTerval", scpi.Number(unit="S", limits=scpi.Limits(0.0, 1e6)), 0.0, _NR3),
+            ("TRIGger:TIMer<1-4>:DELay", scpi.Number(unit="S", limits=scpi.Limits(0.0, 1e6)), 1e-5, _NR3),
+            ("TRIGger:TIMer<1-4>:STARt:STIMulus", scpi.Choice(_STIMULI), "NONE"),
+        )
+    ),
     scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
     *scpi.status_commands("OPERation", "operation"),
     *scpi.status_commands("QUEStionable", "questionable"),
