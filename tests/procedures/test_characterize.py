@@ -15,12 +15,13 @@ from tests.procedures import test_bandwidth, test_resonance
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.characterize.data_sheet import sheet_rows
+from vcfbench.procedures.characterize.data_sheet import data_sheet_report, sheet_rows
 from vcfbench.procedures.characterize.plan import PARTS, BeginPart, CharacterizeSettings, _kept_on, _Session
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.shared.measurand import UncertaintyPart as Source
 from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.procedures.zero.noise import NoiseCoefficient
+from vcfbench.reports.document import Table, Text
 from vcfbench.station.file import embedded_text
 from vcfbench.station.settings import Sources, Station
 from vcfbench.steps import (
@@ -70,6 +71,21 @@ def test_resumed_it_is_warm_before_it_goes_on() -> None:
     assert warm_again_s() == 1800.0
     assert warm_again_s(warmup={"shortest_s": 240.0}) == 240.0
     assert warm_again_s(parts=["turntable", "zero"], warm_up_s=60.0) == 60.0
+
+
+def test_the_model_equation_is_filled_in(run: Any) -> None:
+    (table,) = (part for part in run.report().parts if isinstance(part, Table) and part.title == "Model equation")
+    terms = {each[0]: each[1:] for each in table.printed()}
+    factor, bias = row(run, "turntable", "scale factor", "V/(deg/s)"), row(run, "turntable", "bias", "deg/s")
+    assert float(terms["S"][1]) == pytest.approx(factor.value, rel=1e-4)
+    assert float(terms["S"][3]) == pytest.approx(factor.u95, rel=0.05)
+    assert terms["S"][4:] == ("V/(deg/s)", "sensitivity")
+    assert float(terms["D_F"][1]) == pytest.approx(bias.value, rel=1e-3)  # of the same line, not the output at rest
+    (said,) = (part.text for part in run.report().parts if isinstance(part, Text) and "1e-6 eps" in part.text)
+    assert "not measured: E_T, E_U, eps_T, eps_U" in said
+    assert not any(
+        part.title == "Model equation" for part in data_sheet_report([], [], "").parts if hasattr(part, "title")
+    )
 
 
 def test_every_part_has_its_own_results_of_its_own_part_of_the_run(run: Any) -> None:

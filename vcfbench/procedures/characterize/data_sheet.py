@@ -104,4 +104,57 @@ def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str
         "U95 holds the true value with 95 %; what it holds and what not, each procedure says in its own report",
         *(f"not measured: {name}: {reason}" for name, reason in not_measured),
     ]
-    return Report([Table(columns, table, "Data sheet"), Text("\n".join(said))])
+    return Report([Table(columns, table, "Data sheet"), Text("\n".join(said)), *_model_equation(rows)])
+
+
+_BOUND = ", below (95 %)"
+_TERMS = (
+    ("S", "sensitivity", "scale factor", "V/(deg/s)"),
+    ("D_F", "zero-rate output", "bias", "deg/s"),
+    ("D_N", "noise density", "angle random walk", "deg/sqrt(h)"),
+    ("D_B", "bias instability", "bias instability", "deg/h"),
+    ("D_K", "", "rate random walk", "(deg/h)/sqrt(h)"),
+    ("D_R", "", "rate ramp", "(deg/h)/h"),
+    ("E_T", "zero-rate output over temperature", "temperature coefficient of the bias", ""),
+    ("E_U", "zero-rate output over supply", "bias by both rails", ""),
+    ("eps_T", "sensitivity over temperature", "temperature coefficient of the scale factor", ""),
+    ("eps_U", "sensitivity over supply", "scale factor by both rails", ""),
+    ("eps_L", "non-linearity", "nonlinearity", "ppm"),
+    ("", "bandwidth", "-3 dB", "Hz"),
+    ("", "supply current", "supply current, positive rail", "A"),
+    ("", "turn-on time", "time to valid output, both rails together", "s"),
+)
+"""Terms of the model equation: sign, name in IEEE 2700 (unverified), and quantity and unit on the data sheet."""
+
+
+def _model_equation(rows: Sequence[SheetRow]) -> list[Table | Text]:
+    """Return the model equation (IEEE 952; 1431, 8.3: texts not at hand, unverified) with what was measured of it."""
+    line = next((each.procedure for each in rows if each.quantity.endswith("scale factor")), "")
+    rows = sorted(rows, key=lambda each: each.procedure != line)  # scale factor and bias are of one line
+    found: list[tuple[Any, ...]] = []
+    missing = []
+    for sign, name, quantity, unit in _TERMS:
+        row = next(
+            (
+                each
+                for each in rows
+                if each.quantity.removesuffix(_BOUND).rpartition(": ")[2] == quantity and each.unit.endswith(unit)
+            ),
+            None,
+        )
+        if row is None:
+            missing.append(sign or name)
+            continue
+        cells = stated_cells(row.value, row.u, row.u95) if row.u and row.u95 else (row.value, row.u, row.u95)
+        found.append((sign, row.quantity, *cells, row.unit, name))
+    if not {"S", "D_F"} <= {row[0] for row in found}:
+        return []
+    said = [
+        "V = S (1 + 1e-6 eps) (Omega_z + E + D)",
+        "  D = D_F + random drift (D_N, D_B, D_K, D_R); E = E_T (T - T0) + E_U (U - U0)",
+        "  eps = eps_T (T - T0) + eps_U (U - U0) + curvature, of which eps_L is the largest part of the span",
+        "the form of IEEE 952 and 1431 divides by (1 + 1e-6 eps): its eps has the other sign",
+        *([f"not measured: {', '.join(missing)}"] if missing else []),
+    ]
+    columns = heads("<term | <quantity | value:.7g | u:.2g | U95:.2g | <unit | <in IEEE 2700")
+    return [Table(columns, found, "Model equation"), Text("\n".join(said))]
