@@ -12,6 +12,7 @@ import typer
 from simrack_tests.cells import few
 from typer.testing import CliRunner
 
+from tests import warm
 from vcfbench import __version__
 from vcfbench.cli import main
 from vcfbench.errors import Aborted, BenchError, ConfigError, LimitError, NotSafe
@@ -38,8 +39,8 @@ def failing(error: BaseException) -> typer.Typer:
     return app
 
 
-def test_the_version() -> None:
-    done = vcfbench("--version")
+def test_the_version(tmp_path: Path) -> None:
+    done = warm.run(["vcfbench", "--version"], tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, f"vcfbench {__version__}\n", "")
 
 
@@ -49,8 +50,8 @@ def test_the_module_is_the_command() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, f"vcfbench {__version__}\n", "")
 
 
-def test_help_lists_the_commands_and_the_exit_codes() -> None:
-    done = vcfbench("--help")
+def test_help_lists_the_commands_and_the_exit_codes(tmp_path: Path) -> None:
+    done = warm.run(["vcfbench", "--help"], tmp_path)
     assert done.returncode == 0
     assert all(f"  {command} " in done.stdout for command in ("run", "analyze", "runs", "bench", "sim"))
     assert "5 NOT safe" in done.stdout
