@@ -82,7 +82,7 @@ def test_the_station_lists_its_runs(client: Client, made: tuple[Path, Run]) -> N
     listed = client.get("/station").json()
     (row,) = listed["runs"]
     assert (row["run"], row["status"], row["dut"]) == (made[1].name, "complete", "G7")
-    assert row["values"][0]["name"] == "scale_factor"
+    assert row["values"][0]["name"] == "scale factor"
     assert (listed["devices"], listed["older"], listed["live"]) == ([], 0, False)
 
 

@@ -12,6 +12,7 @@ from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, Entry, SelfCalibration, StaticNoise
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import being_written, read_header
+from vcfbench.reports.names import named
 
 _MOST_RUNS: Final = 500
 _KEY_VALUES: Final = 3
@@ -92,8 +93,8 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
     begun = {"run": directory.run, "began_utc": header.get("utc"), "simulated": header.get("simulated")}
     if being_written(directory.journal):
         bench, metadata = header.get("bench") or {}, header.get("metadata") or {}
-        named = {"procedure": header.get("procedure"), "bench": bench.get("name"), "dut": metadata.get("dut")}
-        return {**begun, **named, "status": "running"}
+        told = {"procedure": header.get("procedure"), "bench": bench.get("name"), "dut": metadata.get("dut")}
+        return {**begun, **told, "status": "running"}
     summary = summary_of(directory)
     return {
         **begun,
@@ -106,7 +107,8 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
         "verdict": summary.verdict,
         "problem": summary.problem or summary.damage,
         "values": [
-            {"name": name, "words": result.words()} for name, result in islice(summary.results.items(), _KEY_VALUES)
+            {"name": named(name).words, "words": result.words()}
+            for name, result in islice(summary.results.items(), _KEY_VALUES)
         ],
     }
 
