@@ -93,13 +93,8 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
     begun = {"run": directory.run, "began_utc": header.get("utc"), "simulated": header.get("simulated")}
     if being_written(directory.journal):
         bench, metadata = header.get("bench") or {}, header.get("metadata") or {}
-<<<<<<< Updated upstream
         stated = {"procedure": header.get("procedure"), "bench": bench.get("name"), "dut": metadata.get("dut")}
         return {**begun, **stated, "status": "running"}
-=======
-        known = {"procedure": header.get("procedure"), "bench": bench.get("name"), "dut": metadata.get("dut")}
-        return {**begun, **known, "status": "running"}
->>>>>>> Stashed changes
     summary = summary_of(directory)
     return {
         **begun,
