@@ -173,7 +173,7 @@ def test_a_run_is_stopped_while_it_pauses(tmp_path: Path) -> None:
 
 SOME = [("virtual-coriolis", 145), ("kvc", 60), ("zero", 14), ("bandwidth", 30), ("power", 40), ("phase", 30)]
 SOME += [("temperature", 40), ("polarity", 30), ("vibration", 30)]
-SHORT = {"bandwidth": test_bandwidth.QUICK, "kvc": {"cycles": 1}}
+SHORT = {"bandwidth": test_bandwidth.QUICK}
 
 
 @pytest.mark.parametrize(("procedure", "number"), few(SOME, ("virtual-coriolis", 145)))
