@@ -46,7 +46,7 @@ def test_a_run_within_its_limits_passes(tmp_path: Path) -> None:
     done = run(tmp_path, PASSING)
     assert done.exit_code == 0
     assert "\nPASS\n" in done.stdout
-    assert [line.split()[-1] for line in done.stdout.splitlines() if "k_vc_deg_s" in line] == ["MEASURED"]
+    assert [line.split()[-1] for line in done.stdout.splitlines() if line.startswith("K_Vc ")] == ["MEASURED"]
 
 
 def test_a_run_outside_a_limit_fails_with_1_in_text_json_and_record(tmp_path: Path) -> None:

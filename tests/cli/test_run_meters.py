@@ -45,4 +45,5 @@ def test_the_resolution_is_that_of_the_meter_in_use(tmp_path: Path) -> None:
         header = json.loads((run / "journal.jsonl").read_text(encoding="utf-8").splitlines()[0])
         resolutions[model] = header["settings"]["station"]["meter_resolution_v"]
         run.rename(tmp_path / f"done-{len(resolutions)}")
-    assert resolutions == pytest.approx({"34401A": 1e-5, "34461A": 1e-5, "34465A": 1e-6, LIKE_34410A: 1e-5})
+    at_nplc_1 = {"34401A": 3e-5, "34461A": 3e-5, "34465A": 3e-6, LIKE_34410A: 3e-5}
+    assert resolutions == pytest.approx(at_nplc_1)

@@ -32,6 +32,7 @@ COVERAGE = 1e-6
 """What a coverage factor by convolution is computed to: a sum of one more source is never narrower."""
 OF_TRIALS = 0.02
 """What a 95 % quantile of 2000 trials is known to: by them goes U95 of a non-linearity of several like residuals."""
+LATITUDE = ("--set", "site.latitude_deg=48.1")
 OF_INSTRUMENTS = ("power", "rate_source", "multimeter", "v_vc_meter", "oscilloscope", "rate_table")
 
 
@@ -40,7 +41,7 @@ def by_wizard() -> str:
     """Return the file that the wizard makes of what it proposes."""
     with TemporaryDirectory() as directory:
         file = Path(directory) / "station.toml"
-        done = CliRunner().invoke(app, ["bench", "new", str(file), "--yes", "--library", "paper@vcfbench"])
+        done = CliRunner().invoke(app, ["bench", "new", str(file), "--yes", "--library", "paper@vcfbench", *LATITUDE])
         assert done.exit_code == 0, done.stderr
         return file.read_text("utf-8")
 
