@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
+import threading
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
 
-from vcfbench.cli import watchdog
+from vcfbench.cli import left_live, watchdog
 from vcfbench.cli.watchdog import SILENT_TURNS, Watch, main
 
 if TYPE_CHECKING:
@@ -192,3 +193,15 @@ def test_its_code_is_that_of_the_bench(
     with pytest.raises(pytest.exit.Exception, match=f"^{code}$"):
         main()
     assert ended == done
+
+
+def test_what_makes_safe_is_loaded_by_one_thread_at_a_time() -> None:
+    """The second would take away what the first has put in numpy's place."""
+    second = threading.Thread(target=watchdog.loaded, daemon=True)
+    with watchdog._LOADING:
+        second.start()
+        second.join(0.2)
+        assert second.is_alive()
+    second.join(60.0)
+    assert not second.is_alive()
+    assert watchdog.loaded() is left_live
