@@ -22,7 +22,7 @@ from vcfbench.clock import WallClock, sleep
 from vcfbench.errors import BenchError
 from vcfbench.files import try_lock
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.safety.lock import InUse, LockUnusable, instrument_locks, lock_directory, lock_path, owners_of
+from vcfbench.safety.lock import InUse, LockUnusable, _opened, instrument_locks, lock_directory, lock_path, owners_of
 from vcfbench.safety.processes import mark_of
 from vcfbench.station.file import template
 
@@ -454,6 +454,14 @@ def test_the_directory_of_the_locks_is_made_however_deep(folder: Path, monkeypat
 
 
 @posix
+def test_two_may_make_the_directory_at_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder.mkdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "exists", lambda _path, **_: False)  # it was not there a moment ago
+        file = _opened(lock_path(METER))
+    os.close(file)
+
+
 def test_a_forked_process_keeps_no_lock_and_gives_none_back() -> None:
     with instrument_locks("one", {"power": SUPPLY}):
         if (child := os.fork()) == 0:

@@ -268,6 +268,17 @@ def test_after_a_signal_no_wait_begins(*, simulated: bool) -> None:
     assert clock.now() == 0.0
 
 
+def test_a_wait_of_somebody_else_leaves_a_longer_one_a_safe_point() -> None:
+    signals = StopSignals()
+
+    def wait_of_a_device() -> bool:
+        with signals.asleep:
+            pass
+        return signals.break_off_from_now(possible=True)
+
+    assert signals.attend(wait_of_a_device)
+
+
 def test_what_a_simulated_instrument_waits_for_in_an_exchange_is_not_broken_off() -> None:
     clock = AttendedClock(VirtualClock())
     with StopSignals() as signals:

@@ -309,6 +309,24 @@ def test_its_death_is_told_once_and_not_where_the_program_let_it_go(
     assert (left.lost, lost) == (False, ["lost"])
 
 
+def test_one_that_is_let_go_while_it_is_told_something_has_not_died(
+    listener: Callable[..., tuple[Watchdog, Process]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost: list[str] = []
+    told = threading.Event()
+
+    def let_go(dog: Watchdog, _line: str) -> None:
+        dog._over.set()
+        told.set()
+        raise ValueError("closed")
+
+    dog, _ = listener(0.01, lost=lost)
+    monkeypatch.setattr(Watchdog, "_put", let_go)
+    assert told.wait(PLENTY_S)
+    sleep(WallClock(), 0.03)
+    assert (dog.lost, lost) == (False, [])
+
+
 @pytest.mark.parametrize("answer", ["none", "wrong", "died"])
 def test_one_that_does_not_get_ready_is_an_error(
     answer: str, listener: Callable[..., tuple[Watchdog, Process]], monkeypatch: pytest.MonkeyPatch

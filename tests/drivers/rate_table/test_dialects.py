@@ -284,6 +284,15 @@ def test_aaaa_comes_to_rest_at_the_end_of_travel() -> None:
     assert bench.driver.make_safe(Deadline.after(bench.clock, 10.0)).safe
 
 
+def test_aaaa_says_its_end_of_travel_in_the_sign_of_the_bench() -> None:
+    bench = Bench("aaaa", axis_sign=-1)
+    bench.driver.enable()
+    bench.reach(200.0)
+    bench.wait(10.0)
+    with pytest.raises(InterlockError, match=r"at \+200 deg/s, it stands at the end of its travel, \+838\.9 deg"):
+        bench.driver.rate_deg_s()
+
+
 @pytest.mark.parametrize(("rate_deg_s", "sign"), [(200.0, 1), (-200.0, 1), (200.0, -1)])
 def test_aaaa_is_wound_back_when_it_is_enabled_near_an_end_of_its_travel(rate_deg_s: float, sign: int) -> None:
     bench = Bench("aaaa", axis_sign=sign)

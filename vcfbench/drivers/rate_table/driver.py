@@ -139,7 +139,7 @@ class RateTableDriver:
         away_deg, rate_deg_s = abs(angle_deg - middle_deg), min(_WINDING_DEG_S, self._limits.max_rate_deg_s)
         if away_deg <= (high_deg - low_deg) / 4.0:
             return
-        found = f"it stands at {angle_deg:+.1f} deg, near an end of its travel"
+        found = f"it stands at {self._sign * angle_deg:+.1f} deg, near an end of its travel"
         if (needed_s := away_deg / rate_deg_s) > _LONGEST_WINDING_S:
             raise self._interlock(f"{found}; at {rate_deg_s:g} deg/s winding back takes {needed_s:.0f} s", _WIND_BACK)
         arrival = Deadline.after(self.clock, needed_s + _SERVO_S)
@@ -147,10 +147,10 @@ class RateTableDriver:
         while abs(self._ask(self._dialect.angle_deg) - middle_deg) > _ARRIVED_DEG:
             if (fault := self.fault()) or arrival.expired():
                 said = fault or f"it did not come there in {arrival.elapsed():.3g} s"
-                raise self._interlock(f"{found}; told to wind back to {middle_deg:+g} deg: {said}", _WIND_BACK)
+                raise self._interlock(f"{found}; told to wind back: {said}", _WIND_BACK)
             sleep(self.clock, _POLL_S)
         if not self._wait_for_rest(self._line.deadline(_SERVO_S)):
-            raise self._interlock(f"wound back to {middle_deg:+g} deg, it did not come to rest there", _WIND_BACK)
+            raise self._interlock("wound back, it did not come to rest", _WIND_BACK)
 
     def disable(self) -> None:
         """Open the servo; refuses (InterlockError) while the table turns."""
@@ -203,7 +203,9 @@ class RateTableDriver:
             end_deg = self._dialect.travel_deg[1 if self._sign * self._demanded_deg_s > 0.0 else 0]
             if abs(self._ask(self._dialect.angle_deg) - end_deg) < _ARRIVED_DEG:
                 what = f"told to turn at {self._demanded_deg_s:+g} deg/s, it stands at the end of its travel"
-                raise self._interlock(f"{what}, {end_deg:+.1f} deg", "lower rates or shorter windows need less travel")
+                raise self._interlock(
+                    f"{what}, {self._sign * end_deg:+.1f} deg", "lower rates or shorter windows need less travel"
+                )
         return rate_deg_s
 
     def _rate_deg_s(self, within: Deadline | None) -> float:

@@ -153,8 +153,8 @@ def _model_equation(rows: Sequence[SheetRow]) -> list[Table | Text]:
         "V = S (1 + 1e-6 eps) (Omega_z + E + D)",
         "  D = D_F + random drift (D_N, D_B, D_K, D_R); E = E_T (T - T0) + E_U (U - U0)",
         "  eps = eps_T (T - T0) + eps_U (U - U0) + curvature, of which eps_L is the largest part of the span",
-        "the form of IEEE 952 and 1431 divides by (1 + 1e-6 eps): its eps has the other sign",
+        "the form of IEEE 952 and 1431 divides by (1 + 1e-6 eps): its eps has the other sign (unverified)",
         *([f"not measured: {', '.join(missing)}"] if missing else []),
     ]
-    columns = heads("<term | <quantity | value:.7g | u:.2g | U95:.2g | <unit | <in IEEE 2700")
+    columns = heads("<term | <quantity | value:.7g | u:.2g | U95:.2g | <unit | <in IEEE 2700 (unverified)")
     return [Table(columns, found, "Model equation"), Text("\n".join(said))]
