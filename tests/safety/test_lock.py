@@ -22,7 +22,7 @@ from vcfbench.clock import WallClock, sleep
 from vcfbench.errors import BenchError
 from vcfbench.files import try_lock
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.safety.lock import InUse, LockUnusable, _opened, instrument_locks, lock_directory, lock_path, owners_of
+from vcfbench.safety.lock import InUse, LockUnusable, instrument_locks, lock_directory, lock_path, owners_of
 from vcfbench.safety.processes import mark_of
 from vcfbench.station.file import template
 
@@ -285,7 +285,10 @@ def test_a_user_without_a_name_signs_with_the_number(error: type[Exception], mon
 
 
 @posix
-def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(folder: Path) -> None:
+@pytest.mark.parametrize("gone_first", [False, True])
+def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, *, gone_first: bool
+) -> None:
     """A socket at which somebody listens is another matter: its next owner is told who died with it."""
     with socket.create_server(("127.0.0.1", 0)) as served, socket.create_server(("127.0.0.1", 0)) as gone:
         served_at, gone_at = (f"socket://localhost:{each.getsockname()[1]}" for each in (served, gone))
@@ -299,8 +302,10 @@ def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(folder: Path
         with socket.create_connection(gone.getsockname()):
             gone.accept()[0].close()  # its end of a connection lingers
         gone.close()
+        found = sorted(folder.iterdir(), key=lambda path: (path == lock_path(gone_at)) != gone_first)
+        monkeypatch.setattr(Path, "iterdir", lambda _folder: iter(found))
         with instrument_locks("lab-1", {"multimeter": "GPIB0::1::INSTR"}):
-            left = sorted(each.name for each in folder.iterdir())
+            left = sorted(each.name for each in os.scandir(folder))
     stays = (served_at, lives_at, nowhere, METER, "GPIB0::1::INSTR")
     assert left == sorted(lock_path(each).name for each in stays)
 
@@ -454,12 +459,18 @@ def test_the_directory_of_the_locks_is_made_however_deep(folder: Path, monkeypat
 
 
 @posix
-def test_two_may_make_the_directory_at_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_may_make_a_file_at_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def late(path: Path, flags: int, mode: int = 0o777) -> int:
+        if flags & os.O_EXCL and not path.exists():
+            path.write_text("")  # the other one was faster
+        return opened(path, flags, mode)
+
     folder.mkdir()
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "exists", lambda _path, **_: False)  # it was not there a moment ago
-        file = _opened(lock_path(METER))
-    os.close(file)
+    opened = os.open
+    monkeypatch.setattr("os.open", late)
+    with instrument_locks("lab-1", {"multimeter": METER}):
+        start = json.loads(lock_path(METER).read_text("utf-8"))["start"]
+    assert re.fullmatch(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00", start)
 
 
 def test_a_forked_process_keeps_no_lock_and_gives_none_back() -> None:

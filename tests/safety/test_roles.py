@@ -32,6 +32,8 @@ def test_what_drives_something_is_opened_whether_it_is_needed_or_not() -> None:
 def test_what_is_needed_and_not_there_is_said() -> None:
     with pytest.raises(ConfigError, match=r"^chamber: bench paper has none; its bench file needs a table \[chamber\]$"):
         needed_roles(PAPER, {"chamber"})
+    with pytest.raises(ConfigError, match=r"^chamber: "):
+        needed_roles(PAPER, ["power", "chamber"])
     words = "^multimeter: it was not opened, for nothing said that it is needed of bench paper; name it in the `needs`"
     with pytest.raises(ConfigError, match=words):
         raise absent("multimeter", PAPER)
@@ -80,5 +82,6 @@ def test_a_table_that_turns_before_anything_was_asked_of_it_is_named() -> None:
         return SimpleNamespace(rate_deg_s=lambda: rate_deg_s, name="rate_table", resource="COM1")
 
     require_still(table(0.05))
-    with pytest.raises(InterlockError, match=r"^rate_table at COM1: it turns at 12 deg/s before anything was asked"):
+    words = "^rate_table at COM1: it turns at 12 deg/s before anything was asked of it; it is being stopped; find out"
+    with pytest.raises(InterlockError, match=words):
         require_still(table(12.0))

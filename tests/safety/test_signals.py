@@ -279,6 +279,14 @@ def test_a_wait_of_somebody_else_leaves_a_longer_one_a_safe_point() -> None:
     assert signals.attend(wait_of_a_device)
 
 
+def test_a_signal_breaks_off_what_begins_and_not_what_is_no_longer_to_be_broken_off() -> None:
+    signals = StopSignals()
+    signals.stop("the page")
+    assert not signals.break_off_from_now(possible=False)
+    with pytest.raises(Aborted, match="the page"):
+        signals.break_off_from_now(possible=True)
+
+
 def test_what_a_simulated_instrument_waits_for_in_an_exchange_is_not_broken_off() -> None:
     clock = AttendedClock(VirtualClock())
     with StopSignals() as signals:

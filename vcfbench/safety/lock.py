@@ -201,8 +201,7 @@ def _locked(path: Path, role: str, resource: str) -> int:
 
 def _opened(path: Path) -> int:
     try:
-        if not path.parent.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         file = _opened_or_made(path)
     except OSError as error:
         raise LockUnusable(f"lock file {path} cannot be opened: {error.strerror}") from None
