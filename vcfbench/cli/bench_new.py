@@ -1,29 +1,38 @@
-"""``vcfbench bench new``: finds instruments, asks, and writes the bench file of a station."""
+"""``vcfbench bench new``: finds instruments, asks what must not be guessed, and writes the bench file of a station."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
-from msgspec import Struct
+from rich.console import Console
+from rich.prompt import Prompt
 
 from vcfbench.cli import options
-from vcfbench.cli.interview import Interview, written_anew
+from vcfbench.cli.new_file import require_free, written_anew
 from vcfbench.cli.options import flag, option
 from vcfbench.cli.set_option import plain_value
-from vcfbench.cli.station_questions import ask_about_station
 from vcfbench.clock import utc_now
-from vcfbench.errors import ConfigError
-from vcfbench.models import languages, models_for
+from vcfbench.errors import BenchError, ConfigError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.served import served_places
 from vcfbench.station import discovery
 from vcfbench.station.discovery import DiscoveredInstrument
-from vcfbench.station.new_station import Draft
+from vcfbench.station.new_station import LATITUDE, Draft
 
-_NONE = "none"
-_USUAL = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
-"""Roles that are asked for when nothing was found for them."""
+_NONE: Final = "none"
+_QUESTIONS: Final = {
+    "limits.max_rate_deg_s": "Highest rate, deg/s",
+    "limits.max_acceleration_deg_s2": "Highest acceleration, deg/s^2",
+    "limits.max_v_vc_v": "Highest V_Vc, V, either sign",
+    "limits.min_rail_v": "Rails of the PCB must not be below, V, either sign",
+    "limits.max_rail_v": "  nor above, V",
+    "limits.max_rail_current_a": "Highest current limit of a rail, A",
+    "limits.min_temperature_c": "Lowest temperature, degC",
+    "limits.max_temperature_c": "Highest temperature, degC",
+    "limits.max_ramp_k_min": "Fastest ramp, K/min",
+    LATITUDE: "Latitude, deg, north positive (for the Earth's rate)",
+}
+"""What must never be exceeded here, by the instruments that are there, and what nothing tells."""
 
 
 def new(
@@ -31,9 +40,9 @@ def new(
     library: options.Library_ = "@py",
     tries: options.Tries_ = None,
     served: Annotated[str | None, option("PORT", "Use the bench that `sim serve` serves: its control port.")] = None,
-    answers: Annotated[
+    settings: Annotated[
         list[str] | None,
-        option("KEY=VALUE", "The value of a key of the file, which is then not asked for.", "--set"),
+        option("KEY=VALUE", "The value of a key of the file, which is then not asked for. Repeatable.", "--set"),
     ] = None,
     *,
     timeout: options.AnswerTime_ = 1.0,
@@ -41,173 +50,99 @@ def new(
     yes: Annotated[bool, flag("Ask nothing: use what is found and proposed.", "--yes", "-y")] = False,
     trace: options.Trace_ = None,
 ) -> None:
-    """Make the bench file of a station: find the instruments, ask for the rest, write the file with comments.
+    """Make the bench file of a station: find the instruments, ask for limits and latitude, write the file.
 
-    Enter accepts what is proposed. Each answer is checked at once. Nothing is written before the last one.
+    Enter accepts what is proposed. All else is in the file with its meaning: put in yours, or give it with --set.
     """
-    given = dict(options.key_and_value("--set", each, "limits.max_rate_deg_s=100") for each in answers or ())
-    interview = Interview(given, silent=yes)
-    path = interview.free_file(file)
-    draft = Draft(str(path))
+    require_free(file)
+    texts = dict(options.key_and_value("--set", each, "limits.max_rate_deg_s=100") for each in settings or ())
+    given = {key: plain_value(text, f"--set {key}") for key, text in texts.items()}
+    draft = Draft(str(file))
     with options.tracing(trace):
-        _Placing(draft, interview, library, tuple(tries or ()), timeout, probe_serial, served).all()
-        ask_about_station(draft, interview)
-    interview.require_all_used()
-    # Check the file as a whole and write it
-    text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
-    parse_bench(text, str(path))
-    written_anew(path, text)
-    typer.echo(f"{path} is written; next: vcfbench bench check --bench {path}")
-    if yes:
-        typer.echo("nobody has looked at its [limits], [wiring] and [site]: do, before anything moves", err=True)
-
-
-class _Placing(Struct, frozen=True):
-    """Search for instruments, as ``bench discover`` takes it, and their roles; `served` is a control port."""
-
-    draft: Draft
-    interview: Interview
-    library: str
-    tries: tuple[str, ...]
-    timeout_s: float
-    probe_serial: bool
-    served: str | None
-
-    def all(self) -> None:
-        """Find instruments, and ask for the role of each; then for those that were not found.
-
-        Raises:
-            BenchError: the VISA library cannot be used, or a served bench is not served.
-        """
         typer.echo("Looking for instruments ...", err=True)
-        found, places = self._found()
-        for each in found:
-            self._place(each, places.get(each.resource))
-        while not self.interview.silent and (more := self._further()):
-            self._place(more, None)
-        for role in _USUAL:
-            named = f"{role}.resource" in self.interview.given
-            if role not in self.draft.roles() and (named or not self.interview.silent):
-                self._name(role)
-        if not self.draft.roles():
-            raise ConfigError(
-                "no instrument was found or named, so there is no bench", hint="--try RESOURCE, --served PORT"
-            )
-
-    def _found(self) -> tuple[list[DiscoveredInstrument], dict[str, str]]:
-        """Return the instruments that answer, and the place of each by its resource, where it is known."""
-        places: dict[str, str] = {}
-        if self.served is not None:
-            control, places = served_places(self.served)
-            self.draft.values["served"] = {"control": control}
-            asked = discovery.discover("@py", tuple(places), timeout_s=self.timeout_s)
-            answering = list(asked.tried)
-        else:
-            probe = self.probe_serial
-            asked = discovery.discover(self.library, self.tries, timeout_s=self.timeout_s, serial_probe=probe)
-            answering = [*asked.resources, *(port.found for port in asked.serial_ports if port.found), *asked.tried]
-            if self.library != "@py":
-                self.draft.values["visa_library"] = self.library
-        for each in answering:
-            typer.echo(f"  {each.resource}: {each.answer or each.problem}", err=True)
-        for port in asked.serial_ports:
-            if port.found is None and self.served is None:
-                typer.echo(f"  {port.port}: {port.description}, not asked (--probe-serial asks)", err=True)
-        return [each for each in answering if each.answer is not None], places
-
-    def _place(self, found: DiscoveredInstrument, hint: str | None) -> None:
-        """Ask for the role of an instrument that answered, and whether another specimen shall be refused."""
-        possible = discovery.places(found.model) or (*_USUAL, "v_vc_meter", "vibration_source", "chamber")
-        free = [role for role in possible if role not in self.draft.roles()]
-        proposed = hint if hint in free else free[0] if free and found.model is not None else _NONE
-
-        def take(role: str) -> None:
-            if role == _NONE:
-                return
-            if role not in free:
-                taken = f"; {role} is filled already" if role in self.draft.roles() else ""
-                raise ConfigError(f"expected one of {', '.join((*free, _NONE))}, came {role!r}{taken}")
-            self.draft.add_instrument(role, self._keys(role, found))
-            if role != "rate_table" and found.serial_number is not None:
-                words = f"  refuse any other than number {found.serial_number} (yes, no)"
-                if self.interview.ask(f"{role}.serial_number", words, "no", _one_of("yes", "no")) == "yes":
-                    self.draft.change({f"{role}.serial_number": found.serial_number})
-
-        what = found.model or "not recognised"
-        self.interview.ask(f"role of {found.resource}", f"{what} at {found.resource}: its role", proposed, take)
-
-    def _keys(self, role: str, found: DiscoveredInstrument) -> dict[str, Any]:
-        """Return the bench file's keys of an instrument; those of one that is not recognised are asked for."""
-        ask, keys = self.interview.ask, discovery.taken_over(role, found)
-        if found.model is None and role == "rate_table":
-            keys["dialect"] = ask(
-                "rate_table.dialect", "  language of the table", "acl", _one_of(*languages(), file=".toml")
-            )
-        elif found.model is None:
-            keys["model"] = (found.answer or "").split(",")[1].strip() if "," in (found.answer or "") else ""
-            keys["like"] = ask(
-                f"{role}.like", "  which it speaks like", models_for(role)[0], _one_of(*models_for(role))
-            )
-        if keys.get("dialect") == "zaber":
-            keys["steps_per_deg"] = ask("rate_table.steps_per_deg", "  microsteps per degree", "", _number)
-        return keys
-
-    def _further(self) -> DiscoveredInstrument | None:
-        """Ask for a resource that does not announce itself; None when there is none."""
-
-        def take(answer: str) -> DiscoveredInstrument | None:
-            parts = {role: self.draft.values[role] for role in self.draft.roles()}
-            if other := next((role for role, part in parts.items() if part["resource"] == answer), None):
-                raise ConfigError(f"{answer} is {other} already")
-            return self._asked(answer) if answer else None
-
-        words = "Another resource to ask (TCPIP0::..., socket://host:port; Enter: none)"
-        return self.interview.ask("further", words, "", take)
-
-    def _asked(self, resource: str) -> DiscoveredInstrument:
-        """Return the instrument that answers at `resource`; ConfigError when none does."""
-        found = discovery.discover("@py", (resource,), timeout_s=self.timeout_s).tried[0]
-        if found.answer is None:
-            raise ConfigError(f"{resource}: {found.problem}")
-        return found
-
-    def _name(self, role: str) -> None:
-        """Ask where an instrument is that was not found; one that is switched off today may be named all the same."""
-
-        def take(answer: str) -> None:
-            if not answer:
-                return
-            resource = answer.removeprefix("off ").strip()
-            if answer.startswith("off "):
-                table = role == "rate_table"
-                key, first = ("dialect", "acl") if table else ("model", models_for(role)[0])
-                read = _one_of(*languages(), file=".toml") if table else _one_of(*models_for(role))
-                model = self.interview.ask(f"{role}.{key}", f"  its {key}", first, read)
-                found = discovery.DiscoveredInstrument(resource, model=model)
-            else:
-                found = self._asked(resource)
-                if found.model is not None and role not in discovery.places(found.model):
-                    raise ConfigError(f"{found.model} answers there, which is no {role}")
-            self.draft.add_instrument(role, self._keys(role, found))
-
-        words = "its resource ('off RESOURCE' when it does not answer today; Enter: the bench has none)"
-        words = f"No {role} was found: {words}"
-        self.interview.ask(f"{role}.resource", words, "", take)
+        found, places = _found(draft, library, tuple(tries or ()), timeout, probe_serial=probe_serial, served=served)
+    for each in found:
+        _place(each, draft, given, places.get(each.resource), ask=not yes)
+    for key in given:  # what does not answer today
+        role = key.removesuffix(".resource")
+        if role != key and role not in draft.roles():
+            draft.add_instrument(role, _of(role, given))
+    if not draft.roles():
+        raise ConfigError(
+            "no instrument was found or named, so there is no bench", hint="--try RESOURCE, --served PORT"
+        )
+    draft.set(given)
+    if not yes:
+        for key, words in _QUESTIONS.items():
+            if key not in given and (key == LATITUDE or draft.value(key) is not None):
+                _ask_for(key, words, draft)
+    elif LATITUDE not in given:  # 0, the equator, would be a wrong Earth's rate that nobody sees
+        raise ConfigError(f"{LATITUDE}: expected that of the bench", hint=f"--set {LATITUDE}=48.1")
+    text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
+    parse_bench(text, str(file))
+    written_anew(file, text)
+    typer.echo(f"{file} is written; next: vcfbench bench check --bench {file}")
+    unseen = "[limits], [wiring] and [site]" if yes else "[wiring]"
+    typer.echo(f"nobody has looked at its {unseen}: do, before anything moves", err=True)
 
 
-def _one_of(*known: str, file: str = "") -> Callable[[str], str]:
-    """Return what takes one of the words `known`, or the name of a `file` by its suffix."""
+def _found(
+    draft: Draft, library: str, tries: tuple[str, ...], timeout_s: float, *, probe_serial: bool, served: str | None
+) -> tuple[list[DiscoveredInstrument], dict[str, str]]:
+    """Return the instruments that answer, and the place of each by its resource, where it is known."""
+    places: dict[str, str] = {}
+    if served is not None:
+        control, places = served_places(served)
+        draft.values["served"] = {"control": control}
+        asked = discovery.discover("@py", tuple(places), timeout_s=timeout_s)
+        answering = list(asked.tried)
+    else:
+        asked = discovery.discover(library, tries, timeout_s=timeout_s, serial_probe=probe_serial)
+        answering = [*asked.resources, *(port.found for port in asked.serial_ports if port.found), *asked.tried]
+        if library != "@py":
+            draft.values["visa_library"] = library
+    for each in answering:
+        typer.echo(f"  {each.resource}: {each.answer or each.problem}", err=True)
+    for port in asked.serial_ports:
+        if port.found is None and served is None:
+            typer.echo(f"  {port.port}: {port.description}, not asked (--probe-serial asks)", err=True)
+    return [each for each in answering if each.answer is not None], places
 
-    def take(answer: str) -> str:
-        if answer in known or (file and answer.endswith(file)):
-            return answer
-        raise ConfigError(f"expected one of {', '.join(known)}{f', or FILE{file}' if file else ''}, came {answer!r}")
 
-    return take
+def _place(found: DiscoveredInstrument, draft: Draft, given: dict[str, Any], hint: str | None, *, ask: bool) -> None:
+    """Put an instrument that answered on the bench: in the role that it can have, or that a person chooses."""
+    named = next((key.removesuffix(".resource") for key, value in given.items() if value == found.resource), hint)
+    free = [role for role in discovery.places(found.model) if role not in draft.roles()]
+    if found.model is None:
+        words = f"{found.resource} is not recognised: --set ROLE.resource={found.resource} --set ROLE.like=MODEL"
+        typer.echo(words, err=True)
+    elif free:
+        role = named if named in free else free[0]
+        if ask:
+            role = _answer(f"{found.model} at {found.resource}: its role", role, choices=[*free, _NONE])
+        if role != _NONE:
+            draft.add_instrument(role, {**discovery.taken_over(role, found), **_of(role, given)})
 
 
-def _number(answer: str) -> object:
-    number = plain_value(answer, "")
-    if not isinstance(number, int | float):
-        raise ConfigError(f"expected a number, came {answer!r}")
-    return number
+def _of(role: str, given: dict[str, Any]) -> dict[str, Any]:
+    return {key.removeprefix(f"{role}."): value for key, value in given.items() if key.startswith(f"{role}.")}
+
+
+def _ask_for(key: str, words: str, draft: Draft) -> None:
+    """Ask for the value of a key until it fits; its proposal is what the draft has."""
+    proposed = None if key == LATITUDE else f"{draft.value(key):g}"
+    while True:
+        answer = _answer(words, proposed)
+        try:
+            return draft.set({key: plain_value(answer, key)})
+        except BenchError as error:
+            typer.echo(f"  no: {error}", err=True)
+
+
+def _answer(words: str, proposed: str | None, choices: list[str] | None = None) -> str:
+    default: Any = ... if proposed is None else proposed
+    try:
+        return str(Prompt.ask(words, console=Console(stderr=True), choices=choices, default=default))
+    except EOFError:
+        what = "the answers ended before the questions; nothing was written"
+        raise ConfigError(what, hint="--yes takes the proposals") from None

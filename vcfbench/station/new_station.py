@@ -1,7 +1,7 @@
 """A bench file for a new station: the instruments found, put into the commented template."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from typing import Any, Final
 
@@ -9,7 +9,10 @@ from vcfbench.models import ROLES
 from vcfbench.station.consistency import LIMITS_OF
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import checked_bench, template
+from vcfbench.station.settings import PAPER_RATES_DEG_S
 from vcfbench.station.writing import value_text
+
+LATITUDE: Final = "site.latitude_deg"
 
 DEFAULT_LIMITS: Final[Mapping[str, float]] = {
     "max_rate_deg_s": 50.0,
@@ -30,6 +33,32 @@ _KEY = re.compile(
 )
 _NOTE_COLUMN: Final = 40
 _ROLES: Final = (*ROLES, "rate_table")
+
+
+def _fitting_rates(limit_deg_s: float) -> dict[str, Any]:
+    """Return rates of the procedures that stay below a limit, and a rate of the match."""
+    if limit_deg_s >= max(PAPER_RATES_DEG_S):
+        return {"procedure.rates_deg_s": None, "procedure.virtual-coriolis": None}
+    fitting = [rate for rate in PAPER_RATES_DEG_S if abs(rate) <= limit_deg_s]
+    rates = fitting if len(fitting) >= 7 else [limit_deg_s * part for part in (1.0, 0.5, 0.2, 0.0, -0.2, -0.5, -1.0)]
+    positive = [rate for rate in reversed(rates) if rate > 0.0]
+    match = {"match_rate_deg_s": min(10.0, limit_deg_s), "match_rates_deg_s": positive}
+    return {"procedure.rates_deg_s": rates, "procedure.virtual-coriolis": match}
+
+
+def _rails(volts: float) -> dict[str, Any]:
+    own = {"positive": None, "negative": None} if volts == 10.0 else {"positive": volts, "negative": -volts}
+    window = {"limits.min_rail_v": round(0.95 * volts, 6), "limits.max_rail_v": round(1.05 * volts, 6)}
+    return {**window, **{f"procedure.{rail}_rail_v": level for rail, level in own.items()}}
+
+
+_FOLLOW: Final[dict[str, Callable[[float], dict[str, Any]]]] = {
+    "limits.max_rate_deg_s": _fitting_rates,
+    "limits.max_acceleration_deg_s2": lambda most: {"procedure.acceleration_deg_s2": most if most < 100.0 else None},
+    "limits.max_rail_current_a": lambda most: {"procedure.rail_current_limit_a": most if most < 0.1 else None},
+    "procedure.positive_rail_v": _rails,
+}
+"""What else a value decides: settings of the procedures that would leave a limit."""
 
 
 class Draft:
@@ -59,7 +88,17 @@ class Draft:
         self.values = candidate
         return description
 
-    def add_instrument(self, role: str, keys: Mapping[str, Any]) -> BenchDescription:
+    def set(self, given: Mapping[str, Any]) -> None:
+        """Put values at their dotted keys, and what follows of them for settings that are not among them.
+
+        Raises:
+            ConfigError: it would not be a bench file any more.
+        """
+        self.change(given)
+        follow = [_FOLLOW[key](value) for key, value in given.items() if key in _FOLLOW]
+        self.change({key: value for each in follow for key, value in each.items() if key not in given})
+
+    def add_instrument(self, role: str, keys: Mapping[str, Any]) -> None:
         """Put an instrument on the bench, with proposals for the limits that it must have.
 
         Raises:
@@ -67,7 +106,7 @@ class Draft:
         """
         known = self.values.get("limits", {})
         limits = {f"limits.{key}": known.get(key, DEFAULT_LIMITS[key]) for key in LIMITS_OF.get(role, ())}
-        return self.change({role: dict(keys), **limits})
+        self.set({role: dict(keys), **limits})
 
     def roles(self) -> list[str]:
         """Return the roles that are filled."""

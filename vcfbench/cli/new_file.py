@@ -1,0 +1,35 @@
+"""Bench files that commands write: all of one or nothing, and never over another."""
+
+from pathlib import Path
+
+from vcfbench.errors import ConfigError
+
+
+def require_free(path: Path) -> None:
+    """Raise ConfigError where a file cannot be written anew."""
+    if path.exists():
+        raise ConfigError(f"{path} is there already, and is not written over")
+    if not path.resolve().parent.is_dir():
+        raise ConfigError(f"{path}: there is no directory {path.resolve().parent}")
+
+
+def written_anew(path: Path, text: str) -> None:
+    """Write a file, all of it or nothing, and only where none is.
+
+    Raises:
+        ConfigError: one is there by now, or it cannot be written.
+    """
+    try:
+        out = path.open("x", encoding="utf-8", newline="\n")
+    except FileExistsError:
+        raise ConfigError(f"{path}: it is there by now, and is not written over") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
+    try:
+        with out:
+            out.write(text)
+    except BaseException as error:
+        path.unlink(missing_ok=True)  # it is ours, and not whole
+        if isinstance(error, OSError):
+            raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
+        raise
