@@ -264,6 +264,20 @@ def test_one_that_stays_is_killed_but_for_one_that_has_a_bench_to_make_safe(
     assert said()[-1] == "left live"
 
 
+@pytest.mark.parametrize("error", [RuntimeError, MemoryError])
+def test_a_bench_that_is_not_safe_is_left_to_it_where_no_thread_can_start(
+    error: type[Exception], listener: Callable[..., tuple[Watchdog, Process]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_target: Callable[[], object]) -> None:
+        raise error
+
+    dog, process = listener()
+    monkeypatch.setattr("vcfbench.safety.watchdog.start_thread", refuse)
+    dog.leave(safe=False)
+    assert said()[-1] == "left live"
+    assert (process.waits, process.killed) == ([], False)
+
+
 def test_a_call_that_does_not_return_is_late_then_overdue(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
     listener(0.001, OverdueCalls(".!!.!!!!!!!!!"))
     eventually(lambda: len(said(("beat", "late", "overdue"))) > 13)
