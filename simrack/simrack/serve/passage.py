@@ -33,7 +33,7 @@ class AttendedPassage:
         self.instruments: list[ServedInstrument] = []
         self.next_due_s = _NOTHING
         self.working: list[ServedInstrument] = []
-        """Those that work something out, a slice a turn: bench time waits for it wherever it would jump."""
+        """Those that work something out, one after the other a slice a turn: bench time does not jump meanwhile."""
         self.tells = False
         """Whether who leads the clock tells when it waits for what comes unasked, so that nobody need guess."""
         self.errands: list[tuple[float, Callable[[], None]]] = []
@@ -68,23 +68,16 @@ class AttendedPassage:
         reached = self.clock.catch_up(self.next_due_s)
         if reached >= self.next_due_s:
             self.pass_to(reached)
-        if self.working:
-            self._work()
-
-    def _work(self) -> None:
-        """Let each that works something out do a slice of it."""
-        for each in tuple(self.working):
-            if not _worked(each):
-                self.working.remove(each)
-
-    def _work_out(self) -> None:
-        """Let everybody finish its work, before time jumps."""
-        while self.working:
-            self._work()
 
     def wait_s(self) -> float:
-        """Return the wall seconds until something is due; jump there instead if the clock does and somebody waits."""
+        """Return the wall seconds until something is due; jump there instead if the clock does and somebody waits.
+
+        Whoever has spoken has been dealt with by now, so a slice is worked out here: nobody waits for two of them.
+        """
         if self.working:
+            if _worked(each := self.working[0]):
+                self.working.append(each)
+            del self.working[0]
             return 0.0
         if self.next_due_s == _NOTHING:
             return _NOTHING
@@ -109,13 +102,10 @@ class AttendedPassage:
         return min((each.due_s for each in self.instruments if each.listened_to), default=_NOTHING)
 
     def jump_to(self, instant_s: float) -> None:
-        """Let time jump to `instant_s`, stopping wherever something is due."""
-        self._work_out()
-        while (due := self._earliest()) <= instant_s:
+        """Let time jump to `instant_s`, stopping wherever something is due; no further than where work comes up."""
+        while not self.working and (due := self._earliest()) <= instant_s:
             self._arrive(due)
-            if self._earliest() <= instant_s:
-                self._work_out()
-        self.clock.sleep_until(instant_s)
+        self.clock.sleep_until(self.clock.now() if self.working else instant_s)
 
     def pass_to(self, instant_s: float) -> None:
         """Let time pass until `instant_s`."""
@@ -124,9 +114,13 @@ class AttendedPassage:
         self.clock.move(instant_s)
 
     def pass_until(self, done: Callable[[], bool], instant_s: float, most: int) -> bool:
-        """Let time jump from one thing that is due to the next until `done`, or `instant_s`; False after `most`."""
+        """Let time jump from one thing that is due to the next until `done`, or `instant_s`.
+
+        False after `most`, or when something is to be worked out first.
+        """
         for _ in range(most):
-            self._work_out()
+            if self.working:
+                break
             if done():
                 instant_s = self.clock.now()
             elif (due := self._earliest()) <= instant_s:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -76,6 +77,37 @@ def test_who_asks_may_leave_and_a_device_clear_ends_it(served: Served) -> None:
     again = Wire(served.port("tcp", "thinker"))
     assert again.ask(b"*IDN?\n") == IDENTITY
     again.close()
+
+
+def test_a_question_is_answered_before_the_next_slice_whoever_works() -> None:
+    clock = ServedClock(1e6)
+    devices = {role: Lamp(clock) for role in ("one", "two", "lamp")}
+    with serving(devices, clock, ServerSettings(offers=dict.fromkeys(devices, ALL))) as running:
+        other, *thinkers = made = [Wire(running.port("tcp", role)) for role in ("lamp", "one", "two")]
+        asked = late = 0
+
+        def thought() -> bool:
+            """In each slice, once both think: see whether what was asked in the one before is answered; ask again."""
+            nonlocal asked, late
+            if not (devices["one"].slices and devices["two"].slices):
+                return False
+            if asked and not select.select([other.socket], [], [], 0)[0]:
+                late += 1
+                return False
+            assert not asked or other.line() == IDENTITY
+            asked += 1
+            other.send(b"*IDN?\n")
+            return asked > 100
+
+        devices["one"].thought = devices["two"].thought = thought
+        try:
+            for each in thinkers:
+                each.send(b"THINK?\n")
+            assert all(each.line() for each in thinkers)
+            assert late < 20
+        finally:
+            for each in made:
+                each.close()
 
 
 def test_time_that_is_led_waits_for_what_is_worked_out() -> None:
