@@ -34,7 +34,19 @@ FLOORS = [
     {"sim"},
     {"station"},
     {"drivers", "records", "analysis"},
-    {"interfaces", "models", "specifications", "files", "extras", "faces", "typed", "errors", "clock", "version"},
+    {
+        "interfaces",
+        "models",
+        "specifications",
+        "strict",
+        "files",
+        "extras",
+        "faces",
+        "typed",
+        "errors",
+        "clock",
+        "version",
+    },
 ]
 SEALED = {"drivers", "records", "analysis"}
 FROM_THE_RACK = {"vcfbench.clock": "simrack.clock", "vcfbench.specifications": "simrack.specifications"}

@@ -7,8 +7,8 @@ from msgspec import NODEFAULT, Struct, inspect, structs, to_builtins
 
 from vcfbench.files import dotted
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.station.strict import expectation
 from vcfbench.station.writing import value_text
+from vcfbench.strict import expectation
 
 
 class SettableKey(Struct, frozen=True):

@@ -27,7 +27,7 @@ from vcfbench.procedures.shared.meters import certified
 from vcfbench.specifications import AGILENT_33220A, ROOM_C, WORST_OF_CLASS, accuracy_at
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, PlacedInstrument, ProcedureSettings, Sources, Station
-from vcfbench.station.strict import refusal, unknown_key, words
+from vcfbench.strict import refusal, unknown_key, words
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:

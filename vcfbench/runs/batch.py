@@ -19,7 +19,7 @@ from vcfbench.runs.request import Request, prepare
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import EMBEDDED
 from vcfbench.station.layering import Layer
-from vcfbench.station.strict import converted
+from vcfbench.strict import converted
 
 TAG = "batch"  # Key of the tag by which the records of a batch are known
 

@@ -9,7 +9,7 @@ from vcfbench.sim.simulation import named_parameters, physical_parameters, profi
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.overrides import invalid_overrides
-from vcfbench.station.strict import refusal, words
+from vcfbench.strict import refusal, words
 
 _MOST_DRAWN = 10.0
 """Times the published accuracy: more is no such instrument any more."""

@@ -29,8 +29,6 @@ LEAST = 1e-6
 LEAST_V_VC_V = 1e-3
 """V: below, the generator's level is a few of its own steps, and its offset is as large."""
 
-NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
-ADDRESS_PATTERN = r"\A(?:[^\s:\[\]]+|\[[0-9A-Fa-f:]+\]):[0-9]{1,5}\Z"
 LINE_PATTERN = r"\A[^\x00-\x1f\x7f\x85\u2028\u2029]+\Z"
 
 Seconds = Annotated[float, Meta(ge=1e-3, le=86_400.0)]

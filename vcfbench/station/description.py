@@ -11,17 +11,18 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
 
+from vcfbench import strict
 from vcfbench.errors import ConfigError
 from vcfbench.station import bounds, parts
 from vcfbench.station.layering import shared_settings
 from vcfbench.station.settings import ProcedureSettings
 
-Name = Annotated[str, Meta(pattern=bounds.NAME_PATTERN)]
+Name = Annotated[str, Meta(pattern=strict.NAME_PATTERN)]
 Dialect = Annotated[str, Meta(min_length=1, max_length=4096, pattern=bounds.LINE_PATTERN)]
 """Which languages there are is checked beside the description: other packages may bring theirs."""
 
 Text = Annotated[str, Meta(min_length=1, max_length=200, pattern=bounds.LINE_PATTERN)]
-Model = Annotated[str, Meta(pattern=bounds.NAME_PATTERN)]
+Model = Annotated[str, Meta(pattern=strict.NAME_PATTERN)]
 """Which models a role takes is checked beside the description: other packages may bring theirs."""
 
 Resource = Annotated[str, Meta(min_length=1, max_length=200, pattern=bounds.LINE_PATTERN)]
@@ -252,7 +253,7 @@ class Simulation(parts.BenchFileTable, frozen=True, kw_only=True):
 class Served(parts.BenchFileTable, frozen=True, kw_only=True):
     """A simulated bench in another process (``vcfbench sim serve``): real wires to it, and its clock is there."""
 
-    control: Annotated[str, Meta(pattern=bounds.ADDRESS_PATTERN)]
+    control: Annotated[str, Meta(pattern=strict.ADDRESS_PATTERN)]
 
     def address(self) -> tuple[str, int]:
         """Return host and port of the control port."""

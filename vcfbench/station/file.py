@@ -13,7 +13,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription
-from vcfbench.station.strict import converted, refusal, words
+from vcfbench.strict import converted, refusal, words
 
 EMBEDDED = ("paper", "lab", "ideal")
 """Names of the benches that come with the package, usable in place of a file."""

@@ -8,7 +8,7 @@ from msgspec import Struct
 
 from vcfbench.files import dotted, unfit_numbers
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.station.strict import Keys, Naming, converted, refusal, unknown_key
+from vcfbench.strict import Keys, Naming, converted, refusal, unknown_key
 
 S = TypeVar("S", bound=ProcedureSettings)
 

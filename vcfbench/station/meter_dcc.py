@@ -19,7 +19,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import read_text, shown
 from vcfbench.station.description import MultimeterRole
 from vcfbench.station.parts import CalibrationPoint
-from vcfbench.station.strict import refusal
+from vcfbench.strict import refusal
 from vcfbench.typed import typed
 
 _NAMES: Final = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}

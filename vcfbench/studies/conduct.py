@@ -11,7 +11,7 @@ from msgspec import Struct, structs
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import shown
-from vcfbench.station.strict import refusal
+from vcfbench.strict import refusal
 from vcfbench.studies.file import Study, read_study, study_of
 from vcfbench.studies.journal import Begun, StudyJournal, kept, rows_of
 from vcfbench.studies.metrics import PARTS

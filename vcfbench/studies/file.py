@@ -19,7 +19,7 @@ from vcfbench.runs.request import Prepared, Request, prepare
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import EMBEDDED, embedded_text
 from vcfbench.station.layering import Layer, merged
-from vcfbench.station.strict import converted, refusal
+from vcfbench.strict import converted, refusal
 from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, count, placed, varied
 from vcfbench.version import installed_version
 

@@ -18,7 +18,7 @@ from numpy.random import SeedSequence, default_rng
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, shown
 from vcfbench.station.layering import keys_of
-from vcfbench.station.strict import converted, refusal, words
+from vcfbench.strict import converted, refusal, words
 
 SETTINGS = "settings"  # First part of a path that is a setting of the procedure; all others are keys of the bench file
 

@@ -3,18 +3,16 @@
 import re
 import warnings
 from collections.abc import Iterator, Mapping
+from functools import partial
 from importlib import resources
-from typing import Any, TypeVar
-
-import msgspec
+from typing import Any
 
 from vcfbench.drivers.rate_table import language, messages
 from vcfbench.drivers.rate_table.language import COMMANDS, QUESTIONS, STREAM, Field, Flag, Profile, Step
 from vcfbench.drivers.rate_table.messages import Frame, Value
-from vcfbench.errors import ConfigError
-from vcfbench.files import parse_toml, read_text, shown
+from vcfbench.files import Keys, dotted, parse_toml, read_text, shown
 from vcfbench.models import find_language
-from vcfbench.typed import typed
+from vcfbench.strict import converted, refusal, words
 
 
 def load_profile(name: str) -> Profile:
@@ -41,17 +39,18 @@ def parse_profile(text: str, source: str) -> Profile:
     for section, kind in _KEYED.items():
         if isinstance(raw.get(section), dict):
             for name, value in raw[section].items():
-                _convert(value, kind, (section, name), source)
-    profile = _convert(raw, Profile, (), source)
+                converted(value, kind, partial(_named, source, (section, name)))
+    profile = converted(raw, Profile, partial(_named, source, ()))
     for found, path, expected, came in mistakes(profile):
         if found:
-            raise _error(source, path, expected, came)
+            raise refusal(f"{source}: {path}", expected, words(came))
     return profile
 
 
-_T = TypeVar("_T")
-_AT = re.compile(r" - at `\$(?P<path>[^`]*)`$")
-_STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
+def _named(source: str, above: Keys, keys: Keys) -> str:
+    return f"{source}: {dotted((*above, *keys))}"
+
+
 _KEYED: dict[str, Any] = {
     "commands": tuple[Step, ...],
     "replies": language.Reply,
@@ -59,44 +58,6 @@ _KEYED: dict[str, Any] = {
     "status": Flag,
     "requires": language.Requirement,
 }
-_WORDS = {
-    "float": "a number",
-    "int": "a whole number",
-    "str": "a text",
-    "bool": "true or false",
-    "array": "a list",
-    "object": "a table",
-    ">=": "at least",
-    "<=": "at most",
-    ">": "above",
-    "<": "below",
-}
-
-
-def _convert(raw: Any, kind: type[_T], path: tuple[str | int, ...], source: str) -> _T:
-    """Return `raw` as a `kind`; msgspec's words for a mistake, which end in " - at `$.path`", become ours."""
-    try:
-        return typed(raw, kind)
-    except msgspec.ValidationError as error:
-        what, found, value = str(error), _AT.search(str(error)), raw
-    for key in [key or int(index) for key, index in _STEP.findall(found["path"])] if found else []:
-        path, value = (*path, key), value[key]
-    what = what[: found.start()] if found else what
-    if key := re.fullmatch(r"Object (?P<lack>missing required|contains unknown) field `(?P<name>.*)`", what):
-        expected, came = ("a value", "nothing") if key["lack"].startswith("m") else ("a known key", "an unknown key")
-        raise _error(source, _dotted((*path, key["name"])), expected, came)
-    expected = what.removeprefix("Expected ").partition(", got ")[0].replace("`", "")
-    raise _error(source, _dotted(path), " ".join(_WORDS.get(word, word) for word in expected.split()), value)
-
-
-def _dotted(keys: tuple[str | int, ...]) -> str:
-    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys).removeprefix(".")
-
-
-def _error(source: str, path: str, expected: str, came: object) -> ConfigError:
-    text = came if came in ("nothing", "an unknown key") else repr(came)
-    shown = text if len(str(text)) <= 60 else f"{str(text)[:57]}..."
-    return ConfigError(f"{source}: {path}: expected {expected}, came {shown}")
 
 
 # --- what the types cannot say ---
@@ -120,13 +81,13 @@ def mistakes(profile: Profile) -> Iterator[Row]:
         yield (kind == "line") is profile.binary, "reply_frame.kind", expected, kind
     yield from _replies(profile)
     for name, steps in profile.commands.items():
-        yield name not in COMMANDS, f"commands.{name}", f"one of {', '.join(COMMANDS)}", "an unknown key"
+        yield name not in COMMANDS, f"commands.{name}", f"one of {', '.join(COMMANDS)}", name
         for number, step in enumerate(steps):
             yield from _step(f"commands.{name}[{number}]", name, step, profile)
     for name in ("stop", "start"):
-        yield not profile.commands.get(name), f"commands.{name}", "at least one step", "nothing"
+        yield not profile.commands.get(name), f"commands.{name}", "at least one step", None
     asked = [*filter(profile.commands.get, ("identify", "read_all", "read_pos")), *filter(None, [profile.stream])]
-    yield not asked, "commands.identify", "a question that a table answers, or [stream]", "nothing"
+    yield not asked, "commands.identify", "a question that a table answers, or [stream]", None
     known = {name for name, steps in profile.commands.items() if steps and name in QUESTIONS}
     yield from _fields(profile, known | ({STREAM} if profile.stream is not None else set()))
     yield from _circles(profile)
@@ -150,9 +111,9 @@ def _texts(profile: Profile) -> Iterator[Row]:
 def _frames(path: str, frame: Frame) -> Iterator[Row]:
     yield frame.kind != "line" and not frame.header, f"{path}.header", "hexadecimal bytes", frame.header
     no_length = frame.kind == "fixed" and frame.length is None
-    yield no_length, f"{path}.length", "the length of a frame", "nothing"
+    yield no_length, f"{path}.length", "the length of a frame", None
     no_place = frame.kind == "length_field" and frame.length_at is None
-    yield no_place, f"{path}.length_at", "the place of the length", "nothing"
+    yield no_place, f"{path}.length_at", "the place of the length", None
     yield frame.kind == "delimited" and not frame.trailer, f"{path}.trailer", "hexadecimal bytes", frame.trailer
     of_bytes = frame.kind == "line" and not (frame.checksum or "_hex").endswith("_hex")
     names = ", ".join(name for name in messages.CHECKSUMS if name.endswith("_hex"))
@@ -206,7 +167,7 @@ def _untold(template: str, profile: Profile, values: Mapping[str, Value]) -> Val
 def _fields(profile: Profile, known: set[str]) -> Iterator[Row]:
     """Yield the checks of fields, flags and requirements; `known` are the sources that can be read."""
     sources = f"one of {', '.join(sorted(known))}"
-    yield "position" not in profile.fields, "fields.position", "a field", "nothing"
+    yield "position" not in profile.fields, "fields.position", "a field", None
     for name, each in profile.fields.items():
         path = f"fields.{name}"
         if each.differentiate is not None:
@@ -228,23 +189,23 @@ def _fields(profile: Profile, known: set[str]) -> Iterator[Row]:
             not any(kind is not None for kind in kinds),
             path,
             "one of bit, mask, in, contains, above, below",
-            "nothing",
+            None,
         )
         value, mask = flag.value or 0, flag.mask or 0
         yield value & ~mask, f"{path}.value", f"bits of mask, {mask:#x}", f"{value:#x}"
         yield from _places(path, flag, profile)
     for name, need in profile.requires.items():
-        yield name not in profile.commands, f"requires.{name}", "one of [commands]", "an unknown key"
+        yield name not in profile.commands, f"requires.{name}", "one of [commands]", name
         yield need.flag not in profile.status, f"requires.{name}.flag", "one of [status]", need.flag
         yield not {need.by} <= {None, *profile.commands}, f"requires.{name}.by", "one of [commands]", need.by
 
 
 def _places(path: str, each: Field | Flag, profile: Profile) -> Iterator[Row]:
     of_text = each.type in ("decimal", "hex")
-    yield profile.binary and each.at is None, f"{path}.at", "the place of the first byte", "nothing"
+    yield profile.binary and each.at is None, f"{path}.at", "the place of the first byte", None
     yield profile.binary and of_text, f"{path}.type", "a type of bytes", each.type
     nowhere = not profile.binary and each.group is None and each.item is None
-    yield nowhere, f"{path}.group", "a named group of the reply's pattern, or an item", "nothing"
+    yield nowhere, f"{path}.group", "a named group of the reply's pattern, or an item", None
     if not profile.binary and each.group is not None:
         # Replies that its source brings, and their groups, of some axis
         brought = {step.expect for step in profile.commands.get(each.source or "", ())}

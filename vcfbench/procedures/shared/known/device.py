@@ -15,7 +15,7 @@ from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.records import devices
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.settings import Gap, Limit, Station
-from vcfbench.station.strict import refusal, words
+from vcfbench.strict import refusal, words
 
 UNSEEN = (
     "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",

@@ -5,19 +5,21 @@ msgspec says what is wrong in words of its own, which end in " - at `$.path`"; v
 
 import difflib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import msgspec
 from msgspec import inspect
 
 from vcfbench.errors import ConfigError
-from vcfbench.station.bounds import ADDRESS_PATTERN, NAME_PATTERN
 from vcfbench.typed import typed
 
 Keys = tuple[str | int, ...]
 Naming = Callable[[Keys], str]
 """Says where a key stands, for errors: ``station.toml: procedure.samples``."""
+
+NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
+ADDRESS_PATTERN = r"\A(?:[^\s:\[\]]+|\[[0-9A-Fa-f:]+\]):[0-9]{1,5}\Z"
 
 _T = TypeVar("_T")
 _AT = re.compile(r" - at `\$(?P<path>.*)`$", re.DOTALL)
@@ -26,7 +28,7 @@ _UNKNOWN = re.compile(r"unknown field `(?P<key>.*)`", re.DOTALL)
 _MISSING = re.compile(r"missing required field `(?P<key>.*)`")
 
 
-def converted(raw: Mapping[str, Any], kind: type[_T], naming: Naming) -> _T:
+def converted(raw: Any, kind: type[_T], naming: Naming) -> _T:
     """Return `raw` as a `kind`.
 
     Raises:
@@ -62,7 +64,7 @@ def words(value: object) -> str:
     return f"{type(value).__name__} {value}"
 
 
-def _explain(message: str, raw: Mapping[str, Any], kind: Any, naming: Naming) -> ConfigError:
+def _explain(message: str, raw: Any, kind: Any, naming: Naming) -> ConfigError:
     where = _AT.search(message)
     steps = _STEP.finditer(where["path"] if where else "")
     keys: Keys = tuple(step["key"] or int(step["index"]) for step in steps if step["index"] != "...")
@@ -78,7 +80,7 @@ def _explain(message: str, raw: Mapping[str, Any], kind: Any, naming: Naming) ->
         path = (*keys, missing["key"])
         return refusal(naming(path), expectation(_type_at(kind, path)), "nothing")
     for key in keys:
-        raw = raw[key]  # type: ignore[index]  # the path came from a walk through this very value
+        raw = raw[key]
     return refusal(naming(keys), expectation(_type_at(kind, keys)), words(raw))
 
 
