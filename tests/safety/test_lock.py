@@ -474,10 +474,11 @@ def test_two_may_make_a_file_at_once(folder: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_a_forked_process_keeps_no_lock_and_gives_none_back() -> None:
-    with instrument_locks("one", {"power": SUPPLY}):
+    lock = instrument_locks("one", {"power": SUPPLY})
+    with lock:
         if (child := os.fork()) == 0:
             try:
-                sys.exit(0)  # every `with` and every generator ends
+                lock.__exit__(None, None, None)
             finally:
                 os._exit(0)
         os.waitpid(child, 0)

@@ -159,7 +159,7 @@ def _is_shared(name: str) -> bool:
 
 @contextmanager
 def _lock(path: Path, station: str, role: str, resource: str) -> Iterator[Owner | None]:
-    file, process = _locked(path, role, resource), os.getpid()
+    file = _locked(path, role, resource)
     try:
         with kept_from_forks(file):
             before = _signed(path)
@@ -168,12 +168,11 @@ def _lock(path: Path, station: str, role: str, resource: str) -> Iterator[Owner 
             _sign(file, station, resource)
             yield before
     finally:
-        if os.getpid() == process:  # in a forked process it is not ours to give back
-            with suppress(OSError):  # another user's file stays, empty
-                os.ftruncate(file, 0)
-                path.unlink()
-            with suppress(OSError):
-                unlock(file)  # what a library has forked may have the file too
+        with suppress(OSError):  # another user's stays, empty; of a forked process it is the null device, that stays
+            os.ftruncate(file, 0)
+            path.unlink()
+        with suppress(OSError):
+            unlock(file)  # what a library has forked may have the file too
         os.close(file)
 
 
