@@ -61,14 +61,11 @@ def test_devices_are_listed(store: DeviceStore) -> None:
     assert "no devices in" in call("--devices", str(store.root / "none")).stdout
 
 
-def test_the_history_is_a_table_with_the_scale_factor_drawn(store: DeviceStore) -> None:
+def test_the_history_is_a_table(store: DeviceStore) -> None:
     shown = call("G-1", "--devices", str(store.root))
     assert shown.exit_code == 0
     assert "2026-06-03T09:30:00+00:00" in shown.stdout
     assert "+100.0" in shown.stdout
-    first, second = shown.stdout.splitlines()[-2:]
-    assert first == f"0001 {'.' * 30}*{'.' * 30} +0.0"
-    assert second == f"0002 {'.' * 30}|{'.' * 29}* +100.0"
 
 
 def test_the_history_as_csv_and_json(store: DeviceStore) -> None:

@@ -6,13 +6,41 @@ from typing import Any
 
 import pytest
 
+from vcfbench.clock import VirtualClock
+from vcfbench.drivers.rate_table.acl import AclDialect
+from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.driver import RateTableDriver
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.session import Session
+from vcfbench.drivers.wire import Wire
 from vcfbench.errors import BenchError
-from vcfbench.interfaces import SafeReport, UnprovedCommand
+from vcfbench.interfaces import RateTable, SafeReport, UnprovedCommand
 from vcfbench.models import MODELS
-from vcfbench.testing import ConformanceCase, conformance_cases, conformance_problems
+from vcfbench.testing import ConformanceCase, conformance_problems, model_case
 
-CASES = conformance_cases()
+
+def _open_table(wire: Wire, clock: VirtualClock) -> RateTableDriver:
+    line = TableLine(wire, name="under test", resource="script://", clock=clock, timeout_s=1.0)
+    return RateTableDriver(line, AclDialect(header="none"), limits=TableLimits(100.0, 100.0))
+
+
+_TABLE_CASE = ConformanceCase(
+    "acl",
+    RateTableDriver,
+    RateTable,
+    _open_table,
+    {
+        "*IDN?": "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a",
+        ":Read:Rate?": "0.0",
+        ":Status:CSR?": "0",
+        ":Interlock?": "Open",
+    },
+    ":Status:MSG? QERROR",
+    ("bad value",),
+    "0",
+)
+
+CASES = (*map(model_case, MODELS), _TABLE_CASE)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.model)

@@ -30,8 +30,6 @@ _LEAST_U = 5.0
 """An amplitude of less than so many times its uncertainty is mostly noise, which has no sign there."""
 _LEVEL = 3e-4
 """By which the output's curve and the generator may make one tone larger than others (assumed)."""
-_UNLIKE = 100.0
-"""Ratio of chi-square to its expectation that no noise reaches."""
 _ROUNDS, _SETTLED = 40, 1e-6
 _LEAST_SHARE = 0.03
 """Least amplitude, relative to that at the lowest frequency. A smaller one lies in the dip where the modes cancel: its

@@ -111,26 +111,13 @@ def device(
 
 
 def _print_history(known: Device, rows: list[dict[str, Any]]) -> None:
-    """Print the table of the entries, whether the device has failed, and the scale factor drawn entry by entry."""
+    """Print the table of the entries, whether the device has failed, and what its last certificate promises."""
     if not rows:
         return
     table = Table([*_COLUMNS.values()], [tuple(row.values()) for row in rows], f"device {known.serial}")
     print_verdicts(table_text(table))
     if known.failed_since is not None:
         print_verdicts(f"\n{_failed(known.failed_since)}")
-    drawn = [row for row in rows if row["scale_factor_v_per_deg_s"]]
-    if len(drawn) > 1:
-        # Draw the scale factor of each entry against the first, ppm: ``*`` in a row of dots, ``|`` the first's place
-        first = drawn[0]["scale_factor_v_per_deg_s"]
-        changes = [1e6 * (row["scale_factor_v_per_deg_s"] / first - 1.0) for row in drawn]
-        most, width = max(1.0, *map(abs, changes)), 30
-        lines = [f"scale factor against entry {drawn[0]['entry']}, {-most:+.0f} to {most:+.0f} ppm"]
-        for row, change in zip(drawn, changes, strict=True):
-            cells = ["."] * (2 * width + 1)
-            cells[width] = "|"
-            cells[width + round(width * change / most)] = "*"
-            lines.append(f"{row['entry']} {''.join(cells)} {change:+.1f}")
-        typer.echo("\n" + "\n".join(lines))
     valid = known.certificate
     if valid is not None and valid.sensitivities:
         # Print until when the K_Vc of the last certificate is good, and its sensitivities

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +14,7 @@ from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.text import left_table, text_of
 from vcfbench.studies.conduct import Plan, Progress, StudyOptions, conduct, journal_of, plan_of
 from vcfbench.studies.file import read_study
-from vcfbench.studies.progress import BarProgress, StudyLineProgress
+from vcfbench.studies.progress import StudyLineProgress
 from vcfbench.studies.result import beside
 from vcfbench.studies.table import in_words
 
@@ -64,19 +64,16 @@ def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
         return
     outlet = Outlet(sys.stderr)
     outlet.open()
-    progress = BarProgress(outlet) if sys.stderr.isatty() else StudyLineProgress(outlet)
-    with ExitStack() as stack:
-        stack.callback(outlet.close)
-        stack.enter_context(progress)
-        try:
-            yield progress
-        except BaseException:
-            if progress.kept and how.output is not None:
-                progress.say(
-                    f"{progress.kept} of {progress.total} runs are kept in {journal_of(how.output)}; "
-                    "the same command goes on"
-                )
-            raise
+    progress = StudyLineProgress(outlet)
+    try:
+        yield progress
+    except BaseException:
+        if progress.kept and how.output is not None:
+            kept = f"{progress.kept} of {progress.total} runs are kept in {journal_of(how.output)}"
+            progress.say(f"{kept}; the same command goes on")
+        raise
+    finally:
+        outlet.close()
 
 
 def _show_plan(plan: Plan, *, as_json: bool) -> None:

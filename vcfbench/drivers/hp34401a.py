@@ -16,8 +16,6 @@ _TRANSFER_S = 0.02
 _OVERHEAD_S = 0.05
 """Settling delay 1.5 ms (guide p. 81), about 20 ms into wait-for-trigger, and a 9600-baud line's 17 ms."""
 
-"""Alternating voltage: finding the range, and a reading with its automatic delay of 1 s (guide p. 81, 219)."""
-
 
 class Hp34401A(ScpiInstrument):
     """A voltmeter on a fixed range with a fixed integration time."""

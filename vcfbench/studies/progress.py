@@ -1,6 +1,4 @@
-"""Progress of a study: a bar on a terminal, a line now and then elsewhere."""
-
-from typing import Self
+"""Progress of a study: a line now and then."""
 
 from vcfbench.clock import WallClock
 from vcfbench.reports.outlet import Outlet
@@ -19,12 +17,6 @@ class StudyLineProgress(Progress):
         self._said_s = 0.0
         self._had = self._broken = 0
         self.kept = self.total = 0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Nothing to end."""
 
     def say(self, words: str) -> None:
         """Print a line."""
@@ -52,47 +44,3 @@ class StudyLineProgress(Progress):
             left_s = self._clock.now() * (self.total - self.kept) / max(1, self.kept - self._had)
             broken = f", {self._broken} failed" if self._broken else ""
             self.say(f"{self.kept} of {self.total} runs, {left_s:.0f} s left{broken}")
-
-
-class BarProgress(StudyLineProgress):
-    """A bar with the time that is left; it goes when all is done."""
-
-    def __init__(self, outlet: Outlet) -> None:
-        from rich.console import Console  # noqa: PLC0415  # only where somebody looks
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-
-        super().__init__(outlet)
-        console = Console(file=outlet, highlight=False)  # type: ignore[arg-type]  # all of a file it needs
-        shown = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        self._bar = Progress(*shown, console=console, transient=True, redirect_stdout=False, redirect_stderr=False)
-        self._task = self._bar.add_task("checking", total=None)
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Take the bar away."""
-        self._bar.stop()
-
-    def say(self, words: str) -> None:
-        """Print a line above the bar."""
-        self._bar.console.print(words)
-
-    def checked(self, done: int, total: int) -> None:
-        """Move the bar."""
-        self._bar.update(self._task, description="cases checked", completed=done, total=total)
-
-    def begun(self, had: int, total: int) -> None:
-        """Begin with the runs."""
-        self._had = self.kept = had
-        self.total = total
-        self._bar.update(self._task, description="runs", completed=had, total=total)
-        self._bar.reset(self._task, completed=had, total=total)
-
-    def done(self, row: RunRow) -> None:
-        """Move the bar."""
-        self.kept += 1
-        self._broken += row.status != "complete"
-        failed = f"runs, {self._broken} failed" if self._broken else "runs"
-        self._bar.update(self._task, description=failed, completed=self.kept)

@@ -6,7 +6,6 @@ from vcfbench.testing.benches import open_simulated as open_simulated
 from vcfbench.testing.benches import serve_simulated as serve_simulated
 from vcfbench.testing.benches import simulated as simulated
 from vcfbench.testing.conformance import ConformanceCase as ConformanceCase
-from vcfbench.testing.conformance import conformance_cases as conformance_cases
 from vcfbench.testing.conformance import conformance_problems as conformance_problems
 from vcfbench.testing.conformance import model_case as model_case
 from vcfbench.testing.conformance import scpi_case as scpi_case

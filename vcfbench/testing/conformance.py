@@ -8,14 +8,10 @@ from typing import Any
 
 from vcfbench import interfaces
 from vcfbench.clock import Deadline, VirtualClock
-from vcfbench.drivers.rate_table.acl import AclDialect
-from vcfbench.drivers.rate_table.dialect import TableLimits
-from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.session import Session
 from vcfbench.drivers.wire import Interface, Wire
 from vcfbench.errors import BenchError, DeadlineExceeded, InstrumentError, LinkLost
-from vcfbench.models import MODELS, Model, driver_of
+from vcfbench.models import Model, driver_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +30,6 @@ class ConformanceCase:
     error_question: str
     refusal: tuple[str, ...]
     settled: str
-
-
-def conformance_cases() -> tuple[ConformanceCase, ...]:
-    """Return the cases of the drivers that come with the project, one of them the rate table's in ACL."""
-    return (*map(model_case, MODELS), _TABLE_CASE)
 
 
 def model_case(row: Model) -> ConformanceCase:
@@ -89,28 +80,6 @@ def scpi_case(
         refusal,
         settled,
     )
-
-
-def _open_table(wire: Wire, clock: VirtualClock) -> RateTableDriver:
-    line = TableLine(wire, name="under test", resource="script://", clock=clock, timeout_s=1.0)
-    return RateTableDriver(line, AclDialect(header="none"), limits=TableLimits(100.0, 100.0))
-
-
-_TABLE_CASE = ConformanceCase(
-    "acl",
-    RateTableDriver,
-    interfaces.RateTable,
-    _open_table,
-    {
-        "*IDN?": "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a",
-        ":Read:Rate?": "0.0",
-        ":Status:CSR?": "0",
-        ":Interlock?": "Open",
-    },
-    ":Status:MSG? QERROR",
-    ("bad value",),
-    "0",
-)
 
 
 class _AnsweringWire:
