@@ -10,10 +10,13 @@ of the table are in deg and deg/s, which the field uses.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from msgspec import Struct
+from msgspec import Struct, field
+
+from vcfbench.errors import PlanError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -75,6 +78,32 @@ class Waveform(Struct, frozen=True):
 
     time_s: NDArray[np.float64]
     voltage_v: NDArray[np.float64]
+
+
+class Request(Struct, frozen=True):
+    """Manual task for a person, in words that follow "please".
+
+    `takes_s` is how long that takes, about. `adjustments` are what comes to the same on a simulated bench: names and
+    values as ``vcfbench sim ctl set`` takes them. `types` is what shall be typed: a unit, or the words that there are
+    to choose from; empty where it need only be done.
+    """
+
+    words: str
+    takes_s: float = 60.0
+    adjustments: Mapping[str, float | str | bool | None] = field(default_factory=dict)
+    types: str = ""
+
+
+Operator = Callable[[Request], str]
+"""Does the request, or has it done, and returns when it is done; the answer is kept in the record."""
+
+
+def nobody(request: Request) -> str:
+    """Refuse: nobody is there to be asked."""
+    raise PlanError(
+        f"somebody would have to {request.words}, and nobody is there to be asked",
+        hint="give the run an operator, or say --yes if all is done as asked",
+    )
 
 
 class Instrument(Protocol):

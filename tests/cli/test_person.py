@@ -11,8 +11,8 @@ import pytest
 
 from vcfbench.cli.person import at_the_terminal
 from vcfbench.errors import Aborted
+from vcfbench.interfaces import Request
 from vcfbench.safety.signals import StopSignals
-from vcfbench.steps.step import Request
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vcfbench.clock import VirtualClock, sleep
+from vcfbench.drivers.hands import Hands
 from vcfbench.errors import LinkLost, MeasurementError
 from vcfbench.interfaces import Identity, Regulation, SafeReport, UnprovedCommand, Waveform
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
@@ -288,6 +289,8 @@ class FakeBench:
         self.answers: list[str] = []
         self.watchdog = None
         self.left_by: dict[str, str] = {}
+        self.hands = Hands()
+        self.by_hand: tuple[str, ...] = ()
 
     def output_v(self) -> float:
         gyro, source = self.gyro, self.rate_source

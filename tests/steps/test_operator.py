@@ -12,13 +12,14 @@ import vcfbench
 from tests.procedures.fakes import FakeBench, MemoryJournal
 from vcfbench.bench.bench import open_bench
 from vcfbench.errors import ConfigError, PlanError
+from vcfbench.interfaces import Request
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps import AskOperator, MeasureVvc, OperatorAnswer, move_leads
 from vcfbench.steps.decode import result_of, step_of
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.operator import simulated_operator
-from vcfbench.steps.step import Context, Outcome, Request
+from vcfbench.steps.step import Context, Outcome
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:

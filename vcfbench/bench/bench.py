@@ -10,18 +10,20 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Final, Self
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 from vcfbench.bench.ground import Builder, UnopenedBench, check_simulation, require_instruments_apart, station
 from vcfbench.bench.holding import Holding, SignalWatch
 from vcfbench.bench.opening import open_role
 from vcfbench.clock import Clock
 from vcfbench.drivers.calls import Calls, attended
+from vcfbench.drivers.hands import Hands
 from vcfbench.errors import Aborted, BenchError
 from vcfbench.interfaces import (
     FunctionGenerator,
     Identity,
     Multimeter,
+    Operator,
     Oscilloscope,
     PowerSupply,
     RateTable,
@@ -48,7 +50,7 @@ class Bench(Struct, frozen=True, eq=False):
     `clock` is bench time with a safe point at every wait. `identities` says by role who answered. `safe_reports` is
     filled when the bench is left: at the end of a ``with``, by `close`, or when Python ends. `adjust` changes a
     simulated world as hands would, by the names of ``vcfbench sim ctl``; None on a real bench. `left_by` says by
-    role who died with an instrument before, and left it as it was.
+    role who died with an instrument before, and left it as it was. `hands` are those of the person at the bench.
     """
 
     description: BenchDescription
@@ -59,6 +61,7 @@ class Bench(Struct, frozen=True, eq=False):
     holding: Holding
     adjust: Callable[[str, Any], None] | None = None
     left_by: Mapping[str, str] = MappingProxyType({})
+    hands: Hands = field(default_factory=Hands)
 
     @property
     def power(self) -> PowerSupply:
@@ -111,6 +114,11 @@ class Bench(Struct, frozen=True, eq=False):
     def simulated(self) -> bool:
         """Tell whether the bench is simulated."""
         return self.description.simulated
+
+    @property
+    def by_hand(self) -> tuple[str, ...]:
+        """Roles that a person performs."""
+        return self.description.by_hand
 
     @property
     def safe_reports(self) -> list[SafeReport]:
@@ -167,6 +175,7 @@ def open_bench(
     needs: Collection[str] | None = None,
     now_s: float | None = None,
     trust: Trust = False,
+    operator: Operator | None = None,
 ) -> Bench:
     """Open the instruments of the bench; everything is made safe when it is left, however it is left.
 
@@ -182,7 +191,8 @@ def open_bench(
     `build` replaces `SimulatedBench.build`, to put something between simulated instruments and their drivers, or to
     look behind them. `needs` are the roles that are needed, all by default. Other roles that drive nothing are left
     closed, and free for other programs. `now_s` is the bench time to begin with, for a run that goes on where it was
-    broken off; by default bench time begins. `trust` is as of :func:`vcfbench.run`.
+    broken off; by default bench time begins. `trust` is as of :func:`vcfbench.run`. `operator` sets, reads and switches
+    off what the bench file says is done by hand.
 
     Raises:
         ConfigError: the bench file cannot be used, names a program that nobody trusts, has no instrument for a role
@@ -204,6 +214,7 @@ def open_bench(
         stand = stack.enter_context(station(description, seed, speed, build, roles=[each.name for each in roles]))
         if description.simulation is not None:
             stand.clock.asleep = stops.asleep  # type: ignore[attr-defined]  # a simulated bench is on an attended clock
+        stand.hands.operator = operator
         holding = Holding(description.name, stand, stops, watch, stack.pop_all())
     ahead_s = 0.0 if now_s is None else now_s - stand.clock.now()
     try:
@@ -231,6 +242,7 @@ def open_bench(
             holding,
             stand.adjust,
             _left_by(stand),
+            stand.hands,
         )
         watch.end()
     except BaseException as error:

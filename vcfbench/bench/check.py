@@ -9,7 +9,7 @@ from vcfbench.bench.opening import open_role
 from vcfbench.clock import WallClock, utc_now
 from vcfbench.drivers.calls import Calls
 from vcfbench.errors import BenchError, InterlockError
-from vcfbench.interfaces import Identity, RateTable, SafeReport
+from vcfbench.interfaces import Identity, Operator, RateTable, SafeReport
 from vcfbench.models import own_watchdog
 from vcfbench.records.metadata import Equipment
 from vcfbench.safety.roles import Role, filled_roles, require_still, safe_action
@@ -57,10 +57,10 @@ class BenchCheck(Struct, frozen=True):
         return not_safe(self.safe_reports) or (BenchError(f"not ready: {', '.join(bad)}") if bad else None)
 
 
-def check_bench(description: BenchDescription, *, trust: Trust = False) -> BenchCheck:
+def check_bench(description: BenchDescription, *, trust: Trust = False, operator: Operator | None = None) -> BenchCheck:
     """Open every instrument, ask for its identity, its errors and, of a table, its faults; then make all safe.
 
-    `trust` is as of :func:`vcfbench.run`.
+    `trust` and `operator` are as of :func:`open_bench`.
 
     Raises:
         ConfigError: one instrument has two roles, or the bench names a program that nobody trusts.
@@ -70,6 +70,7 @@ def check_bench(description: BenchDescription, *, trust: Trust = False) -> Bench
     require_library(description, trust)
     watchdog = _check_watchdog(description)
     with StopSignals() as signals, station(description, None, None) as stand:
+        stand.hands.operator = operator
         safety = SafetyStack(stand.clock, patience=stand.patience)
         checked: list[CheckedInstrument] = []
         reports: list[SafeReport] = []

@@ -9,9 +9,10 @@ from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
-from msgspec import Struct
+from msgspec import Struct, field
 
 from vcfbench.clock import Clock, PacedClock, VirtualClock, WallClock
+from vcfbench.drivers.hands import Hands
 from vcfbench.errors import ConfigError
 from vcfbench.safety.lock import instrument_locks
 from vcfbench.safety.roles import filled_roles
@@ -38,7 +39,7 @@ class UnopenedBench(Struct, frozen=True):
     `rate_table` is the port of the table, None on a bench that has none. `patience` is how many seconds of wall time a
     second of bench time may take; `seed` is None on a real bench. `adjust` changes the simulated world by hand, name
     and value as ``vcfbench sim ctl set`` takes them; None on a real bench, where hands do that. `left_by` says by role
-    who died with an instrument and left it as it was.
+    who died with an instrument and left it as it was. `hands` are those of the person at the bench.
     """
 
     clock: Clock
@@ -48,6 +49,7 @@ class UnopenedBench(Struct, frozen=True):
     patience: float = 1.0
     adjust: Callable[[str, Any], None] | None = None
     left_by: Mapping[str, str] = MappingProxyType({})
+    hands: Hands = field(default_factory=Hands)
 
 
 def station(

@@ -23,7 +23,7 @@ from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.registry import find_driver
 from vcfbench.drivers.session import Session
 from vcfbench.errors import BenchError, ConnectFailed, NotSafe
-from vcfbench.interfaces import SafeReport
+from vcfbench.interfaces import Operator, SafeReport
 from vcfbench.safety.lock import InUse, LockUnusable, Owner, owners_of
 from vcfbench.safety.processes import KILL, end
 from vcfbench.safety.roles import STILL_DEG_S, Role, filled_roles, safe_action
@@ -82,12 +82,19 @@ class MadeSafe(Struct, frozen=True):
         return next(iter(self.left_to.values()), None)
 
 
-def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False, end_owner: bool = False) -> MadeSafe:
+def safe_bench(
+    bench: BenchDescription | Path | str,
+    *,
+    force: bool = False,
+    end_owner: bool = False,
+    operator: Operator | None = None,
+) -> MadeSafe:
     """Make everything on the bench that drives something safe, in whatever state, and return the states found.
 
     An instrument that another process has is left to it. With `end_owner` that process is ended before: told by SIGTERM
     to stop, by SIGKILL where it has not let go within 10 s. With `force` nobody is asked; who has the bench may switch
     things on again. Locks that cannot be used keep nothing from being made safe.
+    `operator` is asked to switch off what is done by hand.
 
     Raises:
         InUse: other processes have all of it.
@@ -101,6 +108,7 @@ def safe_bench(bench: BenchDescription | Path | str, *, force: bool = False, end
         held = _held(description, stack, force=force, patience_s=_FREEING_S if ended else 0.0)
         signals.unwind()  # nothing here can be stopped half-way and be called safe
         try:
+            held.stand.hands.operator = operator
             done = _made_safe(description, held)
             return replace(done, unlocked=held.unlocked, left_to=held.left_to, ended=ended)
         except LeaveNow:
@@ -228,6 +236,8 @@ class _Commanded(Exception):
 
 def _command_first(role: Role, description: BenchDescription, stand: UnopenedBench) -> str | None:
     """Connect, tell the instrument to stop or to switch off, and return the state before, if it says so."""
+    if role.name in description.by_hand:
+        return None
     hurry_s = min(_HURRY_S, getattr(description, role.name).timeout_s)
     found: list[str] = []
 

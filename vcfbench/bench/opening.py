@@ -6,6 +6,7 @@ from typing import Any
 from msgspec import structs
 
 from vcfbench.bench.ground import UnopenedBench
+from vcfbench.drivers.hands import BY_HAND
 from vcfbench.drivers.registry import open_instrument
 from vcfbench.errors import BenchError
 from vcfbench.interfaces import Identity, Instrument
@@ -23,8 +24,12 @@ def open_role(
         ConnectFailed: nobody answers.
         WrongInstrument: another model or another specimen answers.
     """
-    settings = structs.asdict(getattr(description, role))
-    for key in CALIBRATION_KEYS:
+    part = getattr(description, role)
+    if role in description.by_hand:
+        made = BY_HAND[role](role, part, stand.hands, structs.asdict(description.limits))
+        return made, made.identify()
+    settings = structs.asdict(part)
+    for key in (*CALIBRATION_KEYS, "by", "resolution_v"):
         settings.pop(key, None)
     if role in {"multimeter", "v_vc_meter"}:
         settings["mains_hz"] = float(description.site.mains_hz)

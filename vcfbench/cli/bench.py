@@ -12,7 +12,7 @@ from vcfbench.cli import options
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
 from vcfbench.cli.options import Bench_, Json_, Trace_, flag, tracing
-from vcfbench.cli.person import agreed
+from vcfbench.cli.person import agreed, at_the_terminal
 from vcfbench.errors import BenchError
 from vcfbench.procedures.bench_file import as_resolved, load_bench, resolved_text
 from vcfbench.reports.text import left_table
@@ -109,7 +109,7 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
     """
     description = load_bench(bench)
     with tracing(trace):
-        done = check_bench(description, trust=agreed)
+        done = check_bench(description, trust=agreed, operator=at_the_terminal(None, None))
 
     def show() -> None:
         station: dict[str, Any] = {

@@ -103,7 +103,12 @@ def attended(
         estimate_s = prepared.planned().bench_seconds
         shown = NoProgress()
         if not options.quiet:
-            if options.plain or not sys.stderr.isatty() or os.environ.get("TERM") in _WITHOUT_CURSOR:
+            if (
+                options.plain
+                or prepared.description.by_hand
+                or not sys.stderr.isatty()
+                or os.environ.get("TERM") in _WITHOUT_CURSOR
+            ):
                 shown = LineProgress(sys.stderr, estimate_s)
             else:
                 from vcfbench.reports.live_progress import LiveProgress  # noqa: PLC0415  # rich comes with it

@@ -2,11 +2,16 @@
 
 import sys
 from contextlib import nullcontext
+from typing import Final
 
 from vcfbench.cli.keys import Keys
+from vcfbench.clock import WallClock, sleep
 from vcfbench.errors import Aborted
+from vcfbench.interfaces import Operator, Request
 from vcfbench.safety.signals import StopSignals
-from vcfbench.steps.step import Operator, Request
+
+_DISPLAYED_S: Final = 0.05
+"""Wall time in which a display, which writes in a thread of its own, has shown what went before a question."""
 
 
 def somebody_there() -> bool:
@@ -14,26 +19,23 @@ def somebody_there() -> bool:
     return sys.stdin is not None and sys.stdin.isatty()
 
 
-def at_the_terminal(signals: StopSignals, keys: Keys | None, *, yes: bool) -> Operator | None:
+def at_the_terminal(signals: StopSignals | None, keys: Keys | None, *, yes: bool = False) -> Operator | None:
     """Return the operator for actions by hand on a real bench; None where nobody can be asked.
 
-    With `yes` all is taken as done, and said on stderr; else a person presses Enter on a terminal, which `keys` leave
-    alone meanwhile. Signals stop the run while it waits, and so does the end of the input.
+    With `yes` all is taken as done that needs no answer, and said on stderr; else a person presses Enter on a terminal,
+    which `keys` leave alone meanwhile. Signals stop the run while it waits, and so does the end of the input.
     """
-    if yes:
-
-        def done(request: Request) -> str:
-            _say(f"by hand: {request.words}; taken as done (--yes)\n")
-            return "taken as done: --yes"
-
-        return done
-    if not somebody_there():
+    if not (yes or somebody_there()):
         return None
 
     def ask(request: Request) -> str:
+        if yes and not request.types:
+            _say(f"by hand: {request.words}; taken as done (--yes)\n")
+            return "taken as done: --yes"
         with nullcontext() if keys is None else keys.left_alone():
+            sleep(WallClock(), _DISPLAYED_S)
             _say(f"\nPlease {request.words}, then press Enter: ")
-            line = signals.attend(sys.stdin.readline)
+            line = sys.stdin.readline() if signals is None else signals.attend(sys.stdin.readline)
             if not line:
                 raise Aborted(f"the terminal was closed where somebody had to {request.words}")
             return line.strip() or "done"

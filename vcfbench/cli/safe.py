@@ -10,6 +10,7 @@ from vcfbench.bench.make_safe import safe_bench
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.ending import say
 from vcfbench.cli.options import Json_, Trace_, flag, option, tracing
+from vcfbench.cli.person import at_the_terminal
 from vcfbench.errors import ConfigError
 from vcfbench.reports.text import left_table
 from vcfbench.station.file import read_bench
@@ -33,7 +34,7 @@ def safe(
         )
     description = read_bench(bench)
     with tracing(trace):
-        done = safe_bench(description, force=force, end_owner=end_owner)
+        done = safe_bench(description, force=force, end_owner=end_owner, operator=at_the_terminal(None, None))
 
     for owner in done.ended:
         say(f"vcfbench: {owner} was ended")

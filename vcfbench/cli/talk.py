@@ -11,7 +11,7 @@ import typer
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.console import ConsoleReply, summary
 from vcfbench.cli.options import Bench_, Runs_, Seed_, Trace_, flag, option, tracing
-from vcfbench.cli.person import agreed
+from vcfbench.cli.person import agreed, at_the_terminal
 from vcfbench.cli.prompt import history
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe, PlanError
 from vcfbench.records.raw import RawRecord
@@ -56,7 +56,7 @@ def talk(
     with (
         tracing(trace),
         StopSignals() as signals,
-        open_bench(bench, seed=seed, signals=signals, trust=agreed) as opened,
+        open_bench(bench, seed=seed, signals=signals, trust=agreed, operator=at_the_terminal(signals, None)) as opened,
     ):
         record = RawRecord(runs, opened.description.name) if raw else None
         by_hand = ByHand(opened, signals, _remark, raw=record, timeout_s=timeout)

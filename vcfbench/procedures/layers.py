@@ -67,7 +67,7 @@ def settings_of(
                 hint="its row in vcfbench.models names a data sheet (specifications)",
             )
         try:
-            resolution_v = sheet.resolution_v(float(chosen.meter_range_v), float(chosen.nplc))
+            resolution_v = meter.resolution_v or sheet.resolution_v(float(chosen.meter_range_v), float(chosen.nplc))
         except ValueError as error:
             raise ConfigError(f"procedure.nplc: {error}") from error
     sources = _sources(description, chosen)
@@ -186,6 +186,7 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
     known = structs.asdict(description.uncertainty)
     left_open = {key: each for key, each in WORST_OF_CLASS.items() if known[key] is None}
     known |= {key: each.value for key, each in left_open.items()}
+    known["generator_ranges_v"] = tuple(sorted(known["generator_ranges_v"] or ()))
     instruments = {
         **_meter_sources(description, "multimeter", "meter", float(chosen.meter_range_v)),
         **_meter_sources(description, "v_vc_meter", "v_vc", float(getattr(chosen, "v_vc_range_v", V_VC_RANGE_V))),
@@ -196,7 +197,6 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
         instruments |= {
             "generator_gain": sheet.setting if gain is None else gain,
             "generator_offset_v": sheet.offset_v if offset_v is None else offset_v,
-            "generator_ranges_v": tuple(sorted(known["generator_ranges_v"] or ())),
             "generator_reach_v": sheet.ranges_v[-1],
             "generator_bits": sheet.bits,
         }

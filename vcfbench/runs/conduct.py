@@ -20,7 +20,7 @@ from vcfbench.bench.bench import Bench, open_bench
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import shown
-from vcfbench.interfaces import Identity, SafeReport
+from vcfbench.interfaces import Identity, Operator, SafeReport, nobody
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.procedures.procedure import AnyProcedure, Provenance
@@ -45,7 +45,7 @@ from vcfbench.station.equipment import equipment_on, overdue_words
 from vcfbench.steps.executor import Event, Execution, Executor, Observer, Paused, StepStarted
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.operator import simulated_operator
-from vcfbench.steps.step import LOOK_AT_SIGNALS, Operator, nobody
+from vcfbench.steps.step import LOOK_AT_SIGNALS
 from vcfbench.version import installed_versions
 
 _OVERTIME_S: Final = 60.0  # By how much a step may take longer than twice its estimate, wall time
@@ -169,6 +169,7 @@ def _perform(under_way: _UnderWay, signals: StopSignals) -> None:
                 needs=needs,
                 now_s=prepared.now_s(),
                 trust=True,  # it was asked for
+                operator=request.operator or request.person,
             )
             bench = watching.enter_context(opened)
             for each in sorted(set(bench.left_by.values())):
@@ -202,9 +203,10 @@ def _as_bench_error(error: BaseException) -> BenchError:
 
 
 class _WatchedSteps(Struct, frozen=True):
-    """Tells the watchdog the step under way, and the longest that it may take."""
+    """Tells the watchdog the step under way, and the longest that it may take; `by_hand` any time."""
 
     watchdog: Watchdog
+    by_hand: bool
 
     def handle(self, event: Event) -> None:
         """Pass on each beginning; every exchange has a deadline of its own, and this one is for hangs.
@@ -213,7 +215,7 @@ class _WatchedSteps(Struct, frozen=True):
         """
         if isinstance(event, StepStarted):
             step = event.step
-            longest_s = None if step.waits_for_person else 2.0 * step.duration_s + _OVERTIME_S
+            longest_s = None if self.by_hand or step.waits_for_person else 2.0 * step.duration_s + _OVERTIME_S
             self.watchdog.step(f"step {event.number} ({step.describe()})", longest_s)
         elif isinstance(event, Paused):
             self.watchdog.step(f"pause after step {event.number}, by {event.by}", None)
@@ -314,7 +316,7 @@ class _UnderWay(Struct):
         self.watchdog = watchdog = bench.watchdog
         if watchdog is not None and prepared.directory is not None:
             watchdog.keep_in(prepared.directory.journal)
-            watchers = [*watchers, _WatchedSteps(watchdog)]
+            watchers = [*watchers, _WatchedSteps(watchdog, bool(bench.by_hand))]
         pausing = None
         if request.control is not None:
             from vcfbench.runs.pausing import Pausing  # noqa: PLC0415  # few runs are controlled

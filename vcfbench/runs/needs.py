@@ -3,6 +3,7 @@
 from msgspec.structs import replace
 
 from vcfbench.bench.bench import Bench
+from vcfbench.drivers.hands import BY_HAND
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import lacking
@@ -29,8 +30,11 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
         if getattr(description, role, None) is not None:
             part = getattr(description, role)
             model = part.dialect if role == "rate_table" else part.model
-            driver = find_driver(model, None if role == "rate_table" else part.like)
-            if absent := lacking(driver.driver_class, capability):
+            if role in description.by_hand:
+                kind = BY_HAND[role]
+            else:
+                kind = find_driver(model, None if role == "rate_table" else part.like).driver_class
+            if absent := lacking(kind, capability):
                 raise ConfigError(
                     f"{procedure.name} needs {capability.__name__}, and the driver of {model} has no {_listed(absent)}",
                     instrument=role,

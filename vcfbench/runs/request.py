@@ -15,6 +15,7 @@ from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import Builder, checked_pace
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.files import dotted, shown
+from vcfbench.interfaces import Operator
 from vcfbench.procedures import bench_file, catalogue
 from vcfbench.procedures.layers import asked_in_python, settings_of, with_settings
 from vcfbench.procedures.own_code import file_of, mistake_of
@@ -34,7 +35,7 @@ from vcfbench.steps import AskOperator
 from vcfbench.steps.dry_run import PlannedStep
 from vcfbench.steps.dry_run import dry_run as walked
 from vcfbench.steps.executor import Execution, Executor, Observer
-from vcfbench.steps.step import Operator, Plan
+from vcfbench.steps.step import Plan
 
 if TYPE_CHECKING:
     from vcfbench.runs.expected import Expectation
@@ -153,12 +154,13 @@ class Prepared:
 
     def require_operator(self) -> None:
         """Walk the plan, and raise PlanError when nobody is there for its manual steps, before anything is opened."""
-        by_hand = [each.step for each in self.planned().steps if isinstance(each.step, AskOperator)]
+        by_hand = [f"set and read the {role.replace('_', ' ')} by hand" for role in self.description.by_hand]
+        by_hand += [each.step.words for each in self.planned().steps if isinstance(each.step, AskOperator)]
         somebody = self.description.simulated or self.request.operator is not None or self.request.person is not None
         if by_hand and not somebody:
             more = "" if len(by_hand) == 1 else f", and {len(by_hand) - 1} more"
             raise PlanError(
-                f"{self.name} asks a person to {by_hand[0].words}{more}, and nobody is there to be asked",
+                f"{self.name} asks a person to {by_hand[0]}{more}, and nobody is there to be asked",
                 hint="run it at a terminal, or with --yes if all is done as asked; from Python with an operator",
             )
 

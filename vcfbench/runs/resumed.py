@@ -18,6 +18,7 @@ from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
+from vcfbench.interfaces import Operator
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import described
 from vcfbench.procedures.layers import recorded_settings, with_settings
@@ -40,7 +41,7 @@ from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.dry_run import PlannedStep, dry_run
 from vcfbench.steps.executor import Execution, Executor, Observer
 from vcfbench.steps.replay import TakenOver, is_left, rest_of, start_up_again, taken_over
-from vcfbench.steps.step import Effect, Operator, Outcome, Plan, Routine
+from vcfbench.steps.step import Effect, Outcome, Plan, Routine
 from vcfbench.typed import typed
 from vcfbench.version import other_versions
 

@@ -7,6 +7,7 @@ from threading import Thread
 from typing import Any
 
 from vcfbench.archive.run import Run
+from vcfbench.interfaces import Operator
 from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.runs.conduct import run
@@ -14,7 +15,6 @@ from vcfbench.safety.control import RunControl
 from vcfbench.safety.trust import Trust
 from vcfbench.station.description import BenchDescription
 from vcfbench.steps.executor import Observer
-from vcfbench.steps.step import Operator
 
 
 class StartedRun(RunControl):

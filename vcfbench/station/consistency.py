@@ -72,6 +72,11 @@ def _instruments(description: BenchDescription) -> Iterator[InvalidValue]:
 
 def _model(role: str, part: Any) -> Iterator[InvalidValue]:
     """Check that a role has a model that can fill it."""
+    if getattr(part, "by", None):
+        if role == "power":  # no data sheet of it reaches a result
+            return
+        if part.resolution_v is None:
+            yield InvalidValue(f"{role}.resolution_v", "the step of the last digit that is typed, V", None)
     key, model = ("model", part.model) if part.like is None else ("like", part.like)
     row = find_model(model)
     if row is None or role not in row.places:
@@ -82,6 +87,8 @@ def _model(role: str, part: Any) -> Iterator[InvalidValue]:
 
 def _table(part: RateTableRole) -> Iterator[InvalidValue]:
     """Check that somebody speaks the table's language, and that the keys are there that it needs."""
+    if part.by and part.dialect == "hand":
+        return
     if not part.dialect.endswith(".toml") and find_language(part.dialect) is None:
         expected = f"a text: one of {', '.join(languages())}, or the name of a profile, FILE.toml"
         yield InvalidValue("rate_table.dialect", expected, part.dialect)

@@ -67,10 +67,15 @@ class _VisaRole(_Calibrated, frozen=True, kw_only=True):
     """The model whose words it speaks, where its own is not known; its identity must still be that of `model`."""
 
 
+By = Literal["hand"] | None
+"""Who sets and reads an instrument: a person, or the program."""
+
+
 class PowerRole(_VisaRole, frozen=True, kw_only=True):
     """The supply of the PCB's rails."""
 
     model: Model
+    by: By = None
 
 
 class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
@@ -90,6 +95,13 @@ class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
     calibration_dcc: Dialect | None = None
 
 
+class OutputMeterRole(MultimeterRole, frozen=True, kw_only=True):
+    """The voltmeter of the output; read by hand, `resolution_v` is the step of the last digit that is typed."""
+
+    by: By = None
+    resolution_v: Annotated[float, Meta(ge=1e-9, le=1.0)] | None = None
+
+
 class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):
     """The oscilloscope that watches drive, carrier and sense."""
 
@@ -107,6 +119,8 @@ class RateTableRole(_Calibrated, frozen=True, kw_only=True):
 
     dialect: Dialect
     resource: Resource
+    model: Text | None = None
+    by: By = None
     timeout_s: bounds.Seconds = 2.0
     axis: Annotated[int, Meta(ge=1, le=6)] = 1
     axis_sign: Literal[1, -1] = 1
@@ -275,7 +289,7 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     visa_library: Text = "@py"
     power: PowerRole | None = None
     rate_source: FunctionGeneratorRole | None = None
-    multimeter: MultimeterRole | None = None
+    multimeter: OutputMeterRole | None = None
     oscilloscope: OscilloscopeRole | None = None
     rate_table: RateTableRole | None = None
     vibration_source: FunctionGeneratorRole | None = None
@@ -301,6 +315,12 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     def procedure(self) -> ProcedureSettings:
         """Settings of ``[procedure]`` for every procedure, defaults filled in."""
         return shared_settings(self.procedure_table, self.name)
+
+    @property
+    def by_hand(self) -> tuple[str, ...]:
+        """Roles that a person performs; on a simulated bench none: there the program is the hands."""
+        parts = {role: getattr(self, role) for role in ("power", "multimeter", "rate_table")}
+        return () if self.simulated else tuple(role for role, part in parts.items() if part and part.by)
 
     @property
     def simulated(self) -> bool:

@@ -20,7 +20,7 @@ def equipment_on(
         numbers = ("" if identity is None else identity.serial, getattr(part, "serial_number", None))
         instrument = Equipment(
             role=role,
-            model=part.dialect if role == "rate_table" else part.model,
+            model=part.model or part.dialect,
             resource=part.resource,
             identity=identity,
             serial_number=next((each for each in numbers if each not in (None, "", "0")), None),

@@ -4,7 +4,6 @@
 key has its range in its type, and what it means in the `description` beside it. `station` is what the place gives.
 """
 
-import math
 from collections.abc import Iterator
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -182,7 +181,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     generator_gain: float | None = None
     generator_offset_v: float | None = None
     generator_ranges_v: tuple[float, ...] = ()
-    generator_reach_v: float = math.inf
+    generator_reach_v: float = 0.0
     generator_bits: int = 0
     v_vc_gain: float | None = None
     v_vc_offset_v: float | None = None

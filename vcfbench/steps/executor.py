@@ -16,11 +16,12 @@ from msgspec import Struct, to_builtins
 
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import Aborted, BenchError, MeasurementError
+from vcfbench.interfaces import Operator, nobody
 from vcfbench.records.journal import Journal
 from vcfbench.records.schema import Point, Status
 from vcfbench.steps import Window
 from vcfbench.steps.replay import TakenOver
-from vcfbench.steps.step import Context, Effect, Operator, Plan, Reading, Routine, Step, StepResult, abandon, nobody
+from vcfbench.steps.step import Context, Effect, Plan, Reading, Routine, Step, StepResult, abandon
 from vcfbench.steps.supply import cause_behind
 
 _T = TypeVar("_T")
@@ -419,10 +420,14 @@ class Executor:
         return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": to_builtins(step)}
 
     def _seen(self) -> dict[str, Any]:
-        """Return the optional fields of a line: chunks before it, answers not believed."""
+        """Return the optional fields of a line: chunks before it, answers not believed, what a person was asked."""
         context = self._context
-        chunks = {"chunks": context.chunks} if context.chunks else {}
-        return {**chunks, "asked_again": list(context.asked_again)} if context.asked_again else chunks
+        seen: dict[str, Any] = {"chunks": context.chunks} if context.chunks else {}
+        if context.asked_again:
+            seen["asked_again"] = list(context.asked_again)
+        if said := self.bench.hands.taken():
+            seen["by_hand"] = said
+        return seen
 
     def _failed(self, step: Step, problem: BaseException) -> BenchError:
         """Put the step into the error and both into the journal."""

@@ -5,8 +5,9 @@ from typing import ClassVar
 from msgspec import Struct
 
 from vcfbench.bench.bench import Bench
+from vcfbench.interfaces import Operator, Request
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.steps.step import Context, Effect, Operator, Request, Step, StepResult, does
+from vcfbench.steps.step import Context, Effect, Step, StepResult, does
 
 _NAMES = {"v_vc": "V_Vc input", "rail_positive": "positive rail", "rail_negative": "negative rail"}
 

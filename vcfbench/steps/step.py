@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
-from vcfbench.interfaces import Instrument
+from vcfbench.interfaces import Instrument, Operator, nobody
 from vcfbench.records.schema import CHUNK_READINGS, CHUNK_S, Point
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
@@ -43,30 +43,6 @@ class Effect(Enum):
     MEASURES = "measures"
     CHECKS = "checks"
     NOTHING = "nothing"
-
-
-class Request(Struct, frozen=True):
-    """Manual task for a person.
-
-    `takes_s` is how long that takes, about. `adjustments` are what comes to the same on a simulated bench: names and
-    values as ``vcfbench sim ctl set`` takes them.
-    """
-
-    words: str
-    takes_s: float = 60.0
-    adjustments: Mapping[str, float | str | bool | None] = field(default_factory=dict)
-
-
-Operator = Callable[[Request], str]
-"""Does the request, or has it done, and returns when it is done; the answer is kept in the record."""
-
-
-def nobody(request: Request) -> str:
-    """Refuse: nobody is there to be asked."""
-    raise PlanError(
-        f"somebody would have to {request.words}, and nobody is there to be asked",
-        hint="give the run an operator, or say --yes if all is done as asked",
-    )
 
 
 class Reading(Struct, frozen=True):

@@ -1,0 +1,249 @@
+"""Instruments that a person sets, reads and switches off: each has the capabilities of a driver, and asks in words.
+
+What drives something is safe when the person has typed that it is: the word `off`, or a rate of 0.
+"""
+
+from collections.abc import Callable, Mapping
+from threading import Lock
+from types import MappingProxyType
+from typing import Any, Final
+
+from vcfbench.clock import Deadline
+from vcfbench.errors import BenchError, MeasurementError
+from vcfbench.interfaces import Identity, Operator, Regulation, Request, SafeReport, UnprovedCommand, nobody
+
+_TRIES: Final = 5
+_STILL_DEG_S: Final = 0.05
+_JUMP: Final = 0.01
+"""Part of the range by which a reading may differ from the one before without being typed twice."""
+_OUTPUTS: Final = MappingProxyType({"N25V": "negative output", "P25V": "positive output", "P6V": "6 V output"})
+
+
+class Hands:
+    """The person at the bench, asked one thing at a time; what was asked and answered is kept for the record."""
+
+    def __init__(self) -> None:
+        self.operator: Operator | None = None
+        self._said: list[tuple[str, str]] = []
+        self._turn = Lock()
+
+    def taken(self) -> list[tuple[str, str]]:
+        """Return what was asked and answered since this was asked last."""
+        said, self._said = self._said, []
+        return said
+
+    def do(self, words: str, types: str = "") -> str:
+        """Have something done; return what was typed."""
+        with self._turn:
+            answer = (self.operator or nobody)(Request(words, types=types)).strip()
+            self._said.append((words, answer))
+        return answer
+
+    def word(self, words: str, *choice: str) -> str:
+        """Have one of the words of `choice` typed; MeasurementError where none comes."""
+        return self._typed(
+            words, " or ".join(choice), lambda answer: answer.lower() if answer.lower() in choice else ""
+        )
+
+    def number(self, what: str, unit: str, largest: float, decimals: int = 0) -> float:
+        """Have a number within +-`largest` typed, with at least so many decimals; MeasurementError where none comes."""
+        limits = f"{unit}, at most {largest:g}" + f", {decimals} decimals" * (decimals > 0)
+
+        def as_number(answer: str) -> str:
+            text = answer.replace(",", ".").replace("\N{MINUS SIGN}", "-")
+            try:
+                fits = abs(float(text)) <= largest and len(text.partition(".")[2]) >= decimals
+            except ValueError:
+                fits = False
+            return text if fits else ""
+
+        return float(self._typed(f"type {what} ({limits})", unit, as_number))
+
+    def twice(self, what: str, unit: str, largest: float) -> float:
+        """Have a number typed twice, the same, but for a zero; MeasurementError where it does not come to that."""
+        for _ in range(_TRIES):
+            first = self.number(what, unit, largest)
+            if first == 0.0 or self.number(f"{what} again", unit, largest) == first:
+                return first
+        raise MeasurementError(f"{what} was never typed twice the same")
+
+    def _typed(self, words: str, types: str, accepted: Callable[[str], str]) -> str:
+        asked = words
+        for _ in range(_TRIES):
+            answer = self.do(asked, types)
+            if found := accepted(answer):
+                return found
+            asked = f"{words}, not {answer!r}"
+        raise MeasurementError(f"somebody had to {words}; after {_TRIES} tries came {answer!r}")
+
+
+class _ByHand:
+    """An instrument in the hands of a person: `part` is its table of the bench file."""
+
+    safe_words = ""
+    _last_read: str | None = None
+
+    def __init__(self, name: str, part: Any, hands: Hands, limits: Mapping[str, float | None]) -> None:
+        self.name = name
+        self.resource = str(part.resource)
+        self._part = part
+        self._hands = hands
+        self._limits = limits
+
+    def identify(self) -> Identity:
+        """Return what the bench file says of it."""
+        number = getattr(self._part, "serial_number", None) or ""
+        return Identity("by hand", self._part.model or self.name.replace("_", " "), number, "")
+
+    def check_errors(self) -> None:
+        """Do nothing: a person would have said so."""
+
+    def command_safe(self) -> UnprovedCommand:
+        """Return what a person was last asked; nobody can be told at once, `make_safe` asks."""
+        return UnprovedCommand(self.safe_words, sent=not self.safe_words, last_read=self._last_read)
+
+    def make_safe(self, deadline: Deadline) -> SafeReport:
+        """Have the person make it safe and say so; without that word it is not."""
+        del deadline  # who waits for the answer has it
+        try:
+            said = self._confirmed()
+        except BenchError as error:
+            return SafeReport(self.name, self.resource, safe=False, detail=f"nobody confirmed that it is safe: {error}")
+        return SafeReport(self.name, self.resource, safe=True, detail=said)
+
+    def _confirmed(self) -> str:
+        return "read by hand, it drives nothing"
+
+    def close(self) -> None:
+        """Do nothing: there is no connection."""
+
+
+class HandMeter(_ByHand):
+    """A voltmeter whose readings a person types."""
+
+    _range_v = 1000.0
+    _before_v: float | None = None
+
+    def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
+        """Have the range set."""
+        del nplc  # such meters integrate as they please
+        self._hands.do(f"set the multimeter to DC volts, {range_v:g} V range")
+        self._range_v = range_v
+
+    def read_voltage_v(self) -> float:
+        """Have one reading typed, V; one that is far from the one before is typed twice."""
+        largest_v, step = 1.2 * self._range_v, f"{self._part.resolution_v:.9f}".rstrip("0")
+        reading_v = self._hands.number("the multimeter's reading", "V", largest_v, len(step.partition(".")[2]))
+        moved = self._before_v is None or abs(reading_v - self._before_v) > _JUMP * self._range_v
+        if moved and self._hands.number("it again, for it has moved", "V", largest_v) != reading_v:
+            reading_v = self._hands.twice("the multimeter's reading", "V", largest_v)
+        self._before_v = reading_v
+        return reading_v
+
+
+class HandSupply(_ByHand):
+    """A supply that a person sets, reads and switches."""
+
+    safe_words = "to switch off"
+    _on = False
+
+    def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
+        """Have level and current limit set."""
+        level = f"{_OUTPUTS[output]} of the supply ({output}) to {voltage_v:+g} V"
+        self._hands.do(f"set the {level}, current limit {current_limit_a:g} A, outputs off")
+
+    def enable_outputs(self) -> None:
+        """Have the outputs switched on."""
+        self._on = True
+        self._hands.do("switch the outputs of the supply on")
+
+    def disable_outputs(self) -> None:
+        """Have the outputs switched off."""
+        self._hands.do("switch the outputs of the supply off")
+        self._on = False
+
+    def outputs_enabled(self) -> bool:
+        """Tell whether the outputs are on, as the person said last."""
+        return self._on
+
+    def measure_voltage_v(self, output: str) -> float:
+        """Have the voltage that the supply shows typed, V."""
+        return self._hands.twice(f"the voltage of the {_OUTPUTS[output]}, with its sign", "V", 100.0)
+
+    def measure_current_a(self, output: str) -> float:
+        """Have the current that the supply shows typed, A."""
+        return self._hands.number(f"the current of the {_OUTPUTS[output]}", "A", 10.0)
+
+    def regulation(self, output: str) -> Regulation:
+        """Have typed how the output is regulated."""
+        said = self._hands.word(
+            f"type whether the {_OUTPUTS[output]} is in constant voltage (cv) or not (cc)", "cv", "cc"
+        )
+        return Regulation.CONSTANT_VOLTAGE if said == "cv" else Regulation.CONSTANT_CURRENT
+
+    def _confirmed(self) -> str:
+        self._hands.word("switch the outputs of the supply off and type off", "off")
+        self._on = False
+        return "off, as typed by the operator"
+
+
+class HandTable(_ByHand):
+    """A rate table that a person sets, reads and stops."""
+
+    safe_words = "to stop"
+    _safe = False
+
+    def enable(self) -> None:
+        """Have it made ready, at rest."""
+        self._hands.do("make the rate table ready to turn, at rest")
+
+    def disable(self) -> None:
+        """Do nothing: it is at rest, and stays ready."""
+
+    def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
+        """Have the rate set, as the table counts it."""
+        self._safe = False
+        shown = self._part.axis_sign * rate_deg_s
+        how = f"turn the rate table at {shown:+g} deg/s" if shown else "bring the rate table to rest"
+        self._hands.do(f"{how}, with at most {acceleration_deg_s2:g} deg/s^2")
+
+    def stop(self, acceleration_deg_s2: float) -> None:
+        """Have it brought to rest."""
+        self.set_rate(0.0, acceleration_deg_s2)
+
+    def at_rate(self) -> bool:
+        """Tell that the rate is reached: it was said so."""
+        return True
+
+    def rate_deg_s(self) -> float:
+        """Have the rate that the table shows typed, deg/s."""
+        if self._safe:
+            return 0.0
+        largest = 2.0 * (self._limits["max_rate_deg_s"] or 0.0)
+        shown_deg_s = self._hands.twice("the rate that the table shows", "deg/s", largest)
+        rate_deg_s: float = self._part.axis_sign * shown_deg_s + 0.0
+        self._last_read = f"{rate_deg_s:g} deg/s"
+        return rate_deg_s
+
+    def angle_deg(self) -> float:
+        """Have the angle that the table shows typed, deg."""
+        return float(self._part.axis_sign * self._hands.twice("the angle that the table shows", "deg", 1e6))
+
+    def fault(self) -> str | None:
+        """Return None: a person who sees one stops the run."""
+        return None
+
+    def _confirmed(self) -> str:
+        words = "at which the rate table turns once it is stopped"
+        for _ in range(_TRIES):
+            rate_deg_s = self._hands.number(f"the rate {words}", "deg/s", 1e4)
+            if abs(rate_deg_s) <= _STILL_DEG_S:
+                self._safe = True
+                return f"{rate_deg_s:g} deg/s, as typed by the operator"
+        raise MeasurementError(f"it turns at {rate_deg_s:g} deg/s, as typed by the operator")
+
+
+BY_HAND: Final[Mapping[str, type]] = MappingProxyType(
+    {"power": HandSupply, "multimeter": HandMeter, "rate_table": HandTable}
+)
+"""What a person can be, by role."""
