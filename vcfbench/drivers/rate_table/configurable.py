@@ -476,10 +476,11 @@ class ConfigurableDialect(TableDialect):
         values |= {f"rate_{slot}": rate if slot == self.axis else 0.0 for slot in range(1, 7)}
         if acceleration_deg_s2 != math.inf:
             commanded = self._table_acceleration(acceleration_deg_s2)
-            if commanded is None:
+            if commanded is not None:
+                values["acc"] = commanded
+            elif rate_deg_s:  # without one that it can be told it stops as it is: stopping is never refused
                 what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
                 raise _unsent(line, what)
-            values["acc"] = commanded
         if units.travel is not None:
             values["travel_end"] = units.travel[1 if rate >= 0.0 else 0]
         return values
