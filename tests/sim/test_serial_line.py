@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from simrack.attendance import AttendedClock
 from simrack.scpi import RS232
 from simrack.wires import serial_backend
-from simrack.wires.serial_line import CharacterFrame, HandshakeLine, ReceivedCharacter, heard
+from simrack.wires.handshake_line import HandshakeLine, XonXoffLine
+from simrack.wires.serial_line import CharacterFrame, ReceivedCharacter, heard
 from simrack.wires.visa_backend import SimVisaLibrary
 from simrack_tests.scpi.lamp import Lamp
 
@@ -28,9 +29,9 @@ CHARACTER_S = 11 / 9600
 class Desk:
     """A lamp at the end of a serial line, and a clock that stops wherever something happens."""
 
-    def __init__(self, frame: CharacterFrame | None = None) -> None:
+    def __init__(self, frame: CharacterFrame | None = None, kind: type[HandshakeLine] = HandshakeLine) -> None:
         self.lamp = Lamp(RS232)
-        self.line = HandshakeLine(self.lamp, self.lamp.clock, frame)
+        self.line = kind(self.lamp, self.lamp.clock, frame)
         self.clock = AttendedClock(self.lamp.clock, [self.line])
 
     def read(self, seconds: float = 1.0) -> bytes:
@@ -186,6 +187,60 @@ def test_with_the_handshake_the_line_says_what_the_instrument_says(messages: lis
             desk.clock.sleep_until(desk.clock.now() + 0.01)
     assert desk.read(30.0) == expected
     assert len(desk.lamp.engine.errors) == len(near.engine.errors)
+
+
+# --- a handshake by characters ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def keithley() -> Iterator[Desk]:
+    desk = Desk(CharacterFrame(115_200.0), XonXoffLine)
+    serial_backend.register("keithley", desk.line, desk.clock)
+    yield desk
+    serial_backend.unregister("keithley")
+
+
+LONGER = b"SLOW?\n" + b"VOLT 2;" * 400 + b"VOLT 3\nVOLT?\n"
+"""More than the input queue holds, behind what keeps the parser busy for half a second."""
+
+
+def test_pyserial_heeds_xoff_and_nothing_is_lost(keithley: Desk) -> None:
+    with serial.serial_for_url("sim://keithley", 115_200, stopbits=2, xonxoff=True, timeout=9.0) as port:
+        port.write(LONGER)
+        keithley.clock.sleep_until(0.4)
+        assert 2048 * 3 // 4 <= len(keithley.line._buffer) < 2048
+        assert port.out_waiting > 1000
+        assert port.read_until(b"\n") == b"5\r\n"
+        assert port.read_until(b"\n") == b"+3.00000000E+00\r\n"
+        assert port.in_waiting == 0
+    assert keithley.errors() == []
+
+
+def test_a_program_that_does_not_heed_it_reads_it_and_loses(keithley: Desk) -> None:
+    with serial.serial_for_url("sim://keithley", 115_200, stopbits=2, timeout=9.0) as port:
+        port.write(LONGER)
+        assert port.read_until(b"\n") == b"\x135\r\n"
+        assert port.read(1) == b"\x11"
+    assert 521 in keithley.errors()
+
+
+@given(st.integers(0, 3000), st.integers(0, 1200))
+def test_it_goes_on_whenever_the_parser_does(more: int, later: int) -> None:
+    desk = Desk(kind=XonXoffLine)
+    desk.line.configure(CharacterFrame(), handshake=False, xonxoff=True)
+    desk.line.write(b"SLOW?\n" + b" " * more)
+    desk.clock.sleep_until(later * CHARACTER_S)
+    desk.line.write(b"SLOW?\n" + b" " * 3000 + b"\nVOLT?\n")
+    assert desk.read(20.0) == b"5\r\n5\r\n+1.00000000E+00\r\n"
+
+
+@pytest.mark.usefixtures("keithley")
+def test_xoff_of_the_controller_holds_the_answer_back() -> None:
+    with serial.serial_for_url("sim://keithley", 115_200, stopbits=2, xonxoff=True, timeout=1.0) as port:
+        port.write(b"\x13VOLT?\n")
+        assert port.read(1) == b""
+        port.write(b"\x11")
+        assert port.read_until(b"\n") == b"+1.00000000E+00\r\n"
 
 
 # --- settings that do not agree ---------------------------------------------------------------------------

@@ -17,7 +17,8 @@ from simrack.attendance import AttendedClock
 from simrack.device import Device
 from simrack.leads import Leads, LoadingLeads
 from simrack.wires import serial_backend
-from simrack.wires.serial_line import CharacterFrame, HandshakeLine, ThreeWireLine
+from simrack.wires.handshake_line import line_of
+from simrack.wires.serial_line import CharacterFrame, ThreeWireLine
 
 from vcfbench.clock import Clock
 from vcfbench.errors import ConfigError
@@ -95,7 +96,7 @@ class SimulatedBench(Struct, frozen=True):
             line = SerialSettings() if part.serial is None else part.serial
             frame = CharacterFrame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
             device: Any = devices[part.resource]
-            devices[part.resource] = HandshakeLine(device, self.clock, frame, by_message=True)
+            devices[part.resource] = line_of(device.engine.dialect)(device, self.clock, frame, by_message=True)
         return devices
 
     def table_port(self) -> Device:

@@ -55,6 +55,7 @@ class Dialect(Struct, frozen=True):
         input_buffer: characters that are held while the parser waits for its answers to be fetched (-430 beyond).
         output_queue: characters of answers that are held until they are fetched. Unverified for every model.
         takes_blocks: whether any command has a block; where none has, a newline within one ends the message.
+        xonxoff: whether the handshake of its RS-232 is XON and XOFF instead of DTR.
     """
 
     queue_depth: int = 20
@@ -69,3 +70,4 @@ class Dialect(Struct, frozen=True):
     input_buffer: int = 1 << 14
     output_queue: int = 1 << 14
     takes_blocks: bool = True
+    xonxoff: bool = False

@@ -56,9 +56,9 @@ class LockstepPort:
         """Close the wire."""
         self._wire.close()
 
-    def configure(self, frame: CharacterFrame, *, handshake: bool) -> None:
-        """Set the speed and framing of the wire; nobody's handshake is of use on a pseudo-terminal."""
-        del handshake
+    def configure(self, frame: CharacterFrame, *, handshake: bool, xonxoff: bool = False) -> None:
+        """Set the speed and framing of the wire; nobody's handshake is of use where a leader waits for each byte."""
+        del handshake, xonxoff
         self._wire.baudrate, self._wire.bytesize = int(frame.baud), frame.data_bits
         self._wire.parity, self._wire.stopbits = frame.parity[0].upper(), frame.stop_bits
 

@@ -1,7 +1,8 @@
 """A pseudo-terminal with the properties of RS-232: time, a small buffer, a handshake, a speed to agree on.
 
-A pseudo-terminal has no pins and no parity. Its speed can be seen; it is the client's. The handshake is what such a
-terminal has: it is not read while the instrument's DTR is false, so that the client's writing comes to a halt.
+A pseudo-terminal has no pins and no parity. Its speed can be seen, and whether it heeds XON and XOFF; they are the
+client's. The handshake is what such a terminal has: it is not read while the instrument's DTR is false, or after its
+XOFF, so that the client's writing comes to a halt.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from simrack.scpi import ScpiError
 from simrack.serve.instrument import ServedInstrument
 from simrack.serve.loop import Loop
 from simrack.serve.raw import Pty
-from simrack.wires.serial_line import CharacterFrame, HandshakeLine, LineEnd, ThreeWireLine
+from simrack.wires.handshake_line import line_of
+from simrack.wires.serial_line import CharacterFrame, LineEnd, ThreeWireLine
 
 _USUAL_BAUD = 9600
 _SLOW_BAUDS = (300, 600, 1200, 1800, 2400, 4800, _USUAL_BAUD, 19200, 38400)
@@ -74,8 +76,8 @@ class SerialPty(Pty):
     def _new_line(self) -> LineEnd:
         """Return the line to a SCPI instrument, or to a rate table, which has no handshake and no small buffer."""
         far, clock = _Far(self), self.instrument.clock
-        if self.instrument.engine is not None:
-            return HandshakeLine(far, clock)
+        if (engine := self.instrument.engine) is not None:
+            return line_of(engine.dialect)(far, clock)
         return ThreeWireLine(far, clock, getattr(self.instrument.device, "frame", CharacterFrame(stop_bits=1.0)))
 
     def _received(self, data: bytes) -> None:
@@ -94,6 +96,7 @@ class SerialPty(Pty):
         self._line.configure(
             CharacterFrame(float(speed), stop_bits=2.0 if settings[2] & termios.CSTOPB else 1.0),
             handshake=self._handshake,
+            xonxoff=bool(settings[0] & termios.IXON),
         )
         if data:
             self._line.write(data)
@@ -102,7 +105,7 @@ class SerialPty(Pty):
         self._inside = False
         if arrived:
             super().deliver(arrived, end=False)
-        self._held_back = self._handshake and waiting > 0 and self.instrument.engine is not None
+        self._held_back = waiting > 0 and self._line.heeds
         self._watch()
         self.instrument.touched()
 

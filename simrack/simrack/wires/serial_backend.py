@@ -59,7 +59,7 @@ class Port(Protocol):
 class _Settable(Protocol):
     """A far end that speed and framing mean something to."""
 
-    def configure(self, frame: CharacterFrame, *, handshake: bool) -> None: ...
+    def configure(self, frame: CharacterFrame, *, handshake: bool, xonxoff: bool = ...) -> None: ...
 
 
 class _Port(Struct, frozen=True):
@@ -124,8 +124,8 @@ def _lookup(url: str) -> Port:
 class SimulatedSerial(serial.SerialBase):
     """A serial port whose other end is a simulated device.
 
-    Where that is a :class:`~simrack.wires.serial_line.LineEnd`, speed, framing, `dsrdtr`, DTR, DSR and breaks are
-    what they are on a real line; elsewhere they are accepted and have no effect.
+    Where that is a :class:`~simrack.wires.serial_line.LineEnd`, speed, framing, `dsrdtr`, `xonxoff`, DTR, DSR and
+    breaks are what they are on a real line; elsewhere they are accepted and have no effect.
     """
 
     _port_behind: Port
@@ -249,7 +249,7 @@ class SimulatedSerial(serial.SerialBase):
         if device is not None:
             parity = _PARITIES.get(self.parity, "none")
             frame = CharacterFrame(float(self.baudrate), self.bytesize, parity, float(self.stopbits))
-            device.configure(frame, handshake=bool(self.dsrdtr))
+            device.configure(frame, handshake=bool(self.dsrdtr), xonxoff=bool(self.xonxoff))
 
     def _update_rts_state(self) -> None:
         """Accept RTS."""

@@ -1,15 +1,7 @@
-"""RS-232 between a controller and a simulated instrument: characters that take time, a small buffer, a handshake.
+"""RS-232 between a controller and a simulated device: characters that take time, settings that may not agree.
 
-The User's Guides of 34401A and E3631A (their chapters on the remote interface) say the same. The instrument is a DTE
-with DTR and DSR. Its input buffer holds about 100 characters. It drops DTR while that is full, and while it has an
-answer to a line that has ended; a controller has to stop within 10 characters. It sends while its DSR is true. Ctrl-C
-is device clear.
-
-*Unverified*: that a character with an error is not taken; that what does not fit is error 521 (512, an overrun, is what
-the receiver's circuit would find), once until there is room again; that a break is a framing error.
-
-A rate table has none of that: its line (:class:`ThreeWireLine`) has three wires, and each character that comes whole is
-taken.
+SCPI instruments have a small buffer and a handshake too (:mod:`simrack.wires.handshake_line`). A rate table has none of
+that: its line (:class:`ThreeWireLine`) has three wires, and each character that comes whole is taken.
 """
 
 from __future__ import annotations
@@ -21,21 +13,13 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from msgspec import Struct
 
-from simrack.scpi import ScpiError
-
 if TYPE_CHECKING:
     from simrack.clock import Clock
 
 Parity = Literal["none", "even", "odd"]
 
-BUFFER = 100
-"""Characters waiting from which on DTR is false."""
-MARGIN = 10
-"""Characters that still fit then."""
 _FRAMING = 511
 _PARITY = 513
-_OVERFLOW = 521
-_CLEAR = 3
 _PRINTABLE = 32
 _WHOLE = 1 << 25
 
@@ -135,6 +119,11 @@ class _Traffic:
         return len(self._waiting)
 
     @property
+    def first(self) -> int:
+        """The character that is sent next, -1 for none."""
+        return self._waiting[0][0].byte if self._waiting else -1
+
+    @property
     def mark_s(self) -> float:
         """When the next that a program may act on will be there: a control character, or the last of a message."""
         instant_s = self.next_s
@@ -151,6 +140,12 @@ class _Traffic:
             marks = place == last or bool(each.error) or each.byte < _PRINTABLE
             self._waiting.append((each, duration_s / len(characters), marks))
 
+    def put_first(self, characters: list[ReceivedCharacter], duration_s: float) -> None:
+        """Have `characters` sent before all that waits, behind the one that is being sent."""
+        place = 0 if math.isinf(self.next_s) else 1
+        for each in characters:
+            self._waiting.insert(place, (each, duration_s, True))
+
     def go_on(self, now_s: float) -> None:
         """Begin with the next, unless one is being sent."""
         if self._waiting and math.isinf(self.next_s):
@@ -165,34 +160,6 @@ class _Traffic:
         """Forget everything."""
         self._waiting.clear()
         self.next_s = math.inf
-
-
-class _Engine(Protocol):
-    """The message exchange of an instrument."""
-
-    @property
-    def busy(self) -> bool: ...
-    def report(self, error: ScpiError) -> None: ...
-
-
-class FarInstrument(Protocol):
-    """Device at the far end: every simulated SCPI instrument."""
-
-    @property
-    def engine(self) -> _Engine:
-        """Its message exchange."""
-
-    def write(self, data: bytes) -> None:
-        """Take a message, or a part of one."""
-
-    def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return an answer that is ready."""
-
-    def wake_at(self) -> float | None:
-        """Return when something happens by itself."""
-
-    def clear(self) -> None:
-        """Device clear."""
 
 
 class FarTable(Protocol):
@@ -231,6 +198,7 @@ class LineEnd:
         self._clock = clock
         self._controller = self.frame
         self._handshake = True
+        self._xonxoff = False
         self._dtr = True
         self._to_instrument = _Traffic()
         self._to_controller = _Traffic()
@@ -239,12 +207,20 @@ class LineEnd:
 
     # --- the controller's end -----------------------------------------------------------------------------
 
-    def configure(self, frame: CharacterFrame, *, handshake: bool) -> None:
-        """Set the controller's end; with `handshake` it sends only while the instrument's DTR is true."""
+    def configure(self, frame: CharacterFrame, *, handshake: bool, xonxoff: bool = False) -> None:
+        """Set the controller's end; with `handshake` it sends only while the instrument's DTR is true.
+
+        With `xonxoff` it stops at an XOFF and goes on at an XON, which its program does not see.
+        """
         self._advance()
         self._controller = frame
-        self._handshake = handshake
+        self._handshake, self._xonxoff = handshake, xonxoff
         self._advance()
+
+    @property
+    def heeds(self) -> bool:
+        """Whether the controller stops when the instrument says so in its way."""
+        return False
 
     @property
     def dtr(self) -> bool:
@@ -356,10 +332,14 @@ class LineEnd:
         self._go_on(now)
         while (instant := self.next_s) <= now:
             if self._to_controller.next_s == instant:
-                self._arrived.append(self._to_controller.take().byte)
+                self._arrive(self._to_controller.take().byte)
             else:
                 self._receive(self._to_instrument.take())
             self._go_on(instant)
+
+    def _arrive(self, byte: int) -> None:
+        """Take a character that has arrived at the controller."""
+        self._arrived.append(byte)
 
     def _answer(self) -> None:
         """Put an answer that is ready on the line."""
@@ -411,70 +391,3 @@ class ThreeWireLine(LineEnd):
         self._answer()
         self._to_controller.go_on(now_s)
         self._to_instrument.go_on(now_s)
-
-
-class HandshakeLine(LineEnd):
-    """The line of a SCPI instrument with the personality RS232: with its small buffer and its handshake."""
-
-    def __init__(
-        self, instrument: FarInstrument, clock: Clock, frame: CharacterFrame | None = None, *, by_message: bool = False
-    ) -> None:
-        super().__init__(instrument, clock, frame, by_message=by_message)
-        self.instrument = instrument
-        self._buffer = bytearray()
-        self._lost = False
-
-    @property
-    def under_way(self) -> bool:
-        """Whether anything waits to be sent, to arrive, or to be taken by the parser."""
-        return super().under_way or bool(self._buffer)
-
-    @property
-    def _takes(self) -> bool:
-        """The instrument's DTR."""
-        return len(self._buffer) < BUFFER and not self._to_controller
-
-    def _receive(self, character: ReceivedCharacter) -> None:
-        """Take a character into the input buffer."""
-        if character.error:
-            self._complain(character.error)
-        elif character.byte == _CLEAR:
-            self._clear()
-        elif len(self._buffer) < BUFFER + MARGIN:
-            self._lost = False
-            self._buffer.append(character.byte)
-        elif not self._lost:
-            self._lost = True
-            self._complain(_OVERFLOW)
-
-    def _complain(self, number: int) -> None:
-        self.instrument.engine.report(ScpiError(number))
-
-    def _clear(self) -> None:
-        self._buffer.clear()
-        super()._clear()
-
-    def _go_on(self, now_s: float) -> None:
-        """Hand the parser all that it can take, the line its replies, and let both ends send on."""
-        self._fetch()
-        while self._buffer and (message := self._next_message()):
-            del self._buffer[: len(message)]
-            self._tell(message)
-            self._fetch()
-        if self._dtr:
-            self._to_controller.go_on(now_s)
-        if self._takes or not self._handshake:
-            self._to_instrument.go_on(now_s)
-
-    def _next_message(self) -> bytes:
-        """Return the message, or the part of one, that the parser takes now: while it is busy only a trigger."""
-        size = self._buffer.find(b"\n") + 1
-        if self._to_controller:
-            return b""
-        if self.instrument.engine.busy and self._buffer[:size].strip().upper() != b"*TRG":
-            return b""
-        return bytes(self._buffer[:size] if size else self._buffer)
-
-    def _fetch(self) -> None:
-        if not self._to_controller:
-            self._answer()

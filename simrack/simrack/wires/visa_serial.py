@@ -7,7 +7,8 @@ from typing import Any
 
 from pyvisa.constants import ControlFlow, LineState, Parity, ResourceAttribute
 
-from simrack.wires.serial_line import CharacterFrame, HandshakeLine
+from simrack.wires.handshake_line import HandshakeLine
+from simrack.wires.serial_line import CharacterFrame
 from simrack.wires.serial_line import Parity as LineParity
 
 _SETTINGS = {
@@ -30,8 +31,8 @@ def configure(line: HandshakeLine, attributes: Mapping[int, Any]) -> None:
         _PARITIES.get(settings[ResourceAttribute.asrl_parity], "none"),
         settings[ResourceAttribute.asrl_stop_bits] / 10,
     )
-    handshake = bool(settings[ResourceAttribute.asrl_flow_control] & ControlFlow.dtr_dsr)
-    line.configure(frame, handshake=handshake)
+    flow = settings[ResourceAttribute.asrl_flow_control]
+    line.configure(frame, handshake=bool(flow & ControlFlow.dtr_dsr), xonxoff=bool(flow & ControlFlow.xon_xoff))
 
 
 def changed(line: HandshakeLine, attributes: Mapping[int, Any], attribute: int) -> None:

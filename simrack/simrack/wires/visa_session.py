@@ -9,7 +9,7 @@ from pyvisa.constants import AccessModes, InterfaceType, ResourceAttribute, Stat
 
 from simrack.attendance import AttendedClock
 from simrack.wires import visa_serial
-from simrack.wires.serial_line import HandshakeLine
+from simrack.wires.handshake_line import HandshakeLine
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

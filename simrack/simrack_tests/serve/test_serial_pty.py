@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import pytest
 import pyvisa
 import serial
-from simrack.serve import MAX_SPEED, Rs232, ServerSettings
+from msgspec.structs import replace
+from simrack.serve import MAX_SPEED, Rs232, ServedClock, ServerSettings
 
 from simrack_tests.ports import eventually
-from simrack_tests.serve.lamp import ALL, IDENTITY, Served, served_lamp
+from simrack_tests.serve.lamp import ALL, IDENTITY, Lamp, Served, served_lamp, serving
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -70,6 +71,28 @@ def test_without_it_what_does_not_fit_is() -> None:
         assert errors(lamp) == [521]
         port.write(b"\nLEV?\n")
         assert port.read_until(b"\n") == b"+2.00000000E+00\r\n"
+
+
+def test_xon_and_xoff_are_a_handshake_without_pins() -> None:
+    clock = ServedClock(MAX_SPEED)
+    lamp = Lamp(clock)
+    lamp.engine.dialect = replace(lamp.engine.dialect, xonxoff=True)
+    settings = ServerSettings(offers={"lamp": ALL}, rs232="three-wire")
+    with serving({"lamp": lamp}, clock, settings) as served, opened(served) as port:
+        port.xonxoff = True
+        port.write(b"SLOW 1\n" * 6 + b"LEV 2;" * 600 + b"LEV 3\nLEV?\n")
+        assert port.read_until(b"\n") == b"+3.00000000E+00\r\n"
+        assert errors(served) == []
+        port.timeout = 0.2
+        port.set_input_flow_control(enable=False)  # sends XOFF
+        port.write(b"LEV?\n")
+        assert port.read(1) == b""
+        port.set_input_flow_control(enable=True)
+        assert port.read_until(b"\n") == b"+3.00000000E+00\r\n"
+        port.xonxoff, port.timeout = False, 5.0
+        port.write(b"SLOW 1\n" * 6 + b"LEV 2;" * 600 + b"LEV 4\nLEV?\n")
+        assert port.read(1) == b"\x13"
+        eventually(lambda: 521 in errors(served))
 
 
 def test_the_wrong_speed_is_noise() -> None:

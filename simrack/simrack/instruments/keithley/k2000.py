@@ -2,8 +2,9 @@
 
 Source: PyMeasure's driver and other users' code with records of ``*IDN?``, the contents of the User's Manual
 (2000-900-01) and the data sheet of the 2016. Unverified: the form of numbers, error texts, what ``*RST`` leaves of
-averaging, times beside integration. From memory of the manual: continuous initiation is on at power-on and off after
-``*RST`` and CONFigure, INITiate is -213 meanwhile; TRACe takes readings when its feed control is NEXT.
+averaging, times beside integration, that it comes set to XonXoFF as a 2700 does. From memory of the manual: continuous
+initiation is on at power-on and off after ``*RST`` and CONFigure, INITiate is -213 meanwhile; TRACe takes readings when
+its feed control is NEXT.
 
 Not simulated: the scanner, timer and manual triggers, binary formats; temperature has no probe; averaging, relative
 values and mathematics are settings, taken off no reading. CALCulate2 and 3 (statistics of the buffer, limits) are from
@@ -264,7 +265,9 @@ class Keithley2000Twin(SimulatedTruevolt):
     kind: ClassVar[MeterKind] = MeterKind("2000", "A20  /A02", _SHEET, memory=_BUFFER, most_readings=_BUFFER)
     functions: ClassVar[Mapping[str, Function]] = _FUNCTIONS
     table: ClassVar[scpi.CommandTable] = _TABLE
-    dialect: ClassVar[scpi.Dialect] = scpi.Dialect(queue_depth=10, words=common.ERROR_WORDS, takes_blocks=False)
+    dialect: ClassVar[scpi.Dialect] = scpi.Dialect(
+        queue_depth=10, words=common.ERROR_WORDS, takes_blocks=False, xonxoff=True
+    )
     interfaces: ClassVar[Mapping[str, Interface]] = {"gpib": scpi.GPIB, "rs232": scpi.RS232}
     fast_apertures_s: ClassVar[Mapping[float, float]] = {}
 
