@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from msgspec import structs
@@ -143,3 +144,25 @@ def test_a_bench_may_be_opened_first_and_entered_later() -> None:
         assert entered is bench
         raise Aborted("stopped by the test")
     assert bench.closed
+
+
+def test_signals_that_come_before_the_making_safe_has_begun_do_not_end_it() -> None:
+    """Three of a nervous hand at once: the third came while the watchdog was told."""
+
+    class Listening:
+        def making_safe(self, _longest_s: float) -> None:
+            for _ in range(3):
+                signal.raise_signal(signal.SIGINT)
+
+        def leave(self, *, safe: bool) -> None:
+            told.append(safe)
+
+    told: list[bool] = []
+    bench = open_bench(load_bench(None))
+    bench.holding.watchdog = cast("Any", Listening())
+    with bench:
+        bench.rate_table.enable()
+        bench.rate_table.set_rate(50.0, 100.0)
+    assert all(each.safe for each in bench.safe_reports)
+    assert len(bench.safe_reports) == 5
+    assert told == [True]

@@ -13,8 +13,7 @@ from simrack_tests.ports import PLENTY_S
 
 from vcfbench.clock import VirtualClock, WallClock
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
-from vcfbench.safety.signals import ControlClock, StopSignals
-from vcfbench.safety.stack import LeaveNow
+from vcfbench.safety.signals import ControlClock, LeaveNow, StopSignals
 
 
 @pytest.mark.parametrize("system", ["posix", "Windows"])
@@ -161,19 +160,26 @@ def test_while_the_bench_is_made_safe_it_holds_nothing_up() -> None:
         signals.safe_point()
 
 
-def test_the_third_signal_of_all_ends_the_making_safe_once() -> None:
-    """A fourth one shall not keep anything from being told to stop."""
+@pytest.mark.parametrize("before", [1, 2, 3, 4])
+def test_the_third_signal_of_all_ends_the_making_safe_once(before: int) -> None:
+    """Those that come before it begins end nothing. One more keeps nothing from being told to stop."""
     with StopSignals() as signals:
         signal.raise_signal(signal.SIGINT)
         signals.unwind()
-        signal.raise_signal(signal.SIGINT)
+        for _ in range(before - 1):
+            signal.raise_signal(signal.SIGINT)
+        signals.allow_end()
+        if before == 1:
+            signal.raise_signal(signal.SIGINT)
         with pytest.raises(LeaveNow):
             signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
+        signals.close()
 
 
 def test_when_all_is_over_signals_change_nothing() -> None:
     with StopSignals() as signals:
+        signals.allow_end()
         signals.close()
         for _ in range(4):
             signal.raise_signal(signal.SIGINT)

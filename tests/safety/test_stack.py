@@ -17,7 +17,8 @@ from tests.bench.fakes import FakeInstrument
 from vcfbench.clock import VirtualClock, WallClock, sleep
 from vcfbench.errors import NotSafe
 from vcfbench.interfaces import SafeReport, UnprovedCommand
-from vcfbench.safety.stack import LeaveNow, SafeAction, SafetyStack, Stage, not_safe
+from vcfbench.safety.signals import LeaveNow
+from vcfbench.safety.stack import SafeAction, SafetyStack, Stage, not_safe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -65,6 +65,7 @@ def check_bench(description: BenchDescription, *, trust: Trust = False, operator
     Raises:
         ConfigError: one instrument has two roles, or the bench names a program that nobody trusts.
         BenchError: another process has the bench.
+        NotSafe: making it safe was ended by a third signal.
     """
     require_instruments_apart(description)
     require_library(description, trust)
@@ -80,9 +81,10 @@ def check_bench(description: BenchDescription, *, trust: Trust = False, operator
                 checked.append(_check(role, description, stand, safety))
         finally:
             signals.unwind()
-            reports += safety.make_safe()
-            signals.close()
-            safety.close()
+            try:
+                reports += safety.make_safe_until_ended(signals)
+            finally:
+                safety.close()
     return BenchCheck(checked, watchdog, reports)
 
 

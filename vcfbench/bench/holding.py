@@ -18,7 +18,7 @@ from vcfbench.bench.ground import UnopenedBench
 from vcfbench.errors import Aborted, BenchError, NotSafe
 from vcfbench.interfaces import SafeReport
 from vcfbench.safety.signals import StopSignals
-from vcfbench.safety.stack import LeaveNow, SafetyStack, not_safe
+from vcfbench.safety.stack import SafetyStack, not_safe
 from vcfbench.safety.watchdog import Watchdog
 
 _LEFT_TO_PYTHON: Final = ("SIGTERM", "SIGHUP", "SIGBREAK")
@@ -102,15 +102,12 @@ class Holding:
         error: NotSafe | None = NotSafe("NOT SAFE: making safe was broken off")
         try:
             with self._stack:
+                unsafe: NotSafe | None
                 try:
-                    self.reports += self.safety.make_safe()
+                    self.reports += self.safety.make_safe_until_ended(self._signals)
                     unsafe = not_safe(self.reports)
-                    self._signals.close()
-                except LeaveNow:
-                    self._signals.close()
-                    self.safety.command_safe()  # it came just before or after: nothing may have been told yet
-                    said = "NOT SAFE: making safe was ended by a third signal"
-                    unsafe = NotSafe(said, hint="look at every instrument")
+                except NotSafe as ended:
+                    unsafe = ended
                 self.safety.close()
                 if unsafe is not None:
                     unsafe.reports = tuple(self.reports)

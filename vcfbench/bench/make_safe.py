@@ -27,8 +27,8 @@ from vcfbench.interfaces import Operator, SafeReport
 from vcfbench.safety.lock import InUse, LockUnusable, Owner, owners_of
 from vcfbench.safety.processes import KILL, end
 from vcfbench.safety.roles import STILL_DEG_S, Role, filled_roles, safe_action
-from vcfbench.safety.signals import StopSignals
-from vcfbench.safety.stack import LeaveNow, SafetyStack, Stage, not_safe
+from vcfbench.safety.signals import LeaveNow, StopSignals
+from vcfbench.safety.stack import SafetyStack, Stage, not_safe
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import described
 
@@ -108,6 +108,7 @@ def safe_bench(
         held = _held(description, stack, force=force, patience_s=_FREEING_S if ended else 0.0)
         signals.unwind()  # nothing here can be stopped half-way and be called safe
         try:
+            signals.allow_end()
             held.stand.hands.operator = operator
             done = _made_safe(description, held)
             return replace(done, unlocked=held.unlocked, left_to=held.left_to, ended=ended)

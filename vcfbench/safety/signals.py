@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from vcfbench.errors import Aborted
-from vcfbench.safety.stack import LeaveNow
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -35,6 +34,10 @@ _AT_ONCE = 2
 """The signal that waits for no safe point."""
 
 
+class LeaveNow(BaseException):
+    """Raised into the making safe by a third signal: stop proving, report the unsafe ones."""
+
+
 class StopSignals:
     """Turns SIGINT and its kin into Aborted while the bench is open; gives the handlers back when left.
 
@@ -48,8 +51,7 @@ class StopSignals:
         self._at_safe_point = False
         self._delivered = False
         self._unwinding = False
-        self._closing = False
-        self._leaving = False
+        self._endable = False
         self._held = False
         self._previous: dict[signal.Signals, object] = {}
         self.asleep = _Asleep(self)
@@ -133,9 +135,16 @@ class StopSignals:
         """Say that the bench is being made safe: from now on signals only count."""
         self._unwinding = True
 
+    def allow_end(self) -> None:
+        """Say that the proving begins: from now on a third signal raises LeaveNow, which the caller catches.
+
+        One that has come before ends nothing.
+        """
+        self._endable = True
+
     def close(self) -> None:
         """Say that the making safe is over, or was never needed: signals change nothing any more."""
-        self._unwinding = self._closing = True
+        self._unwinding, self._endable = True, False
 
     def break_off_from_now(self, *, possible: bool) -> bool:
         """Let signals break off all from now on, or not; return whether they could before."""
@@ -148,8 +157,8 @@ class StopSignals:
         self._count += 1
         self._name, self._by = self._by or signal.Signals(number).name, ""
         if self._unwinding:
-            if self._count >= 3 and not self._closing and not self._leaving:
-                self._leaving = True  # once: a fourth one shall not keep anything from being told to stop
+            if self._count >= 3 and self._endable:
+                self._endable = False  # once: a fourth one shall not keep anything from being told to stop
                 raise LeaveNow
         elif not (self._delivered or self._held) and (self._at_safe_point or self._count >= _AT_ONCE):
             self._delivered = True  # once is enough: a second one could hit the very start of the unwinding

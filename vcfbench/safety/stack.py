@@ -19,12 +19,14 @@ from msgspec.structs import replace
 from vcfbench.clock import Deadline, WallClock, start_thread, within
 from vcfbench.errors import NotSafe
 from vcfbench.interfaces import SafeReport
+from vcfbench.safety.signals import LeaveNow
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from vcfbench.clock import Clock
     from vcfbench.interfaces import Instrument, UnprovedCommand
+    from vcfbench.safety.signals import StopSignals
 
 _TELLING_S = 0.45
 """Wall time in which all are told."""
@@ -45,10 +47,6 @@ class Stage(IntEnum):
     STIMULUS = 1
     POWER = 2
     REST = 3
-
-
-class LeaveNow(BaseException):
-    """Raised into the unwinding by a third signal: stop making safe, report the unsafe ones."""
 
 
 class SafeAction(Struct, frozen=True):
@@ -99,6 +97,23 @@ class SafetyStack:
             left = pending[len(reports) :]
             unsaved = (_report(action.instrument, "a third signal ended the making safe") for action in left)
             return _with_last_words(pending, [*reports, *map(_judged, left, unsaved)], self._over)
+
+    def make_safe_until_ended(self, signals: StopSignals) -> list[SafeReport]:
+        """Make safe as `make_safe` does; after it `signals` change nothing any more.
+
+        Raises:
+            NotSafe: a third signal ended it when some were not judged.
+        """
+        try:
+            signals.allow_end()
+            reports = self.make_safe()
+            signals.close()
+        except LeaveNow:  # it came just before or after: nothing may have been told yet
+            signals.close()
+            self.command_safe()
+            said = "NOT SAFE: making safe was ended by a third signal"
+            raise NotSafe(said, hint="look at every instrument") from None
+        return reports
 
     def command_safe(self) -> None:
         """Tell every instrument to stop or to switch off, without waiting for any answer; within half a second."""
