@@ -214,16 +214,6 @@ class NoiseSources(_Group, frozen=True):
     flicker_processes: Annotated[
         int, "1", "number of Ornstein-Uhlenbeck processes, each four times slower", _Range(least=0, most=30)
     ] = 9
-    electronic_v_sqrt_hz: Annotated[
-        float,
-        "V/sqrt(Hz)",
-        "white noise of the electronics behind the demodulator, at the output",
-        NOT_NEGATIVE,
-        "off: the paper's angle random walk holds it; 1e-6 would be a good amplifier's (unverified)",
-    ] = 0.0
-    electronic_corner_hz: Annotated[
-        float, "Hz", "where that noise is 3 dB down, first order", _Range(least=1.0, most=5e3)
-    ] = 1000.0
     switch_on_bias_deg_s: Annotated[
         float, "deg/s", "standard deviation of the bias from switch-on to switch-on", NOT_NEGATIVE, "off"
     ] = 0.0

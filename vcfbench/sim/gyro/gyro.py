@@ -22,7 +22,6 @@ from vcfbench.sim.gyro.chain import ChainDesign
 from vcfbench.sim.gyro.course import Acting, Answer, Course, SwitchOn, switch_on
 from vcfbench.sim.gyro.design import seen_share
 from vcfbench.sim.gyro.drive import DriveSegment, Supplied, locked, resting, ring_down, start_up
-from vcfbench.sim.gyro.electronic import ElectronicNoise
 from vcfbench.sim.gyro.electronics import Pin, output_limits, passage, rail_current_a
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.noise_course import NoiseCourse
@@ -35,9 +34,9 @@ AMPLITUDE_STEP = 1e-4
 """Of the drive amplitude: the largest step in which it follows a rail that moves, at most half of it off."""
 FORCED_STEP_V = 10e-3
 """The same where the drive's force is at its limit, in volts of the rail: 0.15 % of the amplitude at most."""
-_LOOKS, _BEHIND, _IMAGINED = 2, 4, 5
+_LOOKS, _IMAGINED = 2, 5
 """Random streams beside the gyro's own noise (1: :mod:`simrack.flutter`, 3: :mod:`vcfbench.sim.mains`); no number
-is ever given again."""
+is ever given again, 4 neither."""
 
 
 _design = lru_cache(8)(ChainDesign)
@@ -100,12 +99,6 @@ class Gyro:
         self.now_s = now_s
         self._bench = bench
         self._seed = seed
-        noise = bench.noise
-        self._electronic = (
-            ElectronicNoise(noise.electronic_v_sqrt_hz, noise.electronic_corner_hz, (seed, _BEHIND))
-            if noise.electronic_v_sqrt_hz
-            else None
-        )
         self._pins = (Pin(1.0, Approach(0.0)), Pin(-1.0, Approach(0.0)))
         self._held_v, self._rail_event_s = 0.0, math.inf
         self._running = False
@@ -348,7 +341,6 @@ class Gyro:
                 acting.passage,
                 self._pins,
                 self._weaker_at(acting.since_s) >= acting.bench.supply.dead_v,
-                self._electronic,
                 limits_v,
             )
         since_s, given = self.now_s - acting.since_s, self._given

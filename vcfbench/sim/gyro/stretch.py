@@ -14,7 +14,6 @@ from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import Response
 from vcfbench.sim.gyro.course import Answer
 from vcfbench.sim.gyro.drive import DriveSegment
-from vcfbench.sim.gyro.electronic import ElectronicNoise
 from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, Passage, Pin, PlayedVoltage, amplify
 from vcfbench.sim.gyro.means import output_integral
 from vcfbench.sim.gyro.modes import Resonance
@@ -37,7 +36,6 @@ class Situation(Struct, frozen=True):
     passage: Passage
     pins: tuple[Pin, Pin]
     alive: bool
-    electronic: ElectronicNoise | None
     limits_v: tuple[float, float] | None
     """Where the output saturates; None while the rails move."""
 
@@ -131,11 +129,7 @@ class Stretch(Struct, frozen=True):
         output = output_integral(self.given.bench.output_stage, limits_v, filtered, duration, noise, variance, moving)
         if rippling is not None:
             output += rippling.integral(duration)
-        return (
-            output
-            if self.given.electronic is None
-            else output + self.given.electronic.integral(self.start_s, self.stop_s)
-        )
+        return output
 
     def _rippling(self) -> Oscillation | None:
         """Return the rails' ripple in the output, None where nothing comes through.
@@ -205,8 +199,7 @@ class Stretch(Struct, frozen=True):
             limits = self._moving_limits().at(elapsed) if self.given.limits_v is None else self.given.limits_v
             volts = amplify(self.given.bench.output_stage, noisy, limits)
             rippling = self._rippling()
-            volts = volts if rippling is None else volts + rippling.at(elapsed)
-            return volts if self.given.electronic is None else volts + self.given.electronic.at(times_s)
+            return volts if rippling is None else volts + rippling.at(elapsed)
         return self._carrier_level(node, times_s)
 
     def _carrier_level(self, node: str, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
