@@ -237,16 +237,17 @@ DEADLY = Procedure(name="deadly", title="Dies.", settings=ProcedureSettings, pla
 
 @pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
-def test_a_run_that_kills_its_process_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_kills_its_process_ends_the_study_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its process dies when the plan is walked, which the check does too: so the check is left out here."""
     (tmp_path / "deadly.py").write_text(DEADLY, encoding="utf-8")
     text = 'procedure = "./deadly.py"\nseeds.count = 4\n[vary]\nsettings.samples = [3, 4, 5]\n'
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
     monkeypatch.setattr(Study, "check", lambda _: iter(()))
-    result = vcfbench.study(tmp_path / "study.toml", output=tmp_path / "t.csv", workers=2)
-    assert [row.status for row in result.rows] == ["complete"] * 4 + ["lost"] * 4 + ["complete"] * 4
-    assert "its process died 3 times" in (tmp_path / "t.csv").read_text("utf-8")
-    assert len(vcfbench.load_study(tmp_path / "t.csv").rows) == 8
+    with pytest.raises(vcfbench.BenchError, match=r"die before they have done case 1, seed \d \(and 3 more\)"):
+        vcfbench.study(tmp_path / "study.toml", output=tmp_path / "t.csv", workers=2)
+    rows = vcfbench.load_study(tmp_path / "t.csv").rows
+    assert sorted({row.case for row in rows}) == [0, 2]
+    assert len(rows) == 8
 
 
 @pytest.mark.exhaustive

@@ -19,7 +19,7 @@ from vcfbench.studies.one_run import PlannedRun, RunRow, perform
 from vcfbench.studies.result import StudyResult, beside, of_rows
 from vcfbench.studies.table import require_writable
 from vcfbench.studies.vary import Drawn
-from vcfbench.studies.workers import LOST, here, in_processes, processors
+from vcfbench.studies.workers import here, in_processes, processors
 
 Rows = Mapping[tuple[int, int], RunRow]
 
@@ -209,14 +209,13 @@ def _work(asked: Study, case: int, seed: int, keep: Path | None) -> PlannedRun:
 
 
 def _kept(rows: Iterator[RunRow], journal: StudyJournal | None) -> Iterator[RunRow]:
-    """Yield `rows`, and write them to the journal in batches; those of a process that died are not kept."""
+    """Yield `rows`, and write them to the journal in batches."""
     batch: list[RunRow] = []
     clock, written_s = WallClock(), 0.0
     try:
         for row in rows:
-            if row.status != LOST:
-                batch.append(row)
-            if journal is not None and batch and (len(batch) >= _BATCH or clock.now() - written_s >= _BATCH_S):
+            batch.append(row)
+            if journal is not None and (len(batch) >= _BATCH or clock.now() - written_s >= _BATCH_S):
                 journal.add(batch)
                 batch, written_s = [], clock.now()
             yield row

@@ -1,7 +1,6 @@
 """Workers for the runs of a study: this process, or processes of its own. Both yield the same rows.
 
-A process that dies takes its pool with it. What it may have been doing is then done again one run at a time, each in a
-process of its own making, so that a run that kills its process is found, and no other run is lost by it.
+A process that dies takes its pool with it: what was under way is done again, last of all, in another pool.
 """
 
 import gc
@@ -9,24 +8,19 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import connection
-from typing import Any, Final
+from typing import Final
 
 from vcfbench.errors import BenchError
 from vcfbench.studies.one_run import PlannedRun, RunRow, perform
 
-LOST: Final = "lost"
-"""Status of a run whose process died each time; it is not kept, so that a study that goes on tries it again."""
-
-_TRIES: Final = 3
-_FIRST_BREAKS: Final = 7
-_MOST_BREAKS: Final = 60
-"""Processes that may die one after another without any run done: before the first one, and later."""
+_MOST_BREAKS: Final = 7
+"""Pools that may break one after another without any run done."""
 
 _THREADS: Final = "OPENBLAS_NUM_THREADS"
 
@@ -48,63 +42,39 @@ def in_processes(works: Iterable[PlannedRun], workers: int) -> Iterator[RunRow]:
         BenchError: processes die again and again without a run done.
     """
     queue: deque[PlannedRun] = deque(works)
-    suspects: deque[PlannedRun] = deque()
-    breaks, most = 0, _FIRST_BREAKS
-    tries: Counter[tuple[int, int]] = Counter()
-    while queue or suspects:
-        alone = bool(suspects)
-        with _pool(1 if alone else workers) as pool:
-            lost: list[PlannedRun] = []
-            for row in _done(pool, suspects if alone else queue, 1 if alone else 2 * workers, lost):
-                breaks, most = 0, _MOST_BREAKS
+    breaks = 0
+    while queue:
+        with _pool(workers) as pool:
+            for row in _done(pool, queue, 2 * workers):
+                breaks = 0
                 yield row
-        breaks += bool(lost)
-        if breaks > most:
+        breaks += 1
+        if queue and breaks > _MOST_BREAKS:
+            (case, seed), others = queue[0].key, f" (and {len(queue) - 1} more)" if len(queue) > 1 else ""
             raise BenchError(
-                "the processes of the study die before they have done a run",
+                f"the processes of the study die before they have done case {case}, seed {seed}{others}",
                 hint="a script needs `if __name__ == '__main__':` around the call; where memory is short, --workers 1",
             )
-        for work in lost:
-            tries[work.key] += alone
-            if tries[work.key] >= _TRIES:
-                yield RunRow(*work.key, LOST, f"its process died {_TRIES} times")
-            else:
-                suspects.appendleft(work) if alone else suspects.append(work)
 
 
-def _done(pool: ProcessPoolExecutor, queue: deque[PlannedRun], window: int, lost: list[PlannedRun]) -> Iterator[RunRow]:
-    """Yield the rows of `queue`, at most `window` of them under way; those lost with a dead process go into `lost`."""
-    running: dict[Any, PlannedRun] = {}
-    while queue or running:
-        try:
+def _done(pool: ProcessPoolExecutor, queue: deque[PlannedRun], window: int) -> Iterator[RunRow]:
+    """Yield the rows of `queue`, at most `window` of them under way; those lost with a dead process go back into it."""
+    running: dict[Future[RunRow], PlannedRun] = {}
+    try:
+        while queue or running:
             while queue and len(running) < window:
                 running[pool.submit(perform, queue[0])] = queue[0]
                 queue.popleft()
-        except BrokenProcessPool:  # told here first; those under way tell it below
-            pass
-        if not running:
-            lost.append(queue.popleft())
-            return
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
-            work = running.pop(future)
-            try:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
                 row = future.result()
-            except BrokenProcessPool:
-                lost.append(work)
-            else:
+                del running[future]
                 yield row
-        if lost:
-            yield from _left(running, lost)
-            return
-
-
-def _left(running: dict[Any, PlannedRun], lost: list[PlannedRun]) -> Iterator[RunRow]:
-    """Yield the rows done before the pool broke; the rest is lost."""
-    for future, work in running.items():
-        try:
-            yield future.result()
-        except BrokenProcessPool:
-            lost.append(work)
+    except BrokenProcessPool:
+        for future, work in running.items():
+            if future.done() and future.exception() is None:
+                yield future.result()
+            else:
+                queue.append(work)
 
 
 @contextmanager
