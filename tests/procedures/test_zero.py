@@ -17,7 +17,7 @@ from vcfbench.analysis.allan import Sampling, Term, deviation_factor
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_of
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.zero.noise import with_what_is_let_through
 from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
 from vcfbench.procedures.zero.results import ZeroResult, zero_report, zero_results
@@ -302,20 +302,6 @@ def test_ten_a_second_are_within_reach_of_one_power_line_cycle() -> None:
     planned = vcfbench.dry_run("zero", settings={"sample_interval_s": 0.1, "nplc": 1, "duration_s": 7200.0})
     (window,) = [each.step for each in planned.steps if isinstance(each.step, Acquire)]
     assert (window.samples, window.interval_s) == (72_000, 0.1)
-
-
-def test_the_scale_factor_of_a_record_is_taken_and_kept(tmp_path: Path) -> None:
-    quick = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3}
-    calibration = vcfbench.run("turntable", seed=3, settings=quick, runs=tmp_path)
-    record = str(calibration.directory)
-    done = vcfbench.run("zero", seed=3, settings={"duration_s": 200.0, "scale_factor_from": record}, runs=tmp_path)
-    used = done.results.scale_factor_v_per_deg_s
-    assert (used.value, used.u) == (calibration.results.scale_factor.value, calibration.results.scale_factor.u)
-    assert calibration.name in used.source
-    (tmp_path / "result.json").write_text("{}")
-    with pytest.raises(ConfigError, match="expected a calibration's scale factor"):
-        scale_factor_of(tmp_path)
-    assert vcfbench.load_run(done.directory or "").results == done.results
 
 
 def test_a_scale_factor_of_nothing_is_refused() -> None:

@@ -22,7 +22,7 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
-from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_read, scale_factor_used
+from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_used
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, mean_of_records, quantity_row
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.records.schema import Point
@@ -89,7 +89,7 @@ class RepeatabilityResult(Struct, frozen=True):
         yield "turn-on transient", self.turn_on_transient
 
 
-@routines.framed(scale_factor_read, routines.off_afterwards, routines.held_at_rest)
+@routines.framed(routines.off_afterwards, routines.held_at_rest)
 def repeatability(settings: RepeatabilitySettings) -> steps.Plan:
     """Switch on, warm up, measure, switch off and cool; so many times."""
     yield from routines.source_off(settings)
@@ -110,7 +110,7 @@ def repeatability(settings: RepeatabilitySettings) -> steps.Plan:
 
 def results(settings: RepeatabilitySettings, measured: Measured) -> RepeatabilityResult:
     """Return the spread from switch-on to switch-on."""
-    scale = scale_factor_used(settings, measured)
+    scale = scale_factor_used(settings)
     windows = [(step, each) for step, each in measured.found(steps.Window) if isinstance(step, steps.Acquire)]
     early = [each for step, each in windows if step.step == _AFTER_POWER_ON]
     warm = [each for step, each in windows if step.step == _AT_LEVELS]

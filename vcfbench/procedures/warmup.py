@@ -377,7 +377,7 @@ class SwitchOnAndLog(steps.EnableSupply, frozen=True):
         return SwitchedOn(0.0, tuple(Reading(n * self.interval_s, gyro.output_v(0.0)) for n in range(count)))
 
 
-@routines.framed(scale_factors.scale_factor_read, routines.off_afterwards, routines.held_at_rest)
+@routines.framed(routines.off_afterwards, routines.held_at_rest)
 def warmup(settings: WarmupSettings) -> steps.Plan:
     """Follow the output from power-on: V_Vc off, the table (where there is one) held still under servo."""
     yield steps.Note("Power-on")
@@ -422,7 +422,7 @@ def _instability_deg_h(settings: WarmupSettings) -> float:
 def results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
     """Return the results of a warm-up, its times counted from power-on."""
     ((_, switched),) = measured.found(SwitchedOn)
-    scale = scale_factors.scale_factor_used(settings, measured)
+    scale = scale_factors.scale_factor_used(settings)
     log = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in switched.log]
     windows = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in measured.readings.windows]
     length_s = settings.readings_a_window * settings.sample_interval_s

@@ -137,7 +137,7 @@ _OURS: Final = f"{__name__.partition('.')[0]}."
 _OF_PROCEDURES: Final = frozenset(
     {
         *("AtTemperature", "BeginPart", "CaptureDecay", "CaptureFar", "CaptureSense", "DriveDecay", "MeasureRails"),
-        *("RailOnAndLog", "RailsDrawn", "RailsLogged", "ReadScaleFactor", "ReleaseDrive", "ScaleFactorRead"),
+        *("RailOnAndLog", "RailsDrawn", "RailsLogged", "ReleaseDrive"),
         *("SenseDecay", "SuppliedAndLogged", "SwitchOnAndLog", "SwitchedOn"),
     }
 )

@@ -411,8 +411,7 @@ def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) 
 
     That of small rates goes before a line's: it is what holds at rest, the slope of a line through a curved output not.
     """
-    given = not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None
-    if given or getattr(own, "scale_factor_from", "none") != "none":
+    if not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None:
         return own
     for part in sorted(found.values(), key=lambda each: each.name != _CERTIFIES):
         tell = getattr(part.results, "acceptance_values", None)

@@ -19,7 +19,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import at_signs, to_level
 from vcfbench.procedures.shared.kept import Keeps
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, scale_factor_read
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
@@ -120,7 +120,7 @@ class MeasureRails(Step, Struct, frozen=True):
         return RailsDrawn(tuple(drawn))
 
 
-@routines.framed(scale_factor_read, routines.off_afterwards, routines.held_at_rest)
+@routines.framed(routines.off_afterwards, routines.held_at_rest)
 def plan(settings: PowerSettings) -> steps.Plan:
     """Log power-on, read the steady currents, and move the rails."""
     yield steps.ConfigureMeter(float(settings.meter_range_v), _QUICK_NPLC)

@@ -188,7 +188,7 @@ class PowerResult(Struct, frozen=True):
 
 def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
     """Return the result of the test."""
-    scale = scale_factor_used(settings, measured)
+    scale = scale_factor_used(settings)
     logged = measured.found(RailsLogged)
     ((_, steady),) = measured.found(RailsDrawn)
     rails = []

@@ -18,7 +18,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
 from vcfbench.procedures.shared.kept import Keeps
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, scale_factor_read
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.shared.oscilloscope import capture_drive
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.temperature import results
@@ -49,7 +49,7 @@ def _air_off(settings: TemperatureSettings, work: steps.Plan) -> steps.Plan:
         yield steps.StopFlow()
 
 
-@routines.framed(scale_factor_read, routines.energised, _looked_at, routines.held_at_rest, _air_off)
+@routines.framed(routines.energised, _looked_at, routines.held_at_rest, _air_off)
 def plan(settings: TemperatureSettings) -> steps.Plan:
     """Go to each temperature, soak, measure."""
     previous_c = settings.room_c

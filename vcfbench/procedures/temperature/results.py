@@ -180,7 +180,7 @@ class _Found(Struct, frozen=True):
 
 def temperature_results(settings: TemperatureSettings, measured: Measured) -> TemperatureResult:
     """Return the results of the run."""
-    scale = scale_factor_used(settings, measured)
+    scale = scale_factor_used(settings)
     seen = [_seen(settings, at, part) for at, part in measured.parted(AtTemperature)]
     # The noise of the windows, by the residuals of blocks beside levels and drift
     std_v = math.sqrt(fmean(point.std_v**2 for point in measured if point.step == _MEASURED))

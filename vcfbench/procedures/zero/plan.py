@@ -20,7 +20,7 @@ from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import KeptSettings, conditions_of
-from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_read, scale_factor_used
+from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.procedures.zero.results import ForeseenZero, ZeroResult, foreseen_zero, zero_report, zero_results
 from vcfbench.records import devices
 from vcfbench.station.bounds import ranged, said
@@ -141,7 +141,7 @@ def _warm(settings: ZeroSettings, work: steps.Plan) -> steps.Plan:
     return (yield from work)
 
 
-@routines.framed(scale_factor_read, routines.off_afterwards, _warm, routines.held_at_rest)
+@routines.framed(routines.off_afterwards, _warm, routines.held_at_rest)
 def zero(settings: ZeroSettings) -> steps.Plan:
     """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
     yield steps.Note(f"The output at rest for {settings.duration_s:g} s")
@@ -162,7 +162,7 @@ def zero(settings: ZeroSettings) -> steps.Plan:
 def results(settings: ZeroSettings, measured: Measured) -> Any:
     """Return the results of the record, or what a dry run expects of it."""
     (window,) = measured.readings.windows
-    scale = scale_factor_used(settings, measured)
+    scale = scale_factor_used(settings)
     if isinstance(measured, Foreseen):
         if measured.white_v_sqrt_s < settings.meter_resolution_v * settings.aperture_s**0.5:
             return ForeseenZero()

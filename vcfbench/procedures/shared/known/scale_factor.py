@@ -1,22 +1,15 @@
-"""The scale factor that turns the output at rest into a rate: told, read from a record, or expected."""
+"""The scale factor that turns the output at rest into a rate: told, or expected."""
 
 from collections.abc import Iterator
 from enum import Enum
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import msgspec
 from msgspec import Struct
 
-from vcfbench.errors import ConfigError
-from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.procedures.shared.kept import KeptSettings
-from vcfbench.station.bounds import ranged, said, several
+from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import DeviceSettings
-from vcfbench.steps.measured import Measured
-from vcfbench.steps.step import Context, Plan, Step, StepResult
 
 
 class ScaleFactorBy(Enum):
@@ -31,15 +24,12 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
 
     scale_factor_v_per_deg_s: Annotated[
         Annotated[float, ranged(-1e3, 1e3)] | None,
-        said("of this gyroscope; default that of a record, else what is expected, else the paper's"),
+        said("of this gyroscope; default what is expected, else the paper's"),
     ] = None
     scale_factor_u_v_per_deg_s: Annotated[
         Annotated[float, ranged(0.0, 1e3)] | None,
         said("its standard uncertainty; without it a bias in deg/s is incomplete"),
     ] = None
-    scale_factor_from: Annotated[
-        str, several(1, 4096, "record (a directory) of a calibration that tells it, or none")
-    ] = "none"
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
@@ -80,58 +70,10 @@ class ScaleFactor(Struct, frozen=True):
     source: str
 
 
-class ScaleFactorRead(StepResult, ScaleFactor, frozen=True):
-    """The scale factor of a record."""
-
-    def describe(self) -> str:
-        return f"{self.value:.6g} V/(deg/s), {self.source}"
-
-
-class ReadScaleFactor(Step, Struct, frozen=True):
-    """Take the scale factor from the record of a calibration, once, so that this run's record holds it too."""
-
-    record: str
-
-    def describe(self) -> str:
-        return f"the scale factor is that of {self.record}"
-
-    def perform(self, context: Context) -> ScaleFactorRead:
-        """Read the record's ``result.json``; ConfigError where it has no scale factor."""
-        return scale_factor_of(Path(self.record))
-
-    def predict(self, gyro: LinearGyro) -> ScaleFactorRead:
-        """Read it as well: a dry run finds out that there is none."""
-        return scale_factor_of(Path(self.record))
-
-
-def scale_factor_of(record: Path) -> ScaleFactorRead:
-    """Return the scale factor that stands in the record of a calibration, that on the table first.
-
-    ConfigError: there is no such record, or no scale factor in it.
-    """
-    path = record / "result.json" if record.is_dir() else record
-    text = read_file(path, "the result of a calibration", MOST_TABLE)
-    try:
-        results: Any = msgspec.json.decode(text, type=dict[str, Any]).get("results") or {}
-        column = results.get("turntable", results)["scale_factor"]
-        return ScaleFactorRead(float(column["value"]), float(column["u"] or column["u_fit"]), f"record {record.name}")
-    except (msgspec.DecodeError, RecursionError, AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"{shown(path)}: expected a calibration's scale factor, found none: {error!r}") from None
-
-
-def scale_factor_read(settings: AtRestSettings, work: Plan) -> Plan:
-    """Read the scale factor where a record tells it, then do `work`."""
-    if settings.scale_factor_v_per_deg_s is None and settings.scale_factor_from != "none":
-        yield ReadScaleFactor(settings.scale_factor_from)
-    return (yield from work)
-
-
-def scale_factor_used(settings: AtRestSettings, measured: Measured) -> ScaleFactor:
+def scale_factor_used(settings: AtRestSettings) -> ScaleFactor:
     """Return the scale factor that turns volts into rates, with its source."""
     if settings.scale_factor_v_per_deg_s is not None:
         return ScaleFactor(settings.scale_factor_v_per_deg_s, settings.scale_factor_u_v_per_deg_s, "settings")
-    for _, read in measured.found(ScaleFactorRead):
-        return ScaleFactor(read.value, read.u, read.source)
     expected = settings.expected.scale_factor_v_per_deg_s is not None
     source = (
         "middle of what the bench file expects" if expected else "that of the paper: nothing tells this gyroscope's"
