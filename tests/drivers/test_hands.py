@@ -57,13 +57,12 @@ def test_after_five_tries_it_is_given_up() -> None:
         Hands().number("it", "V", 1.0)
 
 
-def test_a_read_back_is_typed_twice_but_for_a_zero() -> None:
-    hands, asked = typing("10", "1.0", "10", "10.0", "0")
+def test_a_read_back_is_typed_twice_where_it_has_changed() -> None:
+    hands, asked = typing("0", "10", "1.0", "10", "10.0", "10", "0", "0")
     table = HandTable("rate_table", TABLE, hands, {"max_rate_deg_s": 50.0})
-    assert table.rate_deg_s() == -10.0
-    assert asked[-1] == "type the rate that the table shows again (deg/s, at most 100)"
-    assert table.rate_deg_s() == 0.0
-    assert len(asked) == 5
+    assert [table.rate_deg_s() for _ in range(4)] == [0.0, -10.0, -10.0, 0.0]
+    assert asked[4] == "type the rate that the table shows again (deg/s, at most 100)"
+    assert len(asked) == 8
     assert table.command_safe().last_read == "0 deg/s"
 
 

@@ -59,11 +59,11 @@ class Hands:
 
         return float(self._typed(f"type {what} ({limits})", unit, as_number))
 
-    def twice(self, what: str, unit: str, largest: float) -> float:
-        """Have a number typed twice, the same, but for a zero; MeasurementError where it does not come to that."""
+    def twice(self, what: str, unit: str, largest: float, expected: float = 0.0) -> float:
+        """Have a number typed twice the same, or once as `expected`; MeasurementError where neither comes."""
         for _ in range(_TRIES):
             first = self.number(what, unit, largest)
-            if first == 0.0 or self.number(f"{what} again", unit, largest) == first:
+            if first == expected or self.number(f"{what} again", unit, largest) == first:
                 return first
         raise MeasurementError(f"{what} was never typed twice the same")
 
@@ -191,6 +191,7 @@ class HandTable(_ByHand):
     """A rate table that a person sets, reads and stops."""
 
     safe_words = "to stop"
+    _shown_deg_s = 0.0
     _safe = False
 
     def enable(self) -> None:
@@ -220,8 +221,8 @@ class HandTable(_ByHand):
         if self._safe:
             return 0.0
         largest = 2.0 * (self._limits["max_rate_deg_s"] or 0.0)
-        shown_deg_s = self._hands.twice("the rate that the table shows", "deg/s", largest)
-        rate_deg_s: float = self._part.axis_sign * shown_deg_s + 0.0
+        self._shown_deg_s = self._hands.twice("the rate that the table shows", "deg/s", largest, self._shown_deg_s)
+        rate_deg_s: float = self._part.axis_sign * self._shown_deg_s + 0.0
         self._last_read = f"{rate_deg_s:g} deg/s"
         return rate_deg_s
 
