@@ -248,19 +248,10 @@ def test_on_a_simulated_bench_the_program_is_the_hands(tmp_path: Path) -> None:
     assert run.results.scale_factor.value == pytest.approx(-SCALE_FACTOR, rel=0.01)  # axis_sign
 
 
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
-def test_a_person_types_a_calibration_at_the_terminal(bench: Path, tmp_path: Path) -> None:
+def typed_at_a_terminal(bench: Path, silent: str = "^$") -> tuple[int, str, Person]:
+    """Run the calibration at a terminal; return exit code, what it said, and the person, who leaves `silent` alone."""
     main, terminal = os.openpty()
-    command = [
-        "-m",
-        "vcfbench",
-        "run",
-        "turntable",
-        "--bench",
-        str(bench),
-        "--runs",
-        str(tmp_path / "r"),
-    ]
+    command = ["-m", "vcfbench", "run", "turntable", "--bench", str(bench), "--runs", str(bench.parent / "runs")]
     process = subprocess.Popen([sys.executable, *command], stdin=terminal, stdout=terminal, stderr=terminal)  # noqa: S603
     os.close(terminal)
     person, said, answered, clock = Person(), "", 0, WallClock()
@@ -272,9 +263,24 @@ def test_a_person_types_a_calibration_at_the_terminal(bench: Path, tmp_path: Pat
                 break
             *earlier, words = re.findall(r"Please (.*), then press Enter:", said) or [""]
             if len(earlier) + 1 > answered and words:
-                os.write(main, f"{person.typed(words)}\n".encode())
                 answered += 1
+                if not re.search(silent, words):
+                    os.write(main, f"{person.typed(words)}\n".encode())
     os.close(main)
-    assert process.wait(10.0) == 0, said
+    return process.wait(10.0), said, person
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
+def test_a_person_types_a_calibration_at_the_terminal(bench: Path) -> None:
+    code, said, person = typed_at_a_terminal(bench)
+    assert code == 0, said
     assert "complete: " in said
     assert (person.on, person.shown_deg_s) == (False, 0.0)
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
+def test_a_terminal_at_which_nobody_answers_in_the_end_is_not_waited_for_for_ever(bench: Path) -> None:
+    bench.write_text(BENCH.replace('by = "hand"', 'by = "hand"\ntimeout_s = 0.2'), encoding="utf-8")
+    code, said, _ = typed_at_a_terminal(bench, silent="once it is stopped")
+    assert code == 5, said
+    assert "NOT SAFE: rate_table at hand://bench-2/rate_table: could not be told to stop" in said

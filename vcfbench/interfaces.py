@@ -85,13 +85,14 @@ class Request(Struct, frozen=True):
 
     `takes_s` is how long that takes, about. `adjustments` are what comes to the same on a simulated bench: names and
     values as ``vcfbench sim ctl set`` takes them. `types` is what shall be typed: a unit, or the words that there are
-    to choose from; empty where it need only be done.
+    to choose from; empty where it need only be done. `wanted` tells whether somebody still waits for it.
     """
 
     words: str
     takes_s: float = 60.0
     adjustments: Mapping[str, float | str | bool | None] = field(default_factory=dict)
     types: str = ""
+    wanted: Callable[[], bool] = lambda: True
 
 
 Operator = Callable[[Request], str]
@@ -102,7 +103,7 @@ def nobody(request: Request) -> str:
     """Refuse: nobody is there to be asked."""
     raise PlanError(
         f"somebody would have to {request.words}, and nobody is there to be asked",
-        hint="give the run an operator, or say --yes if all is done as asked",
+        hint="at a terminal, or with an operator" + ("" if request.types else "; or say --yes if all is done as asked"),
     )
 
 

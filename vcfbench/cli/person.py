@@ -1,7 +1,9 @@
 """The person at the terminal: told the actions that only hands can do, and waited for."""
 
+import select
 import sys
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
+from functools import partial
 from typing import Final
 
 from vcfbench.cli.keys import Keys
@@ -10,6 +12,7 @@ from vcfbench.errors import Aborted
 from vcfbench.interfaces import Operator, Request
 from vcfbench.safety.signals import StopSignals
 
+_LOOKS_S: Final = 0.1
 _DISPLAYED_S: Final = 0.05
 """Wall time in which a display, which writes in a thread of its own, has shown what went before a question."""
 
@@ -35,12 +38,21 @@ def at_the_terminal(signals: StopSignals | None, keys: Keys | None, *, yes: bool
         with nullcontext() if keys is None else keys.left_alone():
             sleep(WallClock(), _DISPLAYED_S)
             _say(f"\nPlease {request.words}, then press Enter: ")
-            line = sys.stdin.readline() if signals is None else signals.attend(sys.stdin.readline)
+            line = _line(request) if signals is None else signals.attend(partial(_line, request))
             if not line:
                 raise Aborted(f"the terminal was closed where somebody had to {request.words}")
             return line.strip() or "done"
 
     return ask
+
+
+def _line(request: Request) -> str:
+    """Read a line from the terminal, as long as it is wanted: a thread that is left behind keeps it from nobody."""
+    with suppress(OSError, ValueError):  # it has no descriptor, or Windows has no select for it
+        while sys.stdin.isatty() and not select.select([sys.stdin], [], [], _LOOKS_S)[0]:
+            if not request.wanted():
+                raise Aborted(f"nobody waits any more for somebody to {request.words}")
+    return sys.stdin.readline()
 
 
 def agreed(words: str, signals: StopSignals | None = None, keys: Keys | None = None) -> bool:

@@ -26,6 +26,8 @@ class Hands:
         self.operator: Operator | None = None
         self._said: list[tuple[str, str]] = []
         self._turn = Lock()
+        self.left = False
+        """Whether the bench was left: an answer that is still waited for is of no use any more."""
 
     def taken(self) -> list[tuple[str, str]]:
         """Return what was asked and answered since this was asked last."""
@@ -35,7 +37,8 @@ class Hands:
     def do(self, words: str, types: str = "") -> str:
         """Have something done; return what was typed."""
         with self._turn:
-            answer = (self.operator or nobody)(Request(words, types=types)).strip()
+            request = Request(words, types=types, wanted=lambda: not self.left)
+            answer = (self.operator or nobody)(request).strip()
             self._said.append((words, answer))
         return answer
 
@@ -115,7 +118,8 @@ class _ByHand:
         return "read by hand, it drives nothing"
 
     def close(self) -> None:
-        """Do nothing: there is no connection."""
+        """Ask nobody any more."""
+        self._hands.left = True
 
 
 class HandMeter(_ByHand):
