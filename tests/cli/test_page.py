@@ -17,7 +17,6 @@ import pytest
 from tests import warm
 from vcfbench.errors import ConfigError
 from vcfbench.page.server import LivePage
-from vcfbench.safety.control import RunControl
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -137,10 +136,10 @@ def test_without_its_extra_it_says_what_to_install(library: str, words: list[str
 
 
 def test_it_listens_on_this_machine_alone(tmp_path: Path) -> None:
-    page = LivePage(tmp_path, tmp_path, 0, RunControl())
+    page = LivePage(tmp_path, tmp_path, 0)
     with page:
         assert page._socket.getsockname()[0] == "127.0.0.1"
         first = page.address.split("#")[1]
-    with LivePage(tmp_path, tmp_path, 0, RunControl()) as other:
+    with LivePage(tmp_path, tmp_path, 0) as other:
         assert other.address.split("#")[1] != first
     assert len(first) >= 16

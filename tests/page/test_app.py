@@ -276,20 +276,20 @@ def test_connections_are_few_and_must_ask(monkeypatch: pytest.MonkeyPatch, tmp_p
     """Idle connections took every file descriptor of the run, which then could not make its bench safe."""
     monkeypatch.setattr(connections, "_MOST", 3)
     monkeypatch.setattr(connections, "_ASKING_S", 0.2)
-    with LivePage(tmp_path, tmp_path, 0, RunControl()) as page, ExitStack() as stack:
+    with LivePage(tmp_path, tmp_path, 0) as page, ExitStack() as stack:
         port = int(page.address.split(":")[2].split("/")[0])
         opened = [stack.enter_context(socket.create_connection(("127.0.0.1", port), 5.0)) for _ in range(6)]
         for each in opened:
             each.settimeout(5.0)
             with suppress(ConnectionResetError):
                 assert each.recv(1) == b""
-        assert httpx.get(page.address.split("#")[0], timeout=5.0).status_code == 200
+        assert httpx.get(page.address.split("run/")[0], timeout=5.0).status_code == 200
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="the descriptors of a process are counted there")
 def test_a_burst_of_connections_takes_few_descriptors(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(connections, "_MOST", 3)
-    with LivePage(tmp_path, tmp_path, 0, RunControl()) as page, ExitStack() as stack:
+    with LivePage(tmp_path, tmp_path, 0) as page, ExitStack() as stack:
         port = int(page.address.split(":")[2].split("/")[0])
         opened = [stack.enter_context(socket.socket()) for _ in range(200)]
         before, most = len(list(Path("/proc/self/fd").iterdir())), 0

@@ -10,6 +10,7 @@ import pytest
 
 import vcfbench
 from tests.cli.test_page import started
+from tests.page.test_panel import PLAN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -182,3 +183,31 @@ def test_a_million_readings_are_drawn_as_few(browser: Any, station: tuple[str, P
     looked.page.click("#whole")
     looked.wait("#readings-said:has-text('1,000,000 of 1,000,000')")
     assert looked.wrong == []
+
+
+def test_an_operator_measures_by_keyboard_alone(browser: Any, tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN, "utf-8")
+    words = ("panel", "plan.toml", "--port", "0", "--speed", "3")
+    with started(tmp_path, *words, said_on="stdout") as (_, address):
+        only_looks = Looked(browser, address.split("#")[0])
+        screens = [Looked(browser, address, screen) for screen in [(820, 1180, "light"), *SCREENS]]
+        first = screens[0]
+        first.wait("#serial:focus")
+        first.page.keyboard.type("G1\n")
+        first.wait("#start:focus")
+        assert first.text("#mounting .named") == "G1"
+        first.page.keyboard.press("Enter")
+        for each in (*screens, only_looks):
+            each.wait("#measuring")
+            each.wait("#doing:not(:empty)")
+            assert each.page.is_enabled("#stop") is (each is not only_looks)
+        for each in (*screens, only_looks):
+            each.wait("#verdict-card")
+            assert each.text("#verdict") == "DONE"
+            assert "G1" in each.text("#sheet table")
+            assert not each.is_too_wide()
+        assert not only_looks.page.is_visible("#next")
+        first.wait("#serial:focus")
+        first.page.keyboard.type("G1\n")
+        first.wait("text=G1 is measured already")
+        assert [said for each in screens for said in each.wrong if "409" not in said] == []

@@ -3,10 +3,10 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from msgspec import structs, to_builtins
+from msgspec import Struct, structs, to_builtins
 
 from vcfbench.archive.batch_sheet import batch_sheet, sheet_rows, write_sheet
 from vcfbench.cli.answer import print_json, print_verdicts
@@ -18,7 +18,12 @@ from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
 from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import Batch, read_batch, with_operator
 from vcfbench.runs.request import Prepared
+from vcfbench.safety.control import RunControl
 from vcfbench.safety.signals import StopSignals
+from vcfbench.station.acceptance import Acceptance
+
+if TYPE_CHECKING:
+    from vcfbench.page.server import LivePage
 
 _WIDTH = 80
 
@@ -52,7 +57,7 @@ def batch(
     worst = 0
     try:
         for serial in asked.devices or _typed(asked, runs):
-            worst = max(worst, _measure(asked, serial, options))
+            worst = max(worst, _mounted(asked, serial, options))
     finally:  # what there is, also when the batch was stopped
         rows = sheet_rows(asked.name, runs)
         written = () if sheet is None else write_sheet(asked.name, rows, sheet)
@@ -84,30 +89,60 @@ def _typed(asked: Batch, runs: Path) -> Iterator[str]:
         yield serial
 
 
-def _measure(asked: Batch, serial: str, options: RunOptions) -> int:
-    """Measure one device by what is left of the runs; return the exit code that it alone would have."""
-    left = asked.left(serial, options.runs)
-    if not left:
+def _mounted(asked: Batch, serial: str, options: RunOptions) -> int:
+    """Have one device mounted and measure it; return the exit code that it alone would have."""
+    if not asked.left(serial, options.runs):
         typer.echo(f"{serial}: measured already", err=True)
         return 0
     if somebody_there() and not options.yes:
         typer.echo(f"\nPlease mount {serial}, then press Enter: ", err=True, nl=False)
         if not sys.stdin.readline():
             raise Aborted(f"the terminal was closed where somebody had to mount {serial}")
-    passed = True
-    for each in left:
+    return measured(asked, serial, options).code
+
+
+class Outcome(Struct, frozen=True):
+    """Outcome of a device: exit code that it alone would have, one word and what stands behind it."""
+
+    code: int
+    word: str
+    why: str = ""
+
+
+def measured(asked: Batch, serial: str, options: RunOptions, page: "LivePage | None" = None) -> Outcome:
+    """Measure one device by what is left of the runs; `page` shows them.
+
+    Raises:
+        Aborted: somebody stopped it.
+        NotSafe: the bench was left live.
+    """
+    left, verdicts = asked.left(serial, options.runs), dict[str, Acceptance]()
+    for number, each in enumerate(left, 1):
         request = asked.request(each, serial, options.runs, options.speed)
         try:
             with StopSignals() as signals:
-                run = attended(request, Prepared, structs.replace(options, seed=request.seed), signals, None)
+                if page is not None and page.panel is not None:
+                    control = RunControl()
+                    page.follow(control)
+                    page.panel.begin(each.procedure.name, number, len(left), page.view)
+                    person = None if options.yes else page.panel.person(signals)
+                    request = structs.replace(request, control=control, person=person)
+                run = attended(request, Prepared, structs.replace(options, seed=request.seed), signals, page)
+                if page is not None:
+                    page.ended(run)
             if run.error is not None:
                 raise run.error
         except (Aborted, NotSafe):
             raise
         except BenchError as error:
-            typer.echo(f"vcfbench: {serial}: {each.procedure.name}: {error}; the batch goes on", err=True)
-            return error.exit_code  # its next run would meet the same
-        passed = passed and (run.verdict is None or run.verdict.passed)
+            why = f"{each.procedure.name}: {error}"
+            typer.echo(f"vcfbench: {serial}: {why}; the batch goes on", err=True)
+            return Outcome(error.exit_code, "ERROR", why)  # its next run would meet the same
+        if run.verdict is not None:
+            verdicts[each.procedure.name] = run.verdict
         word = run.status.value if run.verdict is None else run.verdict.word.upper()
         typer.echo(f"{serial}: {each.procedure.name}: {word}, {run.directory}", err=True)
-    return 0 if passed else 1
+    if failed := [f"{name}: {verdict.word.upper()}" for name, verdict in verdicts.items() if not verdict.passed]:
+        failing = any(verdict.word == "fail" for verdict in verdicts.values())
+        return Outcome(1, "FAIL" if failing else "MARGINAL", "; ".join(failed))
+    return Outcome(0, "PASS") if verdicts else Outcome(0, "DONE", "no limit judges it")

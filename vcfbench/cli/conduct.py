@@ -68,7 +68,8 @@ def carry_out(request: Request, preparing: Preparing, options: RunOptions, endin
         if options.page and control is not None:
             from vcfbench.page.server import LivePage  # noqa: PLC0415  # few look at one
 
-            page = LivePage(request.runs or options.runs, Path("devices"), options.port, control)
+            page = LivePage(request.runs or options.runs, Path("devices"), options.port)
+            page.follow(control)
             typer.echo(f"page: {page.address}", err=True)
             stack.enter_context(page)
         run = attended(structs.replace(request, control=control), preparing, options, signals, page)
@@ -124,7 +125,7 @@ def attended(
                 request,
                 display=display,
                 observers=() if page is None else (page,),
-                person=at_the_terminal(signals, keys, yes=options.yes),
+                person=request.person or at_the_terminal(signals, keys, yes=options.yes),
                 options=structs.asdict(options),
                 warn=warn,
                 trust=options.yes or (lambda words: agreed(words, signals, keys)),

@@ -32,6 +32,7 @@ COMMANDS = {
     "safe": "Stop the table, switch the outputs off, check both.",
     "run": "Run a calibration procedure on a bench.",
     "batch": "Measure gyroscopes one after another.",
+    "panel": "Measure gyroscopes one after another, started in a browser.",
     "study": "Run a procedure many times on simulated benches.",
     "runs": "List, show and export records.",
     "page": "Show runs and devices in a browser.",

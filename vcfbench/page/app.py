@@ -26,6 +26,7 @@ from vcfbench.archive.reported import full_report, title_of
 from vcfbench.clock import WallClock
 from vcfbench.errors import BenchError
 from vcfbench.page.following import JournalFollower
+from vcfbench.page.panel import Panel
 from vcfbench.page.parts import end_of
 from vcfbench.page.station import StationDirectories
 from vcfbench.page.view import BrowserPosition, View
@@ -43,6 +44,7 @@ _ALIVE_S: Final = 10.0
 _MOST_BROWSERS: Final = 32
 _MOST_VIEWS: Final = 8
 _MOST_POINTS: Final = 20_000
+_MOST_TYPED: Final = 1000  # Bytes of a serial number or an answer
 _BY: Final = "the page"
 
 _DRAWING: Final = Lock()  # Matplotlib draws one figure at a time
@@ -73,13 +75,14 @@ _NO_RUN = "no run goes on here: look at the station, /"
 class PageContent:
     """Content of the page: a station, and the run of this process, if there is one.
 
-    `live` is that run, `control` stops and pauses it, `token` must be known for that. `closing` ends the streams that
-    browsers follow.
+    `live` is that run, `control` stops and pauses it, `panel` starts devices of a batch; `token` must be known for
+    each. `closing` ends the streams that browsers follow.
     """
 
     station: StationDirectories
     live: View | None = None
     control: RunControl | None = None
+    panel: Panel | None = None
     token: str = ""
     closing: bool = False
     browsers: int = 0
@@ -205,6 +208,9 @@ def application(shown: PageContent) -> Starlette:
             Route("/run/live/stop", routes.stop, methods=["POST"]),
             Route("/run/live/pause", routes.pause, methods=["POST"]),
             Route("/run/live/go-on", routes.go_on, methods=["POST"]),
+            Route("/panel", routes.panel_page),
+            Route("/panel/state", routes.panel_state),
+            Route("/panel/{act:str}", routes.panel_act, methods=["POST"]),
             Mount("/assets", StaticFiles(directory=_HERE / "assets")),
             Mount("/vendor", StaticFiles(directory=_HERE / "vendor")),
         ],
@@ -295,16 +301,47 @@ class _Routes:
         control.go_on(_BY)
         return _json({"state": control.state})
 
+    async def panel_page(self, request: Request) -> Response:
+        del request
+        self._panel()
+        return FileResponse(_HERE / "assets" / "panel.html")
+
+    async def panel_state(self, request: Request) -> Response:
+        del request
+        return _json(self._panel().shown())
+
+    async def panel_act(self, request: Request) -> Response:
+        """Name a device, start it, answer what was asked for: the words come as the body."""
+        self._require_token(request)
+        panel, words = self._panel(), (await request.body())[:_MOST_TYPED].decode("utf-8", "replace")
+        acts = {"name": lambda: panel.name(words), "start": panel.start, "answer": lambda: panel.answer(words)}
+        if (act := acts.get(request.path_params["act"])) is None:
+            raise HTTPException(404, f"a panel knows {', '.join(acts)}")
+        try:
+            await run_in_threadpool(act)
+        except BenchError as error:
+            raise HTTPException(409, str(error)) from error
+        return _json(panel.shown())
+
+    def _panel(self) -> Panel:
+        if self._shown.panel is None:
+            raise HTTPException(404, "no panel is here: vcfbench panel PLAN.toml shows one")
+        return self._shown.panel
+
     def _control(self, request: Request) -> RunControl:
         """Return the control of the run, for a caller with the token; HTTPException for anybody else."""
+        self._require_token(request)
         shown = self._shown
-        origin, sent = request.headers.get("origin"), request.headers.get("x-vcfbench-token") or ""
-        elsewhere = origin is not None and urlsplit(origin).netloc != request.headers.get("host")
-        if elsewhere or not shown.token or not hmac.compare_digest(sent.encode(), shown.token.encode()):
-            raise HTTPException(403, "this address can only look: open the one that the terminal shows")
         if shown.control is None or shown.live is None or shown.live.end is not None:
             raise HTTPException(409, "no run goes here any more")
         return shown.control
+
+    def _require_token(self, request: Request) -> None:
+        token = self._shown.token
+        origin, sent = request.headers.get("origin"), request.headers.get("x-vcfbench-token") or ""
+        elsewhere = origin is not None and urlsplit(origin).netloc != request.headers.get("host")
+        if elsewhere or not token or not hmac.compare_digest(sent.encode(), token.encode()):
+            raise HTTPException(403, "this address can only look: open the one that the terminal shows")
 
 
 def _number(request: Request, name: str) -> float | None:

@@ -13,6 +13,7 @@ from vcfbench.archive.run import Run
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.extras import need
 from vcfbench.page.following import RunFollower
+from vcfbench.page.panel import Panel
 from vcfbench.page.parts import end_of
 from vcfbench.page.station import StationDirectories
 from vcfbench.page.view import View
@@ -65,19 +66,19 @@ def _bound(port: int) -> socket.socket:
 
 
 class LivePage:
-    """The page of the run of this process, in a thread of its own that nothing of the run waits for.
+    """The page of the runs of this process, in a thread of its own that nothing of a run waits for.
 
-    Somebody who knows the token has `control` of the run: stops it, has it pause and go on.
+    Somebody who knows the token controls the run that goes: stops it, has it pause and go on. With a `panel` that
+    person starts them, too.
 
     Raises:
         ConfigError: the port is taken, or what the page needs is not installed.
     """
 
-    def __init__(self, runs: Path, devices: Path, port: int, control: RunControl) -> None:
-        self.view = View()
+    def __init__(self, runs: Path, devices: Path, port: int, panel: Panel | None = None) -> None:
+        self.view, self.panel = View(), panel
         self._shown, self._server = _content_and_server(runs, devices)
-        self._shown.live, self._shown.control, self._shown.token = self.view, control, secrets.token_urlsafe(12)
-        control.tell(self.view.hear)
+        self._shown.panel, self._shown.token = panel, secrets.token_urlsafe(12)
         self._socket = _bound(port)
         self._prepared: Prepared | None = None
         self._follower: RunFollower | None = None
@@ -86,7 +87,19 @@ class LivePage:
     @property
     def address(self) -> str:
         """Address to look and stop: the token comes last, where no browser sends it."""
-        return f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/run/live#{self._shown.token}"
+        what = "run/live" if self.panel is None else "panel"
+        return f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/{what}#{self._shown.token}"
+
+    def follow(self, control: RunControl) -> None:
+        """Show from now on the run that `control` controls."""
+        self.view, self._prepared, self._follower = View(), None, None
+        self._shown.live, self._shown.control = self.view, control
+        control.tell(self.view.hear)
+
+    @property
+    def was_stopped(self) -> bool:
+        """Whether somebody has stopped the run that is shown, and not the whole program."""
+        return self._shown.control is not None and bool(self._shown.control.stop_by)
 
     def __enter__(self) -> Self:
         self._thread.start()

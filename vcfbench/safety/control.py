@@ -40,7 +40,8 @@ class RunControl:
     def __init__(self) -> None:
         self._changed = Condition()
         self._signals: StopSignals | None = None
-        self._stop_by = ""
+        self.stop_by = ""
+        """Who wanted it to stop; empty: nobody."""
         self._state = RunState.BEGINNING
         self.pause_by = ""
         """Who wants it to pause; empty: nobody."""
@@ -57,7 +58,7 @@ class RunControl:
         with self._changed:
             if self._state is RunState.OVER:
                 return
-            self._stop_by = self._stop_by or by
+            self.stop_by = self.stop_by or by
             self._set(RunState.STOPPING, by)
             if self._signals is not None:
                 self._signals.stop(by)
@@ -91,8 +92,8 @@ class RunControl:
             if self._signals is not None or self._state is RunState.OVER:
                 raise PlanError("control: it is that of another run, and each needs one of its own")
             self._signals = signals
-            if self._stop_by:
-                signals.stop(self._stop_by)
+            if self.stop_by:
+                signals.stop(self.stop_by)
             elif not self.pause_by:
                 self._set(RunState.RUNNING, "")
         try:

@@ -1,5 +1,5 @@
 "use strict";
-// What both pages need. Whatever a record says is put in as text, never as HTML.
+// What all pages need. Whatever a record says is put in as text, never as HTML.
 
 const byId = (id) => document.getElementById(id);
 
@@ -18,4 +18,20 @@ function span(seconds) {
 
 function signed(value, digits) {
   return (value < 0 ? "−" : "+") + Math.abs(value).toFixed(digits);
+}
+
+function tableOf(part) {
+  const table = made("table");
+  if (part.title) table.append(made("caption", part.title));
+  const head = made("tr"), sides = part.columns.map((column) => (column.align === "right" ? "right" : ""));
+  part.columns.forEach((column, place) => head.append(made("th", column.head, sides[place])));
+  const thead = made("thead"), body = made("tbody");
+  thead.append(head);
+  for (const row of part.rows) {
+    const line = made("tr");
+    row.forEach((cell, place) => line.append(made("td", cell, sides[place])));
+    body.append(line);
+  }
+  table.append(thead, body);
+  return table;
 }

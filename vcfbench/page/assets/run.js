@@ -211,22 +211,6 @@ function drawLog() {
   if (atEnd) list.scrollTop = list.scrollHeight;
 }
 
-function tableOf(part) {
-  const table = made("table");
-  if (part.title) table.append(made("caption", part.title));
-  const head = made("tr"), sides = part.columns.map((column) => (column.align === "right" ? "right" : ""));
-  part.columns.forEach((column, place) => head.append(made("th", column.head, sides[place])));
-  const thead = made("thead"), body = made("tbody");
-  thead.append(head);
-  for (const row of part.rows) {
-    const line = made("tr");
-    row.forEach((cell, place) => line.append(made("td", cell, sides[place])));
-    body.append(line);
-  }
-  table.append(thead, body);
-  return table;
-}
-
 function figureOf(part) {
   const holder = made("div", null, "chart");
   holder.append(made("h4", part.title));

@@ -1,0 +1,64 @@
+"""`vcfbench panel` as a command: devices named, started and stopped as its page does."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import urllib.request
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.cli.test_page import started
+from tests.page.test_panel import PLAN
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytest.importorskip("uvicorn", reason="pip install 'vcfbench[page]'")
+
+
+class Operator:
+    """Somebody at the panel."""
+
+    def __init__(self, address: str) -> None:
+        self._root, self._token = address.split("/panel#")
+
+    def does(self, path: str, words: str = "") -> None:
+        headers = {"X-Vcfbench-Token": self._token}
+        request = urllib.request.Request(f"{self._root}{path}", words.encode(), headers, method="POST")  # noqa: S310
+        urllib.request.urlopen(request, timeout=20).close()  # noqa: S310  # our own
+
+    def sees(self, state: str) -> dict[str, Any]:
+        while True:
+            with urllib.request.urlopen(f"{self._root}/panel/state", timeout=20) as answer:  # noqa: S310  # our own
+                shown: dict[str, Any] = json.load(answer)
+            if shown["state"] == state:
+                return shown
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to another process")
+def test_an_operator_measures_stops_one_and_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN, "utf-8")
+    words = ("panel", "plan.toml", "--port", "0", "--speed", "30")
+    with started(tmp_path, *words, said_on="stdout") as (process, address):
+        operator = Operator(address)
+        operator.does("/panel/name", "G1")
+        operator.does("/panel/start")
+        while not operator.sees("measuring").get("run", {}).get("doing"):
+            pass
+        operator.does("/run/live/stop")
+        shown = operator.sees("verdict")
+        assert (shown["verdict"]["word"], shown["left"]) == ("STOPPED", ["G1", "G2"])
+        assert "stopped by the page" in shown["verdict"]["why"]
+        operator.does("/panel/name", "G1")
+        operator.does("/panel/start")
+        operator.sees("measuring")
+        shown = operator.sees("verdict")
+        assert (shown["verdict"]["word"], shown["left"]) == ("DONE", ["G2"])
+        assert shown["verdict"]["run"] in {each.name for each in (tmp_path / "runs").iterdir()}
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+        assert process.returncode == 0
+    assert said.startswith("G1: turntable: complete, runs/")
