@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import time
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -20,7 +19,6 @@ import vcfbench
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.studies.conduct import Progress
 from vcfbench.studies.file import Study, read_study
-from vcfbench.studies.table import write_table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,9 +37,8 @@ bias_v = [-0.0415, 0.0]
 settings.samples = [3, 4]
 "simulation.override.table.rate_error" = { uniform = [-1e-5, 1e-5], label = "rate error" }
 """
-PARQUET = [] if find_spec("pyarrow") is None else ["t.parquet"]
 QUICK = {"rates_deg_s": [10, 0, -10], "settle_s": 0.5, "samples": 4}
-FILES = ("t.csv", "t.summary.json", "t.svg", *PARQUET)
+FILES = ("t.csv", "t.summary.json", "t.svg")
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +46,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study done in this process: what every other way must give, byte for byte."""
     folder = tmp_path_factory.mktemp("whole")
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
-    done = vcfbench.study(folder / "study.toml", output=folder / "t.csv", workers=1)
-    for name in PARQUET:
-        write_table(folder / name, done.columns)
+    vcfbench.study(folder / "study.toml", output=folder / "t.csv", workers=1)
     return folder
 
 
@@ -61,10 +56,7 @@ def of(folder: Path) -> dict[str, bytes]:
 
 def again(whole: Path, folder: Path, **how: Any) -> vcfbench.StudyResult:
     (folder / "study.toml").write_text((whole / "study.toml").read_text("utf-8"), encoding="utf-8")
-    done = vcfbench.study(folder / "study.toml", output=folder / "t.csv", **how)
-    for name in PARQUET:
-        write_table(folder / name, done.columns)
-    return done
+    return vcfbench.study(folder / "study.toml", output=folder / "t.csv", **how)
 
 
 def test_a_row_a_run_and_a_case_a_value(whole: Path) -> None:
@@ -110,19 +102,12 @@ def test_the_summary_is_of_the_rows(whole: Path) -> None:
     assert "<table" in result._repr_html_()
 
 
-def test_the_table_is_a_data_frame_and_parquet(whole: Path, tmp_path: Path) -> None:
+def test_the_table_is_a_data_frame(whole: Path) -> None:
     pandas = pytest.importorskip("pandas")
-    pytest.importorskip("pyarrow")
-    result = vcfbench.load_study(whole / "t.csv")
-    for name in ("a.parquet", "b.parquet"):
-        result.write(tmp_path / name)
-    assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "b.parquet").read_bytes()
-    read = pandas.read_parquet(tmp_path / "a.parquet")
-    pandas.testing.assert_frame_equal(
-        read.drop(columns="message"), result.table().drop(columns="message"), check_dtype=False
-    )
-    assert read["message"].isna().all()
-    assert list(pandas.read_csv(whole / "t.csv")["bias"]) == list(result.table()["bias"])
+    table = vcfbench.load_study(whole / "t.csv").table()
+    read = pandas.read_csv(whole / "t.csv")
+    assert list(read["bias"]) == list(table["bias"])
+    pandas.testing.assert_frame_equal(read.drop(columns="message"), table.drop(columns="message"), check_dtype=False)
 
 
 @pytest.mark.parametrize("share", few([0.0, 0.02, 0.4, 0.75, 0.999], 0.4))
@@ -178,7 +163,7 @@ class Second(Progress):
     def done(self, row: RunRow) -> None:  # noqa: ARG002
         for how in ({}, {"restart": True}):
             with pytest.raises(BenchError) as found:
-                vcfbench.study(self.file, output=self.file.with_name([*PARQUET, "t.csv"][0]), workers=1, **how)  # type: ignore[arg-type]
+                vcfbench.study(self.file, output=self.file.with_name("t.csv"), workers=1, **how)  # type: ignore[arg-type]
             self.refused.append(str(found.value))
 
 
@@ -325,7 +310,7 @@ def test_a_study_without_any_result_is_an_error(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("how", "words"),
     [
-        ({"output": "t.xlsx"}, "expected a name that ends in .parquet or .csv"),
+        ({"output": "t.xlsx"}, "expected a name that ends in .csv"),
         ({"output": "nowhere/t.csv"}, "there is no directory nowhere"),
         ({"workers": 0}, "--workers 0: expected 1 to 1024"),
     ],
@@ -333,11 +318,3 @@ def test_a_study_without_any_result_is_an_error(tmp_path: Path) -> None:
 def test_how_it_is_to_be_done_is_checked_first(whole: Path, how: dict[str, Any], words: str) -> None:
     with pytest.raises(BenchError, match=words):
         vcfbench.study(whole / "study.toml", **how)
-
-
-def test_without_pyarrow_a_table_in_parquet_says_what_to_install(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    monkeypatch.delitem(sys.modules, "pyarrow.parquet", raising=False)
-    with pytest.raises(ConfigError) as caught:
-        vcfbench.study(whole / "study.toml", output=whole / "x.parquet")
-    assert str(caught.value).endswith(f"pip install 'vcfbench[study]', or -o {whole / 'x.csv'}")

@@ -23,7 +23,7 @@ def study(
     file: Annotated[Path, argument("FILE.toml", "The study: procedure, bench, seeds, what varies.")],
     output: Annotated[
         Path | None,
-        output_option("Table of the runs, .parquet or .csv; the rest goes beside it. Default: named after the study."),
+        output_option("Table of the runs, .csv; the rest goes beside it. Default: named after the study."),
     ] = None,
     workers: Annotated[int | None, option("N", "Number of processes. Default: one for each processor.")] = None,
     keep_records: Annotated[Path | None, option("DIR", "Keep the record of every run there.")] = None,
@@ -38,7 +38,7 @@ def study(
     A study that was stopped, or killed, goes on where it was with the same command.
     """
     asked = read_study(file)
-    table = Path(f"{file.stem}.parquet") if output is None else output
+    table = Path(f"{file.stem}.csv") if output is None else output
     how = StudyOptions(table, workers, restart, keep_records)
     with _shown(how, quiet=quiet) as progress:
         if dry_run:

@@ -82,7 +82,7 @@ def study(
 
     Args:
         study: a study file, or its tables as a mapping.
-        output: where the table goes, ``.parquet`` or ``.csv``; its journal, summary and picture beside it. A study that
+        output: where the table goes, ``.csv``; its journal, summary and picture beside it. A study that
             was ended goes on where it was. None writes nothing.
         workers: processes on this computer; None is one for each processor, 1 does the runs in this process. More
             than one needs ``if __name__ == "__main__":`` around the call in a script.

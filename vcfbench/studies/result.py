@@ -17,7 +17,7 @@ from vcfbench.studies.figures import picture
 from vcfbench.studies.journal import Begun, read_rows
 from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.summary import CaseSummary, headlines, summaries, summary_table
-from vcfbench.studies.table import ColumnOf, columns_of, write_table, written
+from vcfbench.studies.table import Columns, columns_of, write_table, written
 
 
 class StudyResult(Struct, frozen=True):
@@ -43,7 +43,7 @@ class StudyResult(Struct, frozen=True):
         return summaries(self.rows, self.values)
 
     @property
-    def columns(self) -> tuple[ColumnOf, ...]:
+    def columns(self) -> Columns:
         """The table, column by column."""
         return columns_of(
             self.rows, [{**self.values.get(row.case, {}), **self.drawn.get(row.seed, {})} for row in self.rows]
@@ -56,7 +56,7 @@ class StudyResult(Struct, frozen=True):
             ConfigError: pandas is not installed.
         """
         pandas = need("pandas", "export", "a table of a study")
-        return pandas.DataFrame({column.name: list(column.values) for column in self.columns})
+        return pandas.DataFrame({name: list(values) for name, values in self.columns.items()})
 
     def report(self) -> Report:
         """Return the summary as a report: how many runs, and a table of the headlines by case."""
@@ -73,10 +73,9 @@ class StudyResult(Struct, frozen=True):
         return {**members, "cases": msgspec.to_builtins(self.summary)}
 
     def write(self, path: Path) -> tuple[Path, ...]:
-        """Write the table to `path` (``.parquet`` or ``.csv``), summary and picture beside it; return all of them.
+        """Write the table to `path` (``.csv``), summary and picture beside it; return all of them.
 
         Raises:
-            ConfigError: what one of them needs is not installed.
             BenchError: the disk does not take them.
         """
         summary, drawing = beside(path, ".summary.json"), beside(path, ".svg")
