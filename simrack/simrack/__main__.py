@@ -15,7 +15,7 @@ import typer
 from simrack import card as cards
 from simrack.desk import circuit_in, served_desk
 from simrack.models import MODELS
-from simrack.serve import BenchServer, Control, ControlError, ServedClock, ServerSettings
+from simrack.serve import BenchServer, Control, ControlError, Offer, ServedClock, ServerSettings
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 
@@ -35,13 +35,16 @@ def serve(
     host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int | None, typer.Option("--port", help="First port, of the control port; any without.")] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Specimens with errors; without, they are ideal.")] = None,
+    lxi: Annotated[bool, typer.Option("--lxi", help="Also identify those on a network over HTTP.")] = False,
     json_: Annotated[bool, typer.Option("--json", help="Print one JSON object on the first line.")] = False,
 ) -> None:
     """Serve a supply, a generator, a multimeter and an oscilloscope that see each other, until Ctrl-C."""
     try:
         clock = ServedClock(math.inf if speed == "max" else float(speed))
         bench = served_desk(clock, None if circuit is None else circuit_in(circuit), seed)
-        server = BenchServer(bench, clock, ServerSettings(host, port))
+        page: frozenset[Offer] = frozenset({"lxi"})
+        pages = {role: page for role, offers in bench.wires.items() if lxi and "vxi11" in offers}
+        server = BenchServer(bench, clock, ServerSettings(host, port, offers=pages))
     except (OSError, ValueError) as error:
         raise typer.BadParameter(str(error)) from error
     with server:
@@ -57,8 +60,7 @@ def serve(
 def _places(server: BenchServer) -> str:
     lines = [f"{server.bench.world.device} between the generator and the meters, served until Ctrl-C"]
     for role, wires in server.wires.items():
-        offers = (wires.tcp, wires.vxi11, wires.hislip, wires.pty)
-        lines.append(f"{role:<13} {wires.model:<9} {'  '.join(each for each in offers if each is not None)}")
+        lines.append(f"{role:<13} {wires.model:<9} {'  '.join(wires.places)}")
     return "\n".join([*lines, f"{'control':<13} {server.control.port}"])
 
 

@@ -47,7 +47,7 @@ def serve(
     ] = None,
     faults: Annotated[Path | None, option("FILE", "TOML file of the faults to happen, and when.")] = None,
     offer: Annotated[
-        list[str] | None, option("ROLE:KIND,...", "Further interfaces: tcp, vxi11, hislip, pty. May be repeated.")
+        list[str] | None, option("ROLE:KIND,...", "Further interfaces: tcp, vxi11, hislip, pty, lxi. May be repeated.")
     ] = None,
     rs232: Annotated[
         str,
@@ -96,8 +96,7 @@ def serve(
         else:
             typer.echo(f"{description.title}, served until Ctrl-C")
             for role, at in server.wires.items():
-                where = [text for text in (at.tcp, at.vxi11, at.hislip, at.pty) if text is not None]
-                typer.echo(f"{role:<16} {at.model:<9} {'  '.join(where)}")
+                typer.echo(f"{role:<16} {at.model:<9} {'  '.join(at.places)}")
             typer.echo(f"{'control':<16} {'':<9} vcfbench sim ctl --port {server.control.port} status")
         sys.stdout.flush()
         gc.freeze()  # what is here now stays: collections in between the answers are short

@@ -22,6 +22,7 @@ from simrack.serve.embodied import CONVERTER, SOCKET
 from simrack.serve.hislip import HislipServer
 from simrack.serve.instrument import ServedInstrument
 from simrack.serve.loop import Loop
+from simrack.serve.lxi import LxiServer
 from simrack.serve.passage import AttendedPassage
 from simrack.serve.port_mapper import PortMapper
 from simrack.serve.raw import ByteStream, Pty, TcpStream, has_ptys
@@ -40,8 +41,8 @@ if TYPE_CHECKING:
 
 __all__ = ["BenchServer", "Offer", "Rs232", "ServedBench", "ServerSettings", "Wires"]
 
-Offer = Literal["tcp", "vxi11", "hislip", "pty"]
-"""The interfaces that an instrument can be on."""
+Offer = Literal["tcp", "vxi11", "hislip", "pty", "lxi"]
+"""The interfaces that an instrument can be on; "lxi" is the page that identifies it."""
 Rs232 = Literal["ideal", "real", "three-wire"]
 
 _SERIAL: frozenset[Offer] = frozenset({"tcp", "pty"})
@@ -103,6 +104,12 @@ class Wires(Struct):
     vxi11: str | None = None
     hislip: str | None = None
     pty: str | None = None
+    lxi: str | None = None
+
+    @property
+    def places(self) -> list[str]:
+        """Where it answers."""
+        return [each for each in (self.tcp, self.vxi11, self.hislip, self.pty, self.lxi) if each is not None]
 
     def as_json(self) -> dict[str, str | None]:
         """Return the contract of ``vcfbench sim serve --json``."""
@@ -245,6 +252,10 @@ class BenchServer:
             pty = self._pty(instrument)
             wires.pty = f"ASRL{pty.path}::INSTR" if scpi else pty.path
             self._leave_in_remote(role)
+        if "lxi" in offers:
+            lxi = LxiServer(self.loop, (host, ports.take()), instrument, shown, wires.places)
+            self._keep(role, lxi, lxi.listener)
+            wires.lxi = lxi.url
         return wires
 
     def _pty(self, instrument: ServedInstrument) -> Pty:
@@ -259,7 +270,7 @@ class BenchServer:
         if self.settings.rs232 == "ideal" and "pty" in self.offered(role) and isinstance(device, _FrontPanel):
             device.local = False
 
-    def _keep(self, role: str, server: Vxi11Server | HislipServer, listener: Listener) -> None:
+    def _keep(self, role: str, server: Vxi11Server | HislipServer | LxiServer, listener: Listener) -> None:
         self._open.callback(server.close)
         self._listeners[role].append(listener)
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from simrack.scpi import Dialect, ScpiError
-from simrack.wires.serial_line import CharacterFrame, LineEnd, ReceivedCharacter, heard
+from simrack.wires.serial_line import CharacterFrame, FarTable, LineEnd, ReceivedCharacter, heard
 
 if TYPE_CHECKING:
     from simrack.clock import Clock
@@ -42,24 +42,12 @@ class _Engine(Protocol):
     def report(self, error: ScpiError) -> None: ...
 
 
-class FarInstrument(Protocol):
+class FarInstrument(FarTable, Protocol):
     """Device at the far end: every simulated SCPI instrument."""
 
     @property
     def engine(self) -> _Engine:
         """Its message exchange."""
-
-    def write(self, data: bytes) -> None:
-        """Take a message, or a part of one."""
-
-    def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return an answer that is ready."""
-
-    def wake_at(self) -> float | None:
-        """Return when something happens by itself."""
-
-    def clear(self) -> None:
-        """Device clear."""
 
 
 class HandshakeLine(LineEnd):

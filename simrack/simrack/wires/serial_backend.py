@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 import serial
 from msgspec import Struct
 
-from simrack.wires.serial_line import CharacterFrame, LineEnd, Parity
+from simrack.wires.serial_line import CharacterFrame, FarEnd, LineEnd, Parity
 
 if TYPE_CHECKING:
     from simrack.clock import Clock
@@ -19,19 +19,6 @@ if TYPE_CHECKING:
 
 _SCHEME = "sim://"
 _HANDLERS = "simrack.wires.serial_handlers"
-
-
-class FarEnd(Protocol):
-    """Far end of a port, to write to and read from: a `Device`, or the part of it that a port needs."""
-
-    def write(self, data: bytes, /) -> None:
-        """Take bytes."""
-
-    def read(self, limit: int, /) -> tuple[bytes, bool]:
-        """Return at most `limit` bytes that have come by now, and whether a message ends with them."""
-
-    def wake_at(self) -> float | None:
-        """Return when something happens next by itself, None for never."""
 
 
 class Port(Protocol):

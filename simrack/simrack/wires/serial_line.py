@@ -162,17 +162,21 @@ class _Traffic:
         self.next_s = math.inf
 
 
-class FarTable(Protocol):
-    """Device at the far end of a plain line: every simulated rate table."""
+class FarEnd(Protocol):
+    """What a port is written to and read from: a `Device`, or the part of it that a port needs."""
 
-    def write(self, data: bytes) -> None:
-        """Take bytes that have arrived."""
+    def write(self, data: bytes, /) -> None:
+        """Take bytes."""
 
-    def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return an answer that is ready."""
+    def read(self, limit: int, /) -> tuple[bytes, bool]:
+        """Return at most `limit` bytes that have come by now, and whether a message ends with them."""
 
     def wake_at(self) -> float | None:
-        """Return when something happens by itself."""
+        """Return when something happens next by itself, None for never."""
+
+
+class FarTable(FarEnd, Protocol):
+    """Device at the far end of a plain line: every simulated rate table."""
 
     def clear(self) -> None:
         """Drop input and output."""

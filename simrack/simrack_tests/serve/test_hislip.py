@@ -28,8 +28,8 @@ class Session:
         self.sync = socket.create_connection(("127.0.0.1", port), timeout=5.0)
         self.later = socket.create_connection(("127.0.0.1", port), timeout=5.0)
 
-    def open(self) -> int:
-        self.post(self.sync, 0, 0, 0x0100_5858, b"hislip0")
+    def open(self, version: int = 0x0100) -> int:
+        self.post(self.sync, 0, 0, version << 16 | 0x5858, b"hislip0")
         kind, overlapped, parameter, _ = self.message(self.sync)
         assert (kind, overlapped, parameter >> 16) == (1, 0, 0x0100)
         self.post(self.later, 17, 0, parameter & 0xFFFF)
@@ -91,6 +91,17 @@ def visa(served: Served) -> Iterator[Any]:
     yield instrument
     instrument.close()
     manager.close()
+
+
+def test_with_a_client_that_knows_2_it_is_1(served: Served) -> None:
+    with sessions(served) as (session,):
+        session.open(version=0x0200)
+        session.post(session.sync, DATA_END, 0, 0xFFFF_FF00, b"*IDN?\n")
+        assert session.message(session.sync) == (DATA_END, 0, 0xFFFF_FF00, IDENTITY)
+        session.post(session.sync, 26)  # GetDescriptors
+        assert session.message(session.sync)[:2] == (3, 1)
+        session.post(session.later, 29)  # AsyncStartTLS
+        assert session.message(session.later)[:2] == (3, 1)
 
 
 # --- PyVISA-py -------------------------------------------------------------------------------------------------
