@@ -1,10 +1,12 @@
 """A simulated Newport ESP300/301 motion controller with one rotary stage on axis 1.
 
-Commands after pages of the ESP300 manual and two public clients: axis number, two letters, value, carriage return;
+Commands after pages of the ESP300 manual and three public clients: axis number, two letters, value, carriage return;
 ``;`` chains; replies end in CR LF. The words of errors are those of PyMeasure's list. That a value which is missing is
 error 38 is what the manual of a sibling (NewStep) says of AC. Unverified: that it holds of the other commands, 19200
 Bd, the digits of numbers, that blanks are passed over everywhere (so a sibling's manual), the stage's limits, which
-error an interlock reports, that a software limit stops a jog by its ramp.
+error an interlock reports, that a software limit stops a jog by its ramp, the values and limits of what is kept only.
+
+Not simulated: programs in the controller (XX, EP, EX), groups of axes, units but degrees.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import math
 import re
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import ClassVar
 
 from simrack.handlers import Handlers
@@ -49,10 +52,27 @@ _WORDS = {
     110: "AXIS-1 MAXIMUM VELOCITY EXCEEDED",
     _NOT_ENABLED: "AXIS-1 MOTOR NOT ENABLED",
 }
-_WANT_A_VALUE = frozenset({"VA", "AC", "AG", "MV", "PA", "PR", "SN", "SL", "SR"})
-"""What means nothing without a value or a question mark."""
 _MAX_RATE_DEG_S = 400.0
 _MAX_ACCELERATION_DEG_S2 = 1000.0
+_REAL, _WHOLE, _HEXADECIMAL = "{:.4f}".format, "{:.0f}".format, lambda value: f"{int(value):X}H"
+_KEPT = {
+    verb: (value, highest, form)
+    for form, highest, values in (
+        (_REAL, _MAX_RATE_DEG_S, {"VU": _MAX_RATE_DEG_S, "VB": 0, "JH": 20, "JW": 0, "OH": 20, "OL": 0}),
+        (_REAL, _MAX_ACCELERATION_DEG_S2, {"AU": _MAX_ACCELERATION_DEG_S2}),
+        (_REAL, 2e9, {"AE": 400, "JK": 1000, "AF": 0, "FE": 1, "KP": 40, "KI": 0.5, "KD": 100, "KS": 500}),
+        (_REAL, 60.0, {"QI": 1, "QV": 48, "SU": 0.0002, "FR": 0.02}),
+        (_WHOLE, 250, {"FP": 4, "QM": 1, "QS": 100, "TJ": 1}),
+        (_HEXADECIMAL, 0xFFFF, {"ZB": 0, "ZH": 0x24}),
+    )
+    for verb, value in values.items()
+}
+"""Settings by their two letters (InstrumentKit's driver): value at first, highest value, form of the reply.
+
+VU limits VA, and AU limits AC and AG; the others change nothing of this stage.
+"""
+_WANT_A_VALUE = frozenset({"VA", "AC", "AG", "MV", "PA", "PR", "SN", "SL", "SR", "MT", *_KEPT})
+"""What means nothing without a value or a question mark."""
 
 
 class _Refused(Exception):
@@ -82,7 +102,10 @@ class EspTable(Interlocked, LineDevice):
             "TS": lambda _: chr(0x40 | self._axis.moving() | self._axis.enabled << 4),
             "AB": lambda _: self._abort(),
             "ST": lambda _: self._stop(),
+            "RS": lambda _: self._abort(),
+            "SM": lambda _: None,
         }
+        self._kept = {verb: value for verb, (value, *_) in _KEPT.items()}
         self._of_axis: dict[str, Callable[[str], str | None]] = {
             "ID": lambda _: "URS75CC, SN0001",
             **self._OF_AXIS.bound(self),
@@ -96,19 +119,21 @@ class EspTable(Interlocked, LineDevice):
             "DP": lambda _: f"{self._target_deg + 0.0:.4f}",
             "SL": lambda value: self._soft_limit(0, value),
             "SR": lambda value: self._soft_limit(1, value),
-            "VU": lambda value: _fixed_limit(value, _MAX_RATE_DEG_S),
-            "AU": lambda value: _fixed_limit(value, _MAX_ACCELERATION_DEG_S2),
+            "AB": lambda _: self._abort(),
+            **dict.fromkeys(("UF", "QD"), lambda _: None),
+            **{verb: partial(self._keep, verb) for verb in _KEPT},
         }
-        self._target_deg = 0.0
+        self._target_deg = self._home_deg = 0.0
         self._soft_deg = [-math.inf, math.inf]
         self._waiting_s: float | None = None
+        self._awaited_deg: float | None = None
         self._resumes_s = 0.0
         self._held: deque[bytes] = deque()
 
     def _advance(self) -> None:
         self._watch()
         self._check_soft_limits()
-        if self._waiting_s is not None and not self._axis.moving():
+        if self._waiting_s is not None and (not self._axis.moving() or self._arrived()):
             self._resumes_s, self._waiting_s = self._clock.now() + self._waiting_s, None
         while self._held and self._waiting_s is None and self._clock.now() >= self._resumes_s:
             message = self._held.popleft()
@@ -140,7 +165,26 @@ class EspTable(Interlocked, LineDevice):
     @_OF_AXIS.of("WS")
     def _wait_for_stop(self, value: str) -> None:
         """Let the following commands wait until the axis stands, and milliseconds beyond that."""
-        self._waiting_s = _number(value or "0", 60_000.0) / 1e3
+        self._waiting_s, self._awaited_deg = _number(value or "0", 60_000.0) / 1e3, None
+
+    @_OF_AXIS.of("WP")
+    def _wait_for_position(self, value: str) -> None:
+        """Let the following commands wait until the axis is past a position, or stands."""
+        self._waiting_s, self._awaited_deg = 0.0, _signed(value)
+
+    def _arrived(self) -> bool:
+        """Whether the axis is past what WP waits for."""
+        rate_deg_s = self._axis.rate_deg_s()
+        if self._awaited_deg is None or not rate_deg_s:
+            return False
+        return (self._axis.position_deg() - self._awaited_deg) * rate_deg_s >= 0.0
+
+    def _keep(self, verb: str, value: str) -> str | None:
+        _, highest, form = _KEPT[verb]
+        if value == "?":
+            return form(self._kept[verb])
+        self._kept[verb] = _number(value, highest)
+        return None
 
     @_OF_AXIS.of("SN")
     def _units(self, value: str) -> str | None:
@@ -224,7 +268,7 @@ class EspTable(Interlocked, LineDevice):
     def _velocity(self, value: str) -> str | None:
         if value == "?":
             return f"{self._velocity_deg_s:.4f}"
-        self._velocity_deg_s = _number(value, _MAX_RATE_DEG_S)
+        self._velocity_deg_s = _number(value, self._kept["VU"])
         if self._direction and self._axis.enabled:
             self._axis.run(self._direction * self._velocity_deg_s)
         return None
@@ -233,16 +277,17 @@ class EspTable(Interlocked, LineDevice):
     def _acceleration(self, value: str) -> str | None:
         if value == "?":
             return f"{self._axis.acceleration_deg_s2:.4f}"
-        self._axis.change_acceleration(_positive(value))
+        self._axis.change_acceleration(_positive(value, self._kept["AU"]))
         return None
 
     @_OF_AXIS.of("AG")
     def _deceleration(self, value: str) -> str | None:
         if value == "?":
             return f"{self._deceleration_deg_s2:.4f}"
-        self._deceleration_deg_s2 = _positive(value)
+        self._deceleration_deg_s2 = _positive(value, self._kept["AU"])
         return None
 
+    @_OF_AXIS.of("MT")
     @_OF_AXIS.of("MV")
     def _move(self, value: str) -> str | None:
         if value not in {"+", "-"}:
@@ -282,7 +327,10 @@ class EspTable(Interlocked, LineDevice):
 
     @_OF_AXIS.of("DH")
     def _define_home(self, value: str) -> str | None:
-        self._axis.set_zero(_number(value or "0", 1e6))
+        if value == "?":
+            return f"{self._home_deg:.4f}"
+        self._home_deg = _number(value or "0", 1e6)
+        self._axis.set_zero(self._home_deg)
         return None
 
 
@@ -300,15 +348,8 @@ def _number(value: str, high: float) -> float:
     return number
 
 
-def _fixed_limit(value: str, number: float) -> str:
-    """Return a limit of the stage, which cannot be changed."""
-    if value != "?":
-        raise _Refused(_AXIS_RANGE)
-    return f"{number:.4f}"
-
-
-def _positive(value: str) -> float:
-    number = _number(value, _MAX_ACCELERATION_DEG_S2)
+def _positive(value: str, high: float) -> float:
+    number = _number(value, high)
     if number <= 0.0:
         raise _Refused(_AXIS_RANGE)
     return number

@@ -142,3 +142,23 @@ def test_the_stage_knows_degrees_only(host: Host) -> None:
 def test_blanks_are_passed_over(host: Host, spelt: str) -> None:
     assert host.ask(spelt) == "0.0000"
     assert host.ask("TE?") == "0"
+
+
+def test_wp_holds_up_what_follows_until_the_stage_is_past(host: Host) -> None:
+    host.ask("1MO;1AC1000;1VA10")
+    start = host.world.clock.now()
+    assert float(host.ask("1PA20;1WP10;1TP?")) == pytest.approx(10.0, abs=0.2)
+    assert host.world.clock.now() - start == pytest.approx(1.0, abs=0.1)
+    assert host.ask("1MD?") == "0"
+
+
+def test_what_is_kept_is_told_again_and_limits_what_it_should(host: Host) -> None:
+    assert host.ask("1JK?;1QM?;1ZH?") == "1000.0000\r\n1\r\n24H"
+    host.ask("1JK250;1VU15;1AU40")
+    assert host.ask("1JK?;1VU?;1AU?") == "250.0000\r\n15.0000\r\n40.0000"
+    host.ask("1VA16")
+    assert host.ask("TE?") == "101"
+    host.ask("1AC41")
+    assert host.ask("TE?") == "101"
+    host.ask("1JK")
+    assert host.ask("TE?") == "38"
