@@ -138,6 +138,12 @@ class SimulatedTruevolt(SimulatedHp34401A):
         setup.range = self.inputs.autorange(self.functions[name].voltage_ranged, setup.range)
         setup.auto = False
 
+    def shortest_interval_s(self) -> float:
+        """Return how long a reading takes at most as it is set up: the least of SAMPle:TIMer."""
+        setup, function = self.setup, self.function
+        window_s = setup.aperture_s if function.gated else self.inputs.aperture_s(setup.nplc) * (1 + self.autozero)
+        return self.delay_s() + window_s + function.autorange_s * (setup.auto and bool(function.ranges))
+
     def forget(self) -> None:
         """End the measurement and forget its readings, because a setting changes."""
         self.triggering.abort()

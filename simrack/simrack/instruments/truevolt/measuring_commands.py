@@ -34,6 +34,17 @@ _PROBE = (
 )
 """After CONFigure:TEMPerature: probe, its type, 1, resolution (command quick reference)."""
 
+_TIMER = (
+    scpi.attribute("SAMPle:SOURce", scpi.Choice(("IMMediate", "TIMer")), "ring.paced_by"),
+    scpi.attribute(
+        "SAMPle:TIMer",
+        scpi.Number(unit="S", limits=lambda meter: scpi.Limits(meter.shortest_interval_s(), 3600.0, 1.0)),
+        "ring.interval_s",
+        _NR3,
+    ),
+)
+"""Of a 34465A; the guide as QCoDeS' driver quotes it. Where a reading takes longer, the next begins at once."""
+
 
 def forgetting(command: scpi.Command) -> scpi.Command:
     """Return `command` such that its setting ends the measurement and forgets readings (help page of DATA)."""
@@ -142,5 +153,6 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.Command("DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=scpi.signed_integer),
         *(forgetting(each) for each in trigger_settings(scpi.Limits(1, kind.most_readings, 1), 6)),
         forgetting(scpi.attribute("TRIGger:SLOPe", scpi.Choice(("POSitive", "NEGative")), "ring.slope")),
+        *(forgetting(each) for each in _TIMER if kind.apertures_s),
         BUS_TRIGGER,
     )

@@ -35,6 +35,14 @@ class RingTriggerSystem(TriggerSystem):
         super().preset()
         self.slope = "NEG"
         self.last: float | None = None
+        self.paced_by, self.interval_s, self._begun_s = "IMM", 1.0, 0.0
+
+    def _start_reading(self, sequence: TriggerSequence) -> None:
+        """Begin a reading; by the timer, an interval after the beginning of the one before."""
+        if self.paced_by == "TIM" and sequence.samples < self.sample_count:
+            sequence.armed_s = self._begun_s + self.interval_s
+        super()._start_reading(sequence)
+        self._begun_s = max(self._clock.now(), sequence.armed_s)
 
     def keep(self, sequence: TriggerSequence, value: float) -> None:
         """Store a reading; the oldest gives way without an error."""

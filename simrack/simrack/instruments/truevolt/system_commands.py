@@ -73,6 +73,5 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.Command("CALibration:SECure:STATe", query=lambda _meter: True, reply=scpi.boolean),
         scpi.Command("CALibration:STRing", query=lambda _meter: "", reply=scpi.quoted),
         scpi.remembered("OUTPut:TRIGger:SLOPe", scpi.Choice(("POSitive", "NEGative")), "NEG"),
-        scpi.remembered("SAMPle:SOURce", scpi.Choice(("IMMediate", "TIMer")), "IMM"),
         scpi.Command("STATus:PRESet", do=_preset_status),
     )
