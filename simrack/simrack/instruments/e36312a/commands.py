@@ -301,6 +301,7 @@ TABLE = CommandTable(
     Command("SYSTem:ERRor:NEXT", query=next_error),
     Command("SYSTem:VERSion", query=lambda _: "1999.0"),
     *(Command(f"SYSTem:{word}", do=lambda _: None) for word in ("LOCal", "REMote", "RWLock")),
+    Command("*OPT", query=lambda _: "0"),  # IEEE 488.2, 10.20: there is none (unverified of the model)
     Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=1.0),
     Command("*SAV", _SLOT, do=lambda supply, slot: supply.save(slot)),
     Command("*RCL", _SLOT, do=lambda supply, slot: supply.recall(slot)),

@@ -321,6 +321,7 @@ OWN = (
     scpi.remembered("OUTPut:SYNC:SOURce", scpi.Choice(("CH1", "CH2")), "CH1"),
     scpi.remembered("ROSCillator:SOURce", scpi.Choice(("INTernal", "EXTernal")), "INT"),
     scpi.remembered("ROSCillator:SOURce:AUTO", scpi.Boolean(), default=False, reply=scpi.boolean),
+    scpi.Command("*OPT", query=lambda _model: "0"),  # IEEE 488.2, 10.20: there is none (unverified of the series)
     scpi.Command("SYSTem:ERRor:COUNt", query=lambda model: len(model.engine.errors), reply=scpi.signed_integer),
     *scpi.status_commands("OPERation", "operation"),
     scpi.Command(
