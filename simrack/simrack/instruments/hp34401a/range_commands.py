@@ -51,10 +51,12 @@ def _set_resolution(name: str) -> Callable[..., None]:
     return write
 
 
-def range_commands(function: Function, header: str) -> tuple[Command, ...]:
+def range_commands(
+    function: Function, header: str, reply: Callable[[Any], str] = _NR3, default: float | None = None
+) -> tuple[Command, ...]:
     """Declare RANGe and RANGe:AUTO of one function; limits are the lowest range and the top one with its over-range."""
     ranged, name = function.voltage_ranged, function.name
-    number = Number(unit=ranged.unit, limits=Limits(0.0, ranged.ranges[-1] * ranged.over_range))
+    number = Number(unit=ranged.unit, limits=Limits(0.0, ranged.ranges[-1] * ranged.over_range, default))
     shown = Choice(("MINimum", "MAXimum"), required=False)
     bounds = {"MIN": ranged.ranges[0], "MAX": ranged.ranges[-1]}
 
@@ -68,7 +70,7 @@ def range_commands(function: Function, header: str) -> tuple[Command, ...]:
             do=_set_range(name),
             query=read,
             query_parameters=(shown,),
-            reply=_NR3,
+            reply=reply,
             takes_s=_RANGE_CHANGE_S,
         ),
         attribute(f"[SENSe:]{header}:RANGe:AUTO", Boolean(), f"setups[{name}].auto", boolean),

@@ -13,8 +13,10 @@ from msgspec.structs import replace
 from simrack.instruments.hp34401a.functions import BY_NAME, Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.range_commands import RANGED, range_commands
+from simrack.instruments.hp34401a.setup import Setup
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import NOTHING_THERE
+from simrack.instruments.truevolt.measuring_commands import once_idle
 from simrack.scpi import (
     Boolean,
     Choice,
@@ -50,16 +52,11 @@ NAMES = MappingProxyType(
 )
 """The functions that are simulated, and what the makers call them in replies; nothing is wired to the current input."""
 _SHORT = {
-    "VOLTAGE": "VOLT",
-    "CURRENT": "CURR",
-    "RESISTANCE": "RES",
-    "FRESISTANCE": "FRES",
-    "FREQUENCY": "FREQ",
-    "PERIOD": "PER",
-    "CONTINUITY": "CONT",
-    "DIODE": "DIOD",
-    "TEMPERATURE": "TEMP",
-    "CAPACITANCE": "CAP",
+    word.upper(): "".join(filter(str.isupper, word))
+    for word in (
+        *("VOLTage", "CURRent", "RESistance", "FRESistance", "FREQuency", "PERiod", "CONTinuity", "DIODe"),
+        *("TEMPerature", "CAPacitance", "RATio"),
+    )
 }
 ERROR_WORDS = {-222: "Parameter data out of range", -230: "Data corrupt or stale"}
 """Words that differ from SCPI's (manuals of both, as users quote them)."""
@@ -81,12 +78,16 @@ UNITS = MappingProxyType(
 """Units as the 2000 writes them behind a reading (users' records of its readings; OHM4W and C unverified)."""
 
 
-def functions_of(sheet: VoltmeterSpecification, *more: str) -> Mapping[str, Function]:
-    """Return the measurement functions by name: a 34401A's with the resolutions of `sheet`, and `more`."""
+def functions_of(sheet: VoltmeterSpecification, *more: str, **headers: str) -> Mapping[str, Function]:
+    """Return the functions by name: a 34401A's with the resolutions of `sheet`, and `more`; some with other headers."""
     all_ = BY_NAME | NOTHING_THERE
     return MappingProxyType(
         {
-            name: replace(all_[name], fractions=sheet.resolution) if all_[name].integrating else all_[name]
+            name: replace(
+                all_[name],
+                header=headers.get(name, all_[name].header),
+                fractions=sheet.resolution if all_[name].integrating else all_[name].fractions,
+            )
             for name in (*NAMES, *more, "VOLT:RAT")
         }
     )
@@ -105,30 +106,28 @@ def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
     del meter, values
 
 
-def chosen_function(meter: SimulatedTruevolt) -> str:
-    """Return the name of the present function."""
-    return NAMES.get(meter.function.name, meter.function.name)
+def function_command(pattern: str, reply: Callable[[str], str] = quoted, names: Mapping[str, str] = NAMES) -> Command:
+    """Declare the choice of a function by name (VOLT:DC, VOLTage, RESistance); `names` are those of replies."""
+    by_reply = {shown: name for name, shown in names.items()}
 
-
-def function_command(pattern: str, reply: Callable[[str], str] = quoted) -> Command:
-    """Declare the choice of a function by name: VOLT:DC, VOLTage, RESistance."""
-
-    def choose(meter: SimulatedTruevolt, name: str) -> None:
-        known = ":".join(_SHORT.get(word, word) for word in name.strip().upper().split(":")).removesuffix(":DC")
-        if known not in meter.functions or known == "VOLT:RAT":
+    def choose(meter: SimulatedTruevolt, text: str) -> None:
+        typed = ":".join(_SHORT.get(word, word) for word in text.strip().upper().split(":"))
+        if typed not in names and typed not in by_reply:
             raise ScpiError(-224)
-        meter.choose(meter.functions[known])
+        meter.choose(meter.functions[by_reply.get(typed, typed)])
 
-    return Command(pattern, (Text(),), do=choose, query=chosen_function, reply=reply)
+    return Command(pattern, (Text(),), do=choose, query=lambda meter: names[meter.function.name], reply=reply)
 
 
-def digits_commands(functions: Mapping[str, Function], root: str, limits: Limits) -> tuple[Command, ...]:
+def digits_commands(
+    functions: Mapping[str, Function], root: str, limits: Limits, names: Iterable[str] = NAMES
+) -> tuple[Command, ...]:
     """Declare the digits of each function, which are only shown."""
     return tuple(
         attribute(
             f"{root}{functions[name].header}:DIGits", Integer(limits=limits), f"kept[{name}].digits", signed_integer
         )
-        for name in NAMES
+        for name in names
     )
 
 
@@ -144,45 +143,118 @@ class KeptOfFunction(Struct):
     digits: int
     averaging: str = "REP"
     count: int = 10
-    reference: float = 0.0
-    relative: bool = False
 
 
-def _integration(name: str, header: str, limits: tuple[float, float]) -> Command:
-    """Any power-line cycles within the limits can be set; the resolution goes with them."""
+class Words(Struct, frozen=True):
+    """What one of the meters calls the settings of its functions, and where they end.
 
-    def write(meter: SimulatedTruevolt, cycles: float) -> None:
-        setup = meter.setups[name]
-        setup.nplc, setup.resolution = cycles, meter.functions[name].fraction_of(cycles)
+    Args:
+        relative: its word for what is taken off readings.
+        integrating: functions whose integration time can be set. cycles: least of it in power line cycles, and most.
+        more: functions beside those of both meters that average and take a value off.
+        number: form of a reply.
+    """
+
+    relative: str
+    integrating: tuple[str, ...]
+    cycles: Callable[[SimulatedTruevolt], Limits]
+    more: tuple[str, ...] = ()
+    number: Callable[[Any], str] = _NR3
+
+
+def _setup(meter: SimulatedTruevolt, name: str) -> Setup:
+    return meter.setups["VOLT" if name == "VOLT:RAT" else name]
+
+
+def integration(name: str, header: str, parameter: Number, reply: Callable[[Any], str], unit: Any) -> Command:
+    """Declare an integration time, of which a power line cycle has `unit(meter)`; the resolution goes with it."""
+
+    def write(meter: SimulatedTruevolt, value: float) -> None:
+        setup = _setup(meter, name)
+        setup.nplc = value / unit(meter)
+        setup.resolution = meter.functions[name].fraction_of(setup.nplc)
 
     return Command(
-        f"[SENSe:]{header}:NPLCycles",
-        (Number(limits=Limits(*limits, 1.0)),),
+        f"[SENSe:]{header}",
+        (parameter,),
         do=write,
-        query=lambda meter: float(meter.setups[name].nplc),
-        reply=_NR3,
+        query=lambda meter: _setup(meter, name).nplc * unit(meter),
+        reply=reply,
     )
 
 
-def settings_of_functions(
-    functions: Mapping[str, Function], nplc: tuple[float, float], relative: str
-) -> tuple[Command, ...]:
-    """Declare ranges, integration, averaging and relative values of every function; `relative` is their word for it."""
+def _acquire(name: str) -> Callable[[SimulatedTruevolt], Any]:
+    """Take a reading for what is taken off later ones."""
+
+    def keep(meter: SimulatedTruevolt) -> None:
+        null, last = meter.nulls[name], meter.ring.last
+        null.value = (last or 0.0) + (null.value if null.on else 0.0)
+
+    def acquire(meter: SimulatedTruevolt) -> Any:
+        if meter.triggering.sequence is None:
+            meter.triggering.start(stored=True)
+        return once_idle(meter, lambda: keep(meter))
+
+    return acquire
+
+
+def settings_of_functions(functions: Mapping[str, Function], words: Words) -> tuple[Command, ...]:
+    """Declare ranges, integration, averaging and relative values of every function.
+
+    DEF is the top range (PyMeasure's suite for a connected DMM6500).
+    """
     commands: list[Command] = []
     for name, header in RANGED.items():
-        fixed, automatic = range_commands(functions[name], header)
-        commands += [fixed, automatic]
-        if functions[name].integrating:
-            commands.append(_integration(name, header, nplc))
+        commands += range_commands(functions[name], header, words.number, functions[name].ranges[-1])
+    cycles = Number(limits=words.cycles)
+    commands += [
+        integration(name, f"{functions[name].header}:NPLCycles", cycles, words.number, lambda _meter: 1.0)
+        for name in words.integrating
+    ]
+    for name in (*RANGED, "TEMP", *words.more):
+        header, path = f"[SENSe:]{functions[name].header}:AVERage", f"kept[{name}]"
         commands += [
-            attribute(f"[SENSe:]{header}:AVERage:STATe", Boolean(), f"kept[{name}].average", boolean),
-            attribute(f"[SENSe:]{header}:AVERage:TCONtrol", Choice(("REPeat", "MOVing")), f"kept[{name}].averaging"),
-            attribute(
-                f"[SENSe:]{header}:AVERage:COUNt", Integer(limits=Limits(1, 100)), f"kept[{name}].count", signed_integer
-            ),
-            attribute(
-                f"[SENSe:]{header}:{relative}", Number(limits=Limits(-1e9, 1e9, 0.0)), f"kept[{name}].reference", _NR3
-            ),
-            attribute(f"[SENSe:]{header}:{relative}:STATe", Boolean(), f"kept[{name}].relative", boolean),
+            attribute(f"{header}:STATe", Boolean(), f"{path}.average", boolean),
+            attribute(f"{header}:TCONtrol", Choice(("REPeat", "MOVing")), f"{path}.averaging"),
+            attribute(f"{header}:COUNt", Integer(limits=Limits(1, 100)), f"{path}.count", signed_integer),
+        ]
+    for name in (*RANGED, "TEMP", "FREQ", "PER", *words.more):
+        header = f"[SENSe:]{functions[name].header}:{words.relative}"
+        commands += [
+            attribute(header, Number(limits=Limits(-1e9, 1e9, 0.0)), f"nulls[{name}].value", words.number),
+            attribute(f"{header}:STATe", Boolean(), f"nulls[{name}].on", boolean),
+            Command(f"{header}:ACQuire", do=_acquire(name)),
         ]
     return tuple(commands)
+
+
+def alternating_commands(slowest_hz: Mapping[float, float]) -> tuple[Command, ...]:
+    """Declare the lowest frequency expected of both alternating functions: by what is said, the 34401A's filter."""
+    shown = {filter_hz: hertz for hertz, filter_hz in slowest_hz.items()}
+
+    def chosen(hertz: float) -> float:
+        return slowest_hz[max(each for each in slowest_hz if each <= hertz)]
+
+    return tuple(
+        attribute(
+            f"[SENSe:]{RANGED[name]}:DETector:BANDwidth",
+            Number(unit="HZ", limits=Limits(3.0, 3e5, min(slowest_hz))),
+            "bandwidth_hz",
+            lambda filter_hz: f"{shown[filter_hz]:G}",
+            convert=chosen,
+        )
+        for name in ("VOLT:AC", "CURR:AC")
+    )
+
+
+def gates(functions: Mapping[str, Function], limits: Limits, reply: Callable[[Any], str]) -> tuple[Command, ...]:
+    """Declare the gate times of frequency and period."""
+    return tuple(
+        attribute(
+            f"[SENSe:]{functions[name].header}:APERture",
+            Number(unit="S", limits=limits),
+            f"setups[{name}].aperture_s",
+            reply,
+        )
+        for name in ("FREQ", "PER")
+    )

@@ -1,11 +1,12 @@
 """Simulated Keithley DMM6500 set to SCPI: a 34401A's inputs behind its words, trigger models and reading buffer.
 
-Source: PyMeasure's driver, whose tests hold replies of a real one, and other users' code. Unverified: the form of
-numbers but for theirs, error texts, which of the words of the trigger model wait.
+Source: PyMeasure's driver, whose tests hold replies of a real one (one suite is for a connected one, at 60 Hz), and
+other users' code. Unverified: the form of numbers but for theirs, error texts, which of the words of the trigger
+model wait.
 
 Not simulated: the command set TSP (``*LANG`` would count from the next power-on), buffers with readings of their own
 (one that is made holds those of defbuffer1), digitising, the scanner, trigger models but SimpleLoop; temperature and
-capacitance have nothing to measure; averaging and relative values are settings, taken off no reading.
+capacitance have nothing to measure; averaging is a setting and changes no reading.
 """
 
 from __future__ import annotations
@@ -30,10 +31,21 @@ ROWS = scpi.Rows()
 
 _SHEET = specifications.KEITHLEY_DMM6500
 _BUFFER = 100_000
-_NR3 = scpi.real(8)
-_FUNCTIONS = common.functions_of(_SHEET, "CAP")
-_NAMES = (*common.NAMES, "CAP")
+_NR3 = "{:G}".format
+"""Numbers as PyMeasure's tests have them of a real one: 0.01, 30, 0.0166667."""
+_FUNCTIONS = common.functions_of(_SHEET, "CAP", FREQ="FREQuency[:VOLTage]", PER="PERiod[:VOLTage]")
+_NAMES = {**common.NAMES, "CAP": "CAP", "FREQ": "FREQ:VOLT", "PER": "PER:VOLT", "VOLT:RAT": "VOLT:DC:RAT"}
+"""The functions, and what they are called in replies (PyMeasure's suite for connected devices)."""
+_INTEGRATING = ("VOLT", "CURR", "RES", "FRES", "DIOD", "TEMP", "VOLT:RAT")
+_WORDS = common.Words(
+    "RELative",
+    _INTEGRATING,
+    lambda meter: scpi.Limits(0.0005, 15.0 if meter.line_hz == 60 else 12.0, 1.0),  # PyMeasure's driver
+    more=("DIOD", "CAP"),
+    number=_NR3,
+)
 _BEGUN = datetime(2026, 1, 1)  # noqa: DTZ001  (the meter knows no zone)
+_BEGUN_S = 1_767_225_600
 _PRECISION = ("FORMat:ASCii:PRECision",)
 
 
@@ -75,7 +87,11 @@ def _formatted(meter: KeithleyDMM6500Twin, entries: Sequence[tuple[float, float]
 
 def _stamp(instant_s: float) -> str:
     """Return a bench time as the clock of a meter shows it that was switched on at the beginning of 2026."""
-    return (_BEGUN + timedelta(seconds=instant_s)).strftime("%Y/%m/%d %H:%M:%S.%f")[:-3]
+    return _date(instant_s).strftime("%Y/%m/%d %H:%M:%S.%f")[:-3]
+
+
+def _date(instant_s: float) -> datetime:
+    return _BEGUN + timedelta(seconds=instant_s)
 
 
 def _error_suffix(number: int, instant_s: float) -> str:
@@ -187,16 +203,20 @@ def _clear(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
     meter.stored.clear()
 
 
+_SECONDS = scpi.Number(
+    unit="S", limits=lambda meter: scpi.Limits(8.33e-6, 0.25, 0.0166667 if meter.line_hz == 60 else 0.02)
+)
+"""MIN, MAX and DEF as PyMeasure's suite for connected devices expects them, at 60 Hz."""
 _STIMULI = ("NONE", "TIMer<1-4>", "NOTify<1-8>", "DISPlay", "COMMand", "EXTernal")
 _COMMANDS = (
     *ROWS,
     *scpi.COMMON_COMMANDS,
     scpi.Command("*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set),
-    common.function_command("[SENSe:]FUNCtion[:ON]", str),  # PyMeasure's tests of a real one, QCoDeS' driver
+    common.function_command("[SENSe:]FUNCtion[:ON]", str, _NAMES),  # PyMeasure's tests of a real one, QCoDeS' driver
     *(
         each
         for name in ("FREQ", "PER")
-        for each in range_commands(_FUNCTIONS[name], f"{_FUNCTIONS[name].header}:THReshold")
+        for each in range_commands(_FUNCTIONS[name], f"{_FUNCTIONS[name].header}:THReshold", _NR3)
     ),
     scpi.attribute(
         "[SENSe:]VOLTage[:DC]:INPutimpedance",
@@ -206,10 +226,19 @@ _COMMANDS = (
         convert=lambda word: word == "AUTO",
     ),
     scpi.remembered("[SENSe:]DIODe:BIAS:LEVel", scpi.Number(unit="A", limits=scpi.Limits(1e-5, 1e-2)), 1e-3, _NR3),
-    *common.settings_of_functions(_FUNCTIONS, (0.0005, 12.0), "RELative"),
-    *(_zero(name) for name in ("VOLT", "RES", "FRES")),
-    *common.digits_commands(_FUNCTIONS, "DISPlay:", scpi.Limits(3, 6)),
-    scpi.Command("[SENSe:]AZERo:ONCE", do=common.ignored),
+    *common.settings_of_functions(_FUNCTIONS, _WORDS),
+    *(
+        common.integration(name, f"{_FUNCTIONS[name].header}:APERture", _SECONDS, _NR3, lambda meter: 1 / meter.line_hz)
+        for name in _INTEGRATING
+    ),
+    *common.gates(_FUNCTIONS, scpi.Limits(2e-3, 0.273, 0.2), _NR3),
+    *common.alternating_commands({3.0: 3.0, 30.0: 20.0, 300.0: 200.0}),
+    *(_zero(name) for name in _INTEGRATING),
+    scpi.remembered("[SENSe:]CAPacitance:RANGe[:UPPer]", scpi.Number(limits=scpi.Limits(1e-9, 1e-4, 1e-4)), 1e-4, _NR3),
+    scpi.remembered("[SENSe:]CAPacitance:RANGe:AUTO", scpi.Boolean(), default=True, reply=scpi.boolean),
+    *common.digits_commands(_FUNCTIONS, "DISPlay:", scpi.Limits(3, 6), _NAMES),
+    # a zero is taken now and none after (PyMeasure's suite for connected devices)
+    scpi.Command("[SENSe:]AZERo:ONCE", do=lambda meter: meter.set_autozero(meter.function.name, on=False)),
     scpi.attribute("[SENSe:]COUNt", scpi.Integer(limits=scpi.Limits(1, 1_000_000)), "samples", scpi.signed_integer),
     *(
         scpi.Command(
@@ -239,6 +268,15 @@ _COMMANDS = (
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
     scpi.Command("ROUTe:TERMinals", query=lambda _: "FRON"),
     scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz)),
+    # its clock: seconds since 1970, or after a 1 as text (both from memory of the manual, unverified)
+    scpi.Command(
+        "SYSTem:TIME",
+        (scpi.Number(),),
+        repeat=True,
+        do=common.ignored,
+        query=lambda meter, text: _date(meter.clock.now()).ctime() if text else int(_BEGUN_S + meter.clock.now()),
+        query_parameters=(scpi.Integer(required=False),),
+    ),
     scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=common.ignored),
     scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
     scpi.Command("SYSTem:CLEar", do=lambda meter: meter.engine.errors.clear()),

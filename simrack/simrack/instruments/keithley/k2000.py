@@ -6,8 +6,8 @@ averaging, times beside integration, that it comes set to XonXoFF as a 2700 does
 initiation is on at power-on and off after ``*RST`` and CONFigure, INITiate is -213 meanwhile; TRACe takes readings when
 its feed control is NEXT.
 
-Not simulated: the scanner, timer and manual triggers, binary formats; temperature has no probe; averaging, relative
-values and mathematics are settings, taken off no reading. CALCulate2 and 3 (statistics of the buffer, limits) are from
+Not simulated: the scanner, timer and manual triggers, binary formats; temperature has no probe; averaging and
+mathematics are settings and change no reading. CALCulate2 and 3 (statistics of the buffer, limits) are from
 users' code and memory: what they say without readings, and that 1 is a failure, is unverified.
 """
 
@@ -23,6 +23,7 @@ import numpy as np
 from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
+from simrack.instruments.hp34401a.range_commands import RANGED, range_commands
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
@@ -35,6 +36,8 @@ _SHEET = specifications.KEITHLEY_2000
 _NR3 = scpi.real(8)
 _BUFFER = 1024
 _FUNCTIONS = common.functions_of(_SHEET)
+_WORDS = common.Words("REFerence", (*RANGED, "TEMP"), lambda _meter: scpi.Limits(0.01, 10.0, 1.0))
+"""PyMeasure's driver."""
 
 
 class Errors2000(MeterErrors, frozen=True):
@@ -173,9 +176,12 @@ _COMMANDS = (
         scpi.Command(f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=())
         for name in common.NAMES
     ),
-    scpi.Command("CONFigure", query=common.chosen_function, reply=scpi.quoted),
+    scpi.Command("CONFigure", query=lambda meter: common.NAMES[meter.function.name], reply=scpi.quoted),
     common.function_command("[SENSe:]FUNCtion"),
-    *common.settings_of_functions(_FUNCTIONS, (0.01, 10.0), "REFerence"),
+    *common.settings_of_functions(_FUNCTIONS, _WORDS),
+    *common.gates(_FUNCTIONS, scpi.Limits(0.01, 1.0, 1.0), _NR3),
+    *common.alternating_commands({3.0: 3.0, 30.0: 20.0, 300.0: 200.0}),
+    *(range_commands(_FUNCTIONS[name], f"{_FUNCTIONS[name].header}:THReshold:VOLTage")[0] for name in ("FREQ", "PER")),
     *common.digits_commands(_FUNCTIONS, "[SENSe:]", scpi.Limits(4, 7)),
     scpi.Command("[SENSe:]DATA[:LATest]", query=_fetch),
     scpi.Command("[SENSe:]DATA:FRESh", query=_fetch),

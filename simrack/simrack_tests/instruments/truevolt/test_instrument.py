@@ -163,6 +163,30 @@ def test_a_2000_tells_statistics_of_its_buffer_and_whether_a_limit_is_broken() -
     assert bench.talk.ask("CALC3:LIM1:FAIL?;:CALC3:LIM2:FAIL?") == "1;0"
 
 
+def test_a_34465a_takes_samples_by_its_timer() -> None:
+    bench = Bench(Keysight34465ATwin)
+    bench.world.slope_v_s = 0.1
+    bench.talk.write("CONF:VOLT:DC 10;:VOLT:NPLC 1;ZERO:AUTO OFF;:TRIG:DEL 0;:SAMP:COUN 4;SOUR TIM;TIM 0.5")
+    assert bench.value("SAMP:TIM? MIN") == pytest.approx(0.02)
+    readings = [float(each) for each in (bench.talk.ask("READ?") or "").split(",")]
+    assert np.diff(readings) == pytest.approx([0.05] * 3, abs=1e-5)
+    bench.talk.write("SAMP:TIM 0.001")
+    assert bench.talk.errors() == [-222]
+
+
+@pytest.mark.parametrize(("kind", "word"), [(KeithleyDMM6500Twin, "REL"), (Keithley2000Twin, "REF")])
+def test_what_a_keithley_acquires_is_taken_off_later_readings(kind: type[SimulatedTruevolt], word: str) -> None:
+    bench = Bench(kind)
+    bench.talk.write(f"INIT:CONT OFF;:VOLT:{word}:ACQ;STAT ON" if word == "REF" else f"VOLT:{word}:ACQ;STAT ON")
+    assert bench.value(f"VOLT:{word}?") == 1.0
+    bench.world.offset_v = 1.25
+    assert bench.value("READ?") == pytest.approx(0.25)
+    bench.talk.write(f"VOLT:{word}:ACQ")
+    assert bench.value(f"VOLT:{word}?") == 1.25
+    assert bench.value("READ?") == 0.0
+    assert "No error" in (bench.talk.ask("SYST:ERR?") or "")
+
+
 @pytest.mark.parametrize("kind", MODELS)
 def test_device_clear_ends_an_infinite_wait(kind: type[SimulatedTruevolt]) -> None:
     bench = Bench(kind)
