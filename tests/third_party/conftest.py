@@ -7,22 +7,23 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import sysconfig
 import tarfile
 import tomllib
 import venv
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from vcfbench.station.file import embedded_text
-
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
 collect_ignore_glob = [] if os.environ.get("VCFBENCH_THIRD_PARTY") == "1" else ["test_*.py"]
 
@@ -130,32 +131,31 @@ class Served:
 @pytest.fixture
 def served() -> Iterator[Served]:
     """A bench, served by the command itself."""
-    offers = [word for role in ROLES for word in ("--offer", f"{role}:{OFFERED.get(role, 'tcp,pty')}")]
-    yield from _serving(*offers)
-
-
-@pytest.fixture
-def served_34465a(tmp_path: Path) -> Iterator[Served]:
-    """The same with a 34465A as its multimeter, on the wires that it has."""
-    bench = tmp_path / "bench.toml"
-    bench.write_text(embedded_text("paper").replace('"34401A"', '"34465A"', 1), encoding="utf-8")
-    yield from _serving("--bench", str(bench))
+    with _serving(*(word for role in ROLES for word in ("--offer", f"{role}:{OFFERED.get(role, 'tcp,pty')}"))) as bench:
+        yield bench
 
 
 @pytest.fixture
 def served_successors() -> Iterator[Served]:
     """A bench of nothing but successors, on the wires that they have."""
-    yield from _serving("--bench", str(HERE.parent / "successors" / "bench.toml"))
+    with serving({}) as bench:
+        yield bench
 
 
-@pytest.fixture
-def served_dmm6500(tmp_path: Path) -> Iterator[Served]:
-    """The same with a DMM6500 as its multimeter."""
-    bench, text = tmp_path / "bench.toml", (HERE.parent / "successors" / "bench.toml").read_text(encoding="utf-8")
-    bench.write_text(text.replace('"2000"', '"DMM6500"', 1), encoding="utf-8")
-    yield from _serving("--bench", str(bench))
+@contextmanager
+def serving(models: Mapping[str, str], mains_hz: int = 50) -> Iterator[Served]:
+    """Serve the bench of successors with other models in the places that are named, on the wires that they have."""
+    text = (HERE.parent / "successors" / "bench.toml").read_text(encoding="utf-8")
+    for role, model in models.items():
+        text = re.sub(rf'(?m)(^\[{role}\]\nmodel = )"[^"]*"', rf'\1"{model}"', text)
+    with TemporaryDirectory() as folder:
+        bench = Path(folder) / "bench.toml"
+        bench.write_text(text.replace("mains_hz = 50", f"mains_hz = {mains_hz}"), encoding="utf-8")
+        with _serving("--bench", str(bench)) as served:
+            yield served
 
 
+@contextmanager
 def _serving(*options: str) -> Iterator[Served]:
     words = [sys.executable, "-m", "vcfbench", "sim", "serve", "--speed", "max", "--json", *options]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:  # noqa: S603

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.third_party.conftest import Served, command, expected_failures
+from tests.third_party.conftest import Served, command, expected_failures, serving
 
 CLIENTS = Path(__file__).parent / "clients"
 
@@ -45,14 +45,11 @@ def test_pymeasure_on_successors(
     check(seen, f"pymeasure.{driver}", at_least)
 
 
-def test_pymeasure_on_a_dmm6500(pymeasure: Path, served_dmm6500: Served) -> None:
-    resource = served_dmm6500.resource("multimeter", "tcp")
-    check(methods(pymeasure, "pymeasure_successors.py", "KeithleyDMM6500", resource), "pymeasure.KeithleyDMM6500", 22)
-
-
-def test_qcodes_on_a_dmm6500(qcodes: Path, served_dmm6500: Served) -> None:
-    seen = methods(qcodes, "qcodes_walk.py", "Keithley.Keithley6500", served_dmm6500.resource("multimeter", "tcp"))
-    check(seen, "qcodes.Keithley.Keithley6500", 22)
+def test_pymeasure_on_a_dmm6500(pymeasure: Path) -> None:
+    with serving({"multimeter": "DMM6500"}) as served:
+        resource = served.resource("multimeter", "tcp")
+        seen = methods(pymeasure, "pymeasure_successors.py", "KeithleyDMM6500", resource)
+    check(seen, "pymeasure.KeithleyDMM6500", 22)
 
 
 def test_qcodes(qcodes: Path, served: Served) -> None:
@@ -60,19 +57,98 @@ def test_qcodes(qcodes: Path, served: Served) -> None:
     check(seen, "qcodes.Agilent34401A", 12)
 
 
-def test_qcodes_truevolt(qcodes: Path, served_34465a: Served) -> None:
-    """Sample timer, pretrigger and time trace are left out: the simulated 34465A has no sample timer."""
-    seen = methods(qcodes, "qcodes_truevolt.py", "Keysight34465A", served_34465a.resource("multimeter", "tcp"))
+def test_qcodes_truevolt(qcodes: Path) -> None:
+    with serving({"multimeter": "34465A"}) as served:
+        seen = methods(qcodes, "qcodes_truevolt.py", "Keysight34465A", served.resource("multimeter", "tcp"))
     check(seen, "qcodes.Keysight34465A", 52)
 
 
 @pytest.mark.parametrize(
-    ("role", "driver", "at_least"),
-    [("rate_source", "Keysight.Keysight33522B", 48), ("multimeter", "Keithley.Keithley2000", 17)],
+    ("library", "drivers"),
+    [
+        (
+            "pymeasure",
+            [
+                ("power", "E3631A", "keysight.KeysightE3631A", 19),
+                ("rate_source", "33220A", "agilent.Agilent33220A", 23),
+                ("multimeter", "34401A", "hp.HP34401A", 32),
+                ("oscilloscope", "DSO7104B", "keysight.KeysightDSOX1102G", 16),
+            ],
+        ),
+        (
+            "pymeasure",
+            [
+                ("power", "E36312A", "keysight.KeysightE36312A", 17),
+                ("rate_source", "33522B", "agilent.agilent33500.Agilent33500", 79),
+                ("multimeter", "DMM6500", "keithley.KeithleyDMM6500", 80),
+                ("oscilloscope", "DSOX3024A", "keysight.KeysightDSOX1102G", 16),
+            ],
+        ),
+        (
+            "pymeasure",
+            [
+                ("rate_source", "33521B", "agilent.Agilent33521A", 43),
+                ("multimeter", "34461A", "agilent.Agilent34410A", 8),
+                ("oscilloscope", "MSOX3104T", "keysight.KeysightDSOX1102G", 16),
+            ],
+        ),
+        (
+            "pymeasure",
+            [
+                ("rate_source", "33622A", "agilent.agilent33500.Agilent33500", 79),
+                ("multimeter", "2000", "keithley.Keithley2000", 51),
+                ("oscilloscope", "DSOX4104A", "keysight.KeysightDSOX1102G", 16),
+            ],
+        ),
+        (
+            "qcodes",
+            [
+                ("rate_source", "33511B", "Keysight.Keysight33511B", 25),
+                ("multimeter", "34461A", "Keysight.Keysight34461A", 29),
+            ],
+        ),
+        (
+            "qcodes",
+            [
+                ("rate_source", "33512B", "Keysight.Keysight33512B", 48),
+                ("multimeter", "34465A", "Keysight.Keysight34465A", 32),
+            ],
+        ),
+        (
+            "qcodes",
+            [
+                ("rate_source", "33522B", "Keysight.Keysight33522B", 48),
+                ("multimeter", "2000", "Keithley.Keithley2000", 17),
+            ],
+        ),
+        (
+            "qcodes",
+            [
+                ("rate_source", "33611A", "Keysight.Keysight33611A", 25),
+                ("multimeter", "34401A", "agilent.Agilent34401A", 10),
+            ],
+        ),
+        (
+            "qcodes",
+            [
+                ("rate_source", "33622A", "Keysight.Keysight33622A", 48),
+                ("multimeter", "DMM6500", "Keithley.Keithley6500", 22),
+            ],
+        ),
+    ],
 )
-def test_qcodes_on_successors(role: str, driver: str, at_least: int, qcodes: Path, served_successors: Served) -> None:
-    seen = methods(qcodes, "qcodes_walk.py", driver, served_successors.resource(role, "tcp"))
-    check(seen, f"qcodes.{driver}", at_least)
+def test_everything_that_can_be_set(
+    library: str, drivers: list[tuple[str, str, str, int]], request: pytest.FixtureRequest
+) -> None:
+    """All of a library's drivers on one bench: every property or parameter is asked, and set to what it answered."""
+    python: Path = request.getfixturevalue(library)
+    with serving({role: model for role, model, *_ in drivers}) as served:
+        words = [f"{driver}={served.resource(role, 'tcp')}" for role, _, driver, _ in drivers]
+        done = command(python, CLIENTS / f"{library}_walk.py", *words)
+    assert done.returncode == 0, done.stderr[-3000:]
+    seen = json.loads(done.stdout.splitlines()[-1])
+    for _, model, driver, at_least in drivers:
+        check(seen[driver], f"{library}.{driver} on {model}", at_least)
 
 
 @pytest.mark.parametrize(

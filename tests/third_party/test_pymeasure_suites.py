@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from tests.third_party.conftest import Served, command, expected_failures
+from tests.third_party.conftest import Served, command, expected_failures, serving
 
 
 def outcomes(python: Path, source: Path, suite: str, address: str, report: Path) -> dict[str, bool]:
@@ -41,6 +41,16 @@ def test_suite_on_a_pty(  # noqa: PLR0917  # fixtures
     path = pymeasure_source / "tests" / "instruments" / suite
     seen = outcomes(pymeasure, path.parents[2], str(path), served.resource(role, "pty"), tmp_path / "report.xml")
     check(seen, suite, at_least)
+
+
+def test_suite_of_the_dmm6500(pymeasure: Path, pymeasure_source: Path, tmp_path: Path) -> None:
+    """Its author's meter has mains of 60 Hz."""
+    suite = "keithley/test_keithleyDMM6500_with_device.py"
+    path = pymeasure_source / "tests" / "instruments" / suite
+    with serving({"multimeter": "DMM6500"}, mains_hz=60) as served:
+        address = served.resource("multimeter", "vxi11")
+        seen = outcomes(pymeasure, path.parents[2], str(path), address, tmp_path / "report.xml")
+    check(seen, suite, 160)
 
 
 @pytest.mark.parametrize(("bench", "listed"), [("served", ""), ("served_successors", " on a DSOX3024A")])

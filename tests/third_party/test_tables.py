@@ -1,6 +1,6 @@
-"""Rate tables served to programs that nobody here wrote: the maker's own library, and PyMeasure's ESP300.
+"""Rate tables served to programs that nobody here wrote: the maker's own library, PyMeasure's and InstrumentKit's ESP.
 
-Both over TCP and over a pseudo-terminal.
+The first two over TCP and over a pseudo-terminal.
 """
 
 from __future__ import annotations
@@ -57,3 +57,8 @@ def test_pymeasure_esp300(wire: str, pymeasure: Path, tmp_path: Path) -> None:
         host, _, port = wires["tcp"].removeprefix("socket://").rpartition(":")
         resource = f"TCPIP0::{host}::{port}::SOCKET" if wire == "tcp" else f"ASRL{wires['pty']}::INSTR"
         check(methods(pymeasure, "pymeasure_esp300.py", "esp", resource), "pymeasure.ESP300", 31)
+
+
+def test_instrumentkit_esp301(libraries: Path, tmp_path: Path) -> None:
+    with served_table("esp", tmp_path) as wires:
+        check(methods(libraries, "kit_esp301.py", wires["tcp"]), "kit.ESP301", 85)

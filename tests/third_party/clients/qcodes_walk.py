@@ -1,6 +1,7 @@
-"""Run in QCoDeS's environment: every parameter of a driver is asked, and set to what it answered.
+"""Run in QCoDeS's environment: every parameter of drivers is asked, and set to what it answered.
 
-Prints what went wrong as JSON. The parameters of its channels and other submodules too, in the order of their names.
+Prints what went wrong by driver, as JSON; the words are DRIVER=RESOURCE. The parameters of
+channels and other submodules too, in the order of their names.
 """
 
 from __future__ import annotations
@@ -37,20 +38,26 @@ class Errors(Walk):
         super().do(name, act)
         entry = self.seen[name]
         self.seen[name] = None if entry is not None and entry.startswith("0,") else entry
+        while int(self.instrument.ask("SYST:ERR?").partition(",")[0]):  # of what had no answer
+            pass
 
 
-def main() -> None:
-    name, resource = sys.argv[1:]
+def walked(name: str, resource: str) -> dict[str, str | None]:
     module, _, kind = name.rpartition(".")
     driver = getattr(importlib.import_module(f"qcodes.instrument_drivers.{module}"), kind)
-    device = driver("device", resource, visalib="@py", terminator="\n", timeout=20)
+    device = driver(kind, resource, visalib="@py", terminator="\n", timeout=3)
     device.write("*RST")
     device.write("*CLS")
     walk = Errors(device)
     for label, parameter in parameters(device):
         walk.do(label, lambda parameter=parameter: asked_and_set(parameter))
     device.close()
-    sys.stdout.write(json.dumps(walk.seen) + "\n")
+    return walk.seen
+
+
+def main() -> None:
+    pairs = (word.split("=") for word in sys.argv[1:])
+    sys.stdout.write(json.dumps({name: walked(name, resource) for name, resource in pairs}) + "\n")
 
 
 if __name__ == "__main__":
