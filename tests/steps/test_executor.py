@@ -14,7 +14,7 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.schema import Status
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import PAPER_RATES_DEG_S, Match
-from vcfbench.steps import Acquire, NotChecked, Settle, SetVvc
+from vcfbench.steps import Acquire, Done, NotChecked, Settle, SetVvc
 from vcfbench.steps.dry_run import walk
 from vcfbench.steps.executor import (
     Execution,
@@ -446,6 +446,15 @@ def test_what_is_taken_over_counts_with_its_moves() -> None:
     assert before.asked_again == ("step 1: late", "step 2: late")
     assert [(point.moved_v, point.moved_u_v) for point in after.points] == [(0.0, 0.0), (0.375, 3e-3), (0.375, 3e-3)]
     assert after.physical_minimum_s == 6.0
+
+
+def test_a_pause_of_a_resumed_run_knows_what_was_done_before_the_break() -> None:
+    pausing = Pausing({2: None})
+    executor = Executor(FakeBench(), MemoryJournal(), [pausing], pausing=pausing)
+    set_before = SetVvc(0.5)
+    executor.take_over([TakenOver(set_before, Done(), {})])
+    assert executor.execute(plan_of(WINDOW, WINDOW)).status is Status.COMPLETE
+    assert pausing.done == (set_before, WINDOW)
 
 
 def test_an_output_that_moved_by_more_than_is_allowed_ends_the_run_in_the_pause() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -29,16 +30,19 @@ from vcfbench.steps import (
     ConfigureGenerator,
     ConfigureMeter,
     ConfigureRail,
+    DisableSupply,
     DisableVvc,
+    Done,
     EnableSupply,
     Note,
+    SetRate,
     Settle,
     SetVvc,
     move_leads,
 )
 from vcfbench.steps.drive_check import check_drive
 from vcfbench.steps.executor import Execution, Executor, StepFinished, StepStarted
-from vcfbench.steps.replay import is_left, rest_of, set_again, start_up_again, taken_over
+from vcfbench.steps.replay import TakenOver, is_left, rest_of, set_again, start_up_again, taken_over
 from vcfbench.steps.step import Effect, Outcome, abandon
 
 if TYPE_CHECKING:
@@ -228,6 +232,14 @@ def test_another_plan_is_refused_and_the_step_named() -> None:
     configured = [each for each in taken if isinstance(each.step, ConfigureMeter)]
     with pytest.raises(PlanError, match="ends before the record does"):
         rest_of(short(other), configured * 2)
+
+
+def test_steps_that_only_differ_in_what_is_not_shown_are_told_apart() -> None:
+    had, asked = Settle(1.0, "settled"), Settle(1.0 + 1e-9, "settled")
+    assert had.describe() == asked.describe()
+    taken = [TakenOver(had, Done(), {"n": 1, "key": had.key})]
+    with pytest.raises(PlanError, match=re.escape(f"({had.key}), the plan now asks there for ({asked.key})")):
+        rest_of((step for step in [asked]), taken)
 
 
 def short(asked: ProcedureSettings) -> Plan:
@@ -420,6 +432,20 @@ def test_what_was_disturbed_is_set_again_with_what_that_disturbs(disturbed: set[
     """To select DC sets the level of long ago too."""
     steps = (ConfigureGenerator(0.1), SetVvc(0.4), Settle(2.0, "V_Vc"), Note("measured"))
     assert list(drained(set_again(steps, disturbed))) == [steps[number] for number in again]
+
+
+def test_a_rate_that_was_disturbed_is_ramped_to_from_rest() -> None:
+    faster = SetRate(50.0, 100.0, 10.0)
+    assert list(drained(set_again((faster, Note("measured")), {"table rate"}))) == list(faster.again())
+    assert len(faster.again()) == 2
+
+
+def test_a_supply_that_was_off_meanwhile_warms_up_anew() -> None:
+    asked = LongOnes(**{**msgspec.structs.asdict(make_settings(**QUICK)), "settle_s": 3.0})
+    window = Acquire(step=1, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=None, **window_of(asked))
+    steps = [SUPPLY_ON, Settle(5.0, "first"), DisableSupply(), SUPPLY_ON, Settle(2.0, "second"), window]
+    waits = [step.seconds for step in start_up_again(steps, asked) if isinstance(step, Settle)]
+    assert waits[-2:] == [2.0, 1798.0]
 
 
 def test_of_the_looks_at_the_drive_signal_the_first_after_power_on_stands_for_all() -> None:
