@@ -287,6 +287,19 @@ def test_a_line_is_added_whole_or_not_at_all_and_never_while_a_run_writes(
     assert read_journal(path).damage is None
 
 
+def test_what_cannot_be_taken_back_hides_no_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_file: int, _size: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    journal = Journal(tmp_path / "j")
+    monkeypatch.setattr(journal_module.os, "ftruncate", refuse)
+    monkeypatch.setattr(journal_module.os, "write", lambda *_: 7)
+    with pytest.raises(BenchError, match=r"the disk took 7 of \d+ bytes"):
+        journal.header({"run": "r", "procedure": "turntable"})
+    monkeypatch.undo()
+    journal.close()
+
+
 def test_a_torn_line_after_the_last_one_leaves_the_record_incomplete(tmp_path: Path) -> None:
     path = tmp_path / "j"
     whole = write(path)

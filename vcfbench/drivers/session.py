@@ -366,8 +366,7 @@ class Session(Conversation):
 
     def _in_step(self, deadline: Deadline) -> None:
         """Resynchronise if the last exchange failed, or if something has been said that nobody asked for."""
-        if self._closed_because is not None:
-            self._require_open()
+        self._require_open()
         if not self.dirty:
             try:
                 self.dirty = bool(self._received or self._wire.pending())

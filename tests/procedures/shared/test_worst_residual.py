@@ -83,6 +83,8 @@ def test_where_two_residuals_are_equal_the_largest_that_is_found_lies_too_high()
     stated = turntable_statement(settings(Sources()), points_of(true)).value("nonlinearity")
     assert "at one of +100, -100 deg/s" in stated.of
     assert 0.2 < errors.mean() / stated.u < 0.8
+    whole = turntable_statement(settings(Sources()), points_of(true))
+    assert np.shape(whole.correlation) == (len(whole.values), len(whole.values))
 
 
 def test_what_does_not_stand_above_its_u95_is_no_value_but_a_bound() -> None:
