@@ -17,8 +17,7 @@
     |  |- FramingError                 an answer that is not one
     |  `- OutOfSync                    answers belong to other questions; the session is closed
     `- InstrumentError                 the instrument refused; carries its number and words
-       |- WrongInstrument              another model or specimen answers at the resource
-       `- SelfTestFailed               the instrument's own test failed
+       `- WrongInstrument              another model or specimen answers at the resource
 
 ``str()`` of each is one sentence that a technician can act on. Exit code 1 is no error: a measured value failed its
 limits.
@@ -179,7 +178,3 @@ class InstrumentError(BenchError):
 
 class WrongInstrument(InstrumentError):
     """Another model or specimen than the bench file says answers at the resource."""
-
-
-class SelfTestFailed(InstrumentError):
-    """The instrument's own test failed."""

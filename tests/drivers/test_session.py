@@ -234,7 +234,7 @@ def test_overload_says_who_where_and_what() -> None:
         expected_exchange(OPEN, [("READ?", "+9.90000000E+37")]) as session,
         pytest.raises(MeasurementError, match=r"device at SCRIPT: overload .*, command 'READ\?'"),
     ):
-        session.query_float("READ?")
+        session.query_reading("READ?")
 
 
 @pytest.mark.parametrize(

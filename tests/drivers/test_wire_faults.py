@@ -200,7 +200,7 @@ def test_noise_is_a_framing_error_and_the_next_answer_is_right(noise: bytes) -> 
 
     with serving(answering(noisy)) as where, opened(where) as session:
         with pytest.raises(FramingError, match=r"multimeter at .*'READ\?'"):
-            session.query_float("READ?")
+            session.query_reading("READ?")
         assert session.query("B?") == "B"
 
 
@@ -212,7 +212,7 @@ def test_overload_is_no_number_and_no_reason_to_resynchronise() -> None:
 
     with serving(answering(overloaded)) as where, opened(where) as session:
         with pytest.raises(MeasurementError, match="overload"):
-            session.query_float("READ?")
+            session.query_reading("READ?")
         assert not session.dirty
         assert session.query_number("READ?") == 9.9e37
 

@@ -113,8 +113,6 @@ class Session(Conversation):
         """Ask for a measured value in the `form` that the model promises; raises MeasurementError for 9.9E37."""
         return self._ask(command, lambda line: replies.reading(replies.text(line), form), deadline)
 
-    query_float = query_reading
-
     def query_number(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a number in the `form` that the model promises; it may be 9.9E37, which then means infinity."""
         return self._ask(command, lambda line: replies.number(replies.text(line), form), deadline)

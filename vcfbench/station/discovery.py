@@ -4,7 +4,6 @@ Nothing is sent to a serial port unless that is asked for: what is on it is not 
 """
 
 import re
-import threading
 import warnings
 from collections.abc import Callable, Sequence
 from contextvars import copy_context
@@ -14,7 +13,7 @@ from typing import Any, TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.clock import Deadline, WallClock
+from vcfbench.clock import Deadline, WallClock, within
 from vcfbench.drivers.rate_table.acl import take_counted
 from vcfbench.drivers.rate_table.line import Link, open_serial
 from vcfbench.drivers.session import open_session
@@ -134,16 +133,15 @@ def _within(seconds: float, act: Callable[[], _T]) -> _T:
     """Run `act` in a thread, because a library's open may hang for ever; DeadlineExceeded when it does."""
     done: list[_T] = []
     failed: list[BaseException] = []
+    context = copy_context()  # what is traced here, is there
 
     def run() -> None:
         try:
-            done.append(act())
+            done.append(context.run(act))
         except BaseException as error:  # noqa: BLE001  # it is raised again in the thread that waits
             failed.append(error)
 
-    worker = threading.Thread(target=copy_context().run, args=(run,), daemon=True)  # what is traced here, is there
-    worker.start()
-    worker.join(seconds)
+    within(seconds, run)
     if failed:
         raise failed[0]
     if not done:

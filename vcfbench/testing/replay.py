@@ -136,7 +136,6 @@ def replay_trace(
     opener: Callable[[ReplayWire, VirtualClock], _T],
     *,
     role: str | None = None,
-    connection: int = 1,
     whole: bool = True,
 ) -> Iterator[_T]:
     """Open a driver on a wire that answers from the trace at `path`.
@@ -144,8 +143,7 @@ def replay_trace(
     Args:
         path: what ``--trace`` wrote.
         opener: what makes a driver of wire and clock: `over_visa(...)`, `over_serial(...)`.
-        role: whose lines; needed where the trace has several instruments.
-        connection: which of its connections, counted from 1.
+        role: whose lines, those of its first connection; needed where the trace has several instruments.
         whole: everything that was sent then must be sent; else only the beginning.
 
     Raises:
@@ -163,10 +161,8 @@ def replay_trace(
         raise ConfigError(f"{path}: role {role!r}: expected one of {', '.join(roles) or 'none, for it is empty'}")
     own = [line for line in lines if line.role == wanted]
     starts = [index for index, line in enumerate(own) if line.mark == "open"]
-    if not 1 <= connection <= len(starts):
-        raise ConfigError(
-            f"{path}: {wanted} was connected {len(starts)} times, connection {connection} is none of them"
-        )
-    wire = ReplayWire(own[starts[connection - 1] : (starts[connection:] or [len(own)])[0]], clock=clock)
+    if not starts:
+        raise ConfigError(f"{path}: {wanted} was not connected in it")
+    wire = ReplayWire(own[starts[0] : (starts[1:] or [len(own)])[0]], clock=clock)
     yield opener(wire, clock)
     wire.require_done(whole=whole)

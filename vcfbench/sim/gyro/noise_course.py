@@ -104,7 +104,8 @@ class NoiseCourse:
             self._go(noted.since_s)
             if noted.passing != self._held.passing:
                 # Go on with another chain; the noise so far stays
-                chain, modal = self._chain_of(noted), self._quiet
+                passing, modal = noted.passing, self._quiet
+                chain = None if passing is None else _noisy_chain(self._design, noted.bench, passing)
                 if chain is not None and self._chain is not None:
                     modal = self._chain.chain.handed_over(self._state.modal, 0j, chain.chain)
                 self._state = NoiseState.of(modal, self._state.rates_rad_s)
@@ -116,9 +117,6 @@ class NoiseCourse:
         if self._now_s < now_s:
             self._state, _, _ = self._at(now_s)
             self._now_s = now_s
-
-    def _chain_of(self, noted: _Noted) -> NoisyChain | None:
-        return None if noted.passing is None else _noisy_chain(self._design, noted.bench, noted.passing)
 
     def path_now(self, key: tuple[int, ...]) -> NoisePath | None:
         """Return the noise as it is, None while there is none; a picture's random numbers come from `key`."""
