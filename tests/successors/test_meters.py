@@ -34,10 +34,7 @@ def test_it_reads_the_node_that_it_is_on(model: str) -> None:
 
 
 def test_one_that_speaks_tsp_is_refused_by_the_bench(monkeypatch: pytest.MonkeyPatch) -> None:
-    before: Any = KeithleyDMM6500Twin.__init__
-    monkeypatch.setattr(
-        KeithleyDMM6500Twin, "__init__", lambda *given, **named: before(*given, **named, command_set="TSP")
-    )
+    monkeypatch.setattr(KeithleyDMM6500Twin, "command_set", "TSP")
     with (
         pytest.raises(WrongInstrument, match="set to the command set TSP"),
         vcfbench.open_bench(bench("DMM6500"), needs=["multimeter"]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
+from typing import Any
 
 from msgspec import Struct, field
 
@@ -139,80 +140,26 @@ _VOLTS = (0.1, 1.0, 10.0, 100.0, 1000.0)
 _AC_VOLTS = (0.1, 1.0, 10.0, 100.0, 750.0)
 _OHMS = (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)
 
+_DIRECT: dict[str, Any] = {"over_range": 1.0, "integrating": True}
+_OHM: dict[str, Any] = {"overload_bit": _OHMS_OVERLOAD, "integrating": True}
+_GATED: dict[str, Any] = {"gated": True, "voltage_ranges": _AC_VOLTS}
+_AMPS: dict[str, Any] = {"over_range": 1.0, "overload_bit": _CURRENT_OVERLOAD}
+
 BY_NAME = MappingProxyType(
     {
         function.name: function
         for function in (
-            Function("VOLT", "VOLTage[:DC]", ("VOLTage", "VOLTage:DC"), _VOLTS, "V", over_range=1.0, integrating=True),
-            Function(
-                "VOLT:RAT",
-                "VOLTage[:DC]:RATio",
-                ("VOLTage:RATio", "VOLTage:DC:RATio"),
-                _VOLTS,
-                "V",
-                over_range=1.0,
-                integrating=True,
-            ),
+            Function("VOLT", "VOLTage[:DC]", ("VOLTage", "VOLTage:DC"), _VOLTS, "V", **_DIRECT),
+            Function("VOLT:RAT", "VOLTage[:DC]:RATio", ("VOLTage:RATio", "VOLTage:DC:RATio"), _VOLTS, "V", **_DIRECT),
             Function("VOLT:AC", "VOLTage:AC", ("VOLTage:AC",), _AC_VOLTS, "V", over_range=1.0),
             Function(
-                "CURR",
-                "CURRent[:DC]",
-                ("CURRent", "CURRent:DC"),
-                (0.01, 0.1, 1.0, 3.0),
-                "A",
-                over_range=1.0,
-                overload_bit=_CURRENT_OVERLOAD,
-                integrating=True,
+                "CURR", "CURRent[:DC]", ("CURRent", "CURRent:DC"), (0.01, 0.1, 1.0, 3.0), "A", integrating=True, **_AMPS
             ),
-            Function(
-                "CURR:AC",
-                "CURRent:AC",
-                ("CURRent:AC",),
-                (1.0, 3.0),
-                "A",
-                over_range=1.0,
-                overload_bit=_CURRENT_OVERLOAD,
-            ),
-            Function(
-                "RES",
-                "RESistance",
-                ("RESistance",),
-                _OHMS,
-                "OHM",
-                overload_bit=_OHMS_OVERLOAD,
-                integrating=True,
-            ),
-            Function(
-                "FRES",
-                "FRESistance",
-                ("FRESistance",),
-                _OHMS,
-                "OHM",
-                overload_bit=_OHMS_OVERLOAD,
-                integrating=True,
-            ),
-            Function(
-                "FREQ",
-                "FREQuency",
-                ("FREQuency",),
-                (),
-                "HZ",
-                gated=True,
-                lowest=3.0,
-                highest=3e5,
-                voltage_ranges=_AC_VOLTS,
-            ),
-            Function(
-                "PER",
-                "PERiod",
-                ("PERiod",),
-                (),
-                "S",
-                gated=True,
-                lowest=1 / 3e5,
-                highest=1 / 3.0,
-                voltage_ranges=_AC_VOLTS,
-            ),
+            Function("CURR:AC", "CURRent:AC", ("CURRent:AC",), (1.0, 3.0), "A", **_AMPS),
+            Function("RES", "RESistance", ("RESistance",), _OHMS, "OHM", **_OHM),
+            Function("FRES", "FRESistance", ("FRESistance",), _OHMS, "OHM", **_OHM),
+            Function("FREQ", "FREQuency", ("FREQuency",), (), "HZ", lowest=3.0, highest=3e5, **_GATED),
+            Function("PER", "PERiod", ("PERiod",), (), "S", lowest=1 / 3e5, highest=1 / 3.0, **_GATED),
             Function("CONT", "CONTinuity", ("CONTinuity",), (), "OHM", overload_bit=_OHMS_OVERLOAD, highest=1e3),
             Function("DIOD", "DIODe", ("DIODe",), (), "V", highest=1.0),
         )

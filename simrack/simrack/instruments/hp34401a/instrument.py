@@ -109,6 +109,10 @@ class SimulatedHp34401A(scpi.ScpiTwin):
         self.beeper = True
         self.beeps = 0
         self._calibrating = False
+        self.power_on()
+
+    def power_on(self) -> None:
+        """Be as after *RST."""
         self.reset()
 
     def data_sheet(self) -> VoltmeterSpecification:

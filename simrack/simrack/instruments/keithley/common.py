@@ -35,22 +35,15 @@ from simrack.scpi import (
 from simrack.specifications import VoltmeterSpecification
 
 _NR3 = real(8)
-NAMES = MappingProxyType(
-    {
-        "VOLT": "VOLT:DC",
-        "VOLT:AC": "VOLT:AC",
-        "CURR": "CURR:DC",
-        "CURR:AC": "CURR:AC",
-        "RES": "RES",
-        "FRES": "FRES",
-        "FREQ": "FREQ",
-        "PER": "PER",
-        "CONT": "CONT",
-        "DIOD": "DIOD",
-        "TEMP": "TEMP",
-    }
+_CALLED = (
+    *(("VOLT", "VOLT:DC", "VDC"), ("VOLT:AC", "VOLT:AC", "VAC"), ("CURR", "CURR:DC", "ADC")),
+    *(("CURR:AC", "CURR:AC", "AAC"), ("RES", "RES", "OHM"), ("FRES", "FRES", "OHM4W"), ("FREQ", "FREQ", "HZ")),
+    *(("PER", "PER", "SEC"), ("CONT", "CONT", "OHM"), ("DIOD", "DIOD", "VDC"), ("TEMP", "TEMP", "C")),
 )
+NAMES = MappingProxyType({name: shown for name, shown, _ in _CALLED})
 """The functions that are simulated, and what the makers call them in replies; nothing is wired to the current input."""
+UNITS = MappingProxyType({name: unit for name, _, unit in _CALLED})
+"""Units as the 2000 writes them behind a reading (users' records of its readings; OHM4W and C unverified)."""
 _SHORT = {
     word.upper(): "".join(filter(str.isupper, word))
     for word in (
@@ -60,22 +53,6 @@ _SHORT = {
 }
 ERROR_WORDS = {-222: "Parameter data out of range", -230: "Data corrupt or stale"}
 """Words that differ from SCPI's (manuals of both, as users quote them)."""
-UNITS = MappingProxyType(
-    {
-        "VOLT": "VDC",
-        "VOLT:AC": "VAC",
-        "CURR": "ADC",
-        "CURR:AC": "AAC",
-        "RES": "OHM",
-        "FRES": "OHM4W",
-        "FREQ": "HZ",
-        "PER": "SEC",
-        "CONT": "OHM",
-        "DIOD": "VDC",
-        "TEMP": "C",
-    }
-)
-"""Units as the 2000 writes them behind a reading (users' records of its readings; OHM4W and C unverified)."""
 
 
 def functions_of(sheet: VoltmeterSpecification, *more: str, **headers: str) -> Mapping[str, Function]:
@@ -93,12 +70,24 @@ def functions_of(sheet: VoltmeterSpecification, *more: str, **headers: str) -> M
     )
 
 
-def drawn(sheet: VoltmeterSpecification, rng: np.random.Generator) -> dict[str, Any]:
-    """Return the imperfections of a 34401A, those of direct voltage drawn uniformly within the 1-year limits."""
-    like, limit = MeterErrors.drawn(rng), sheet.accuracy_of(10.0, 365)
-    fields = {name: getattr(like, name) for name in MeterErrors.__struct_fields__}
-    gain_error, offset_v = (float(rng.uniform(-each, each)) for each in (limit.reading, limit.range * 10.0))
-    return {**fields, "gain_error": gain_error, "offset_v": offset_v}
+def errors_of(sheet: VoltmeterSpecification) -> type[MeterErrors]:
+    """Return the imperfections of a model: a 34401A's, in direct voltage drawn from its own data sheet.
+
+    They are drawn uniformly within the 1-year accuracy of the 10 V range.
+    """
+
+    class KeithleyErrors(MeterErrors, frozen=True):
+        """Imperfections of one specimen."""
+
+        @classmethod
+        def drawn(cls, rng: np.random.Generator) -> KeithleyErrors:
+            """Return a specimen drawn from the data sheet."""
+            like, limit = MeterErrors.drawn(rng), sheet.accuracy_of(10.0, 365)
+            fields = {name: getattr(like, name) for name in MeterErrors.__struct_fields__}
+            gain_error, offset_v = (float(rng.uniform(-each, each)) for each in (limit.reading, limit.range * 10.0))
+            return cls(**{**fields, "gain_error": gain_error, "offset_v": offset_v})
+
+    return KeithleyErrors
 
 
 def ignored(meter: SimulatedTruevolt, *values: Any) -> None:

@@ -15,11 +15,8 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Any, ClassVar
 
-import numpy as np
-
 from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
-from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.range_commands import range_commands
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
@@ -49,15 +46,7 @@ _BEGUN_S = 1_767_225_600
 _PRECISION = ("FORMat:ASCii:PRECision",)
 
 
-class Errors6500(MeterErrors, frozen=True):
-    """Imperfections of a DMM6500: those of a 34401A, in direct voltage drawn from its own data sheet."""
-
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Errors6500:
-        """Return a specimen drawn uniformly within the 1-year accuracy of the 10 V range."""
-        return cls(**common.drawn(_SHEET, rng))
-
-
+Errors6500 = common.errors_of(_SHEET)
 _NAMED = (scpi.Text(required=False),)
 _BUFFERS = ("defbuffer1", "defbuffer2")
 _ELEMENTS = scpi.Choice(("READing", "RELative", "UNIT", "TSTamp", "SECFractional", "CHANnel", "STATus"), required=False)
@@ -318,22 +307,9 @@ class KeithleyDMM6500Twin(SimulatedTruevolt):
         error_suffix=_error_suffix,
         takes_blocks=False,
     )
-    interfaces: ClassVar[Mapping[str, Interface]] = {"gpib": scpi.GPIB, "usb": scpi.USB, "lan": scpi.LAN}
+    interfaces: ClassVar[Mapping[str, Interface]] = {"usb": scpi.USB, "gpib": scpi.GPIB, "lan": scpi.LAN}
     fast_apertures_s: ClassVar[Mapping[float, float]] = {}
-
-    def __init__(
-        self,
-        world: Any,
-        *,
-        node: str = "output",
-        errors: MeterErrors,
-        mains_hz: float = 50.0,
-        interface: str = "usb",
-        model: str | None = None,
-        command_set: str = "SCPI",
-    ) -> None:
-        self.command_set = command_set
-        super().__init__(world, node=node, errors=errors, mains_hz=mains_hz, interface=interface, model=model)
+    command_set: ClassVar = "SCPI"
 
     def identity(self) -> str:
         """Return the reply of a real unit (users' record), but for the model that it stands for."""

@@ -22,7 +22,6 @@ import numpy as np
 
 from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
-from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.range_commands import RANGED, range_commands
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
@@ -40,13 +39,7 @@ _WORDS = common.Words("REFerence", (*RANGED, "TEMP"), lambda _meter: scpi.Limits
 """PyMeasure's driver."""
 
 
-class Errors2000(MeterErrors, frozen=True):
-    """Imperfections of a 2000: those of a 34401A, in direct voltage drawn from its own data sheet."""
-
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Errors2000:
-        """Return a specimen drawn uniformly within the 1-year accuracy of the 10 V range."""
-        return cls(**common.drawn(_SHEET, rng))
+Errors2000 = common.errors_of(_SHEET)
 
 
 def _formatted(meter: Keithley2000Twin, readings: Sequence[float | None]) -> str:
@@ -277,17 +270,9 @@ class Keithley2000Twin(SimulatedTruevolt):
     interfaces: ClassVar[Mapping[str, Interface]] = {"gpib": scpi.GPIB, "rs232": scpi.RS232}
     fast_apertures_s: ClassVar[Mapping[float, float]] = {}
 
-    def __init__(
-        self,
-        world: Any,
-        *,
-        node: str = "output",
-        errors: MeterErrors,
-        mains_hz: float = 50.0,
-        interface: str = "gpib",
-        model: str | None = None,
-    ) -> None:
-        super().__init__(world, node=node, errors=errors, mains_hz=mains_hz, interface=interface, model=model)
+    def power_on(self) -> None:
+        """As after *RST, but it measures by itself."""
+        super().power_on()
         self.continuous = True
 
     def identity(self) -> str:
