@@ -17,7 +17,7 @@ from tests.bench.fakes import FakeInstrument
 from vcfbench.clock import VirtualClock, WallClock, sleep
 from vcfbench.errors import NotSafe
 from vcfbench.interfaces import SafeReport, UnprovedCommand
-from vcfbench.safety.signals import LeaveNow
+from vcfbench.safety.signals import LeaveNow, StopSignals
 from vcfbench.safety.stack import SafeAction, SafetyStack, Stage, not_safe
 
 if TYPE_CHECKING:
@@ -386,3 +386,27 @@ def test_a_third_signal_in_the_last_words_keeps_nobody_from_hearing_them(log: li
     assert [(report.safe, report.unproved is None) for report in reports] == [(False, False)] * 2
     assert table.commands >= 2
     assert supply.commands >= 2
+
+
+def test_once_all_is_proved_signals_change_nothing(log: list[str]) -> None:
+    with StopSignals() as signals:
+        signals.unwind()
+        assert [each.safe for each in stack_of(action(FakeInstrument("power", log))).make_safe_until_ended(signals)]
+        for _ in range(4):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_signals_behind_the_last_proof_leave_none_untold(log: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def late(_stack: SafetyStack) -> list[SafeReport]:
+        for _ in range(3):
+            signal.raise_signal(signal.SIGINT)
+        pytest.fail("the third one ends it")
+
+    supply = FakeInstrument("power", log)
+    monkeypatch.setattr(SafetyStack, "make_safe", late)
+    with StopSignals() as signals:
+        signals.unwind()
+        with pytest.raises(NotSafe, match="by a third signal; look at every instrument"):
+            stack_of(action(supply)).make_safe_until_ended(signals)
+        assert (supply.energised, supply.commands) == (False, 1)
+        signal.raise_signal(signal.SIGINT)

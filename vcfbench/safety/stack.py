@@ -108,8 +108,7 @@ class SafetyStack:
             signals.allow_end()
             reports = self.make_safe()
             signals.close()
-        except LeaveNow:  # it came just before or after: nothing may have been told yet
-            signals.close()
+        except LeaveNow:  # raised once; just before or after: nothing may have been told yet
             self.command_safe()
             said = "NOT SAFE: making safe was ended by a third signal"
             raise NotSafe(said, hint="look at every instrument") from None
