@@ -18,10 +18,14 @@ import vcfbench
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
 from vcfbench.bench.make_safe import safe_bench
-from vcfbench.clock import WallClock
+from vcfbench.clock import WallClock, sleep
 from vcfbench.errors import ConfigError, LimitError, MeasurementError, NotSafe, PlanError
 from vcfbench.interfaces import Request
+from vcfbench.page.panel import Panel
+from vcfbench.runs.batch import read_batch
 from vcfbench.runs.resumed import resume
+from vcfbench.safety.control import RunState
+from vcfbench.safety.signals import StopSignals
 from vcfbench.station.file import read_bench
 
 if TYPE_CHECKING:
@@ -246,6 +250,19 @@ def test_on_a_simulated_bench_the_program_is_the_hands(tmp_path: Path) -> None:
     (tmp_path / "simulated.toml").write_text(f"{text}\n[simulation]\n", encoding="utf-8")
     run = vcfbench.run("turntable", tmp_path / "simulated.toml", runs=None)
     assert run.results.scale_factor.value == pytest.approx(-SCALE_FACTOR, rel=0.01)  # axis_sign
+
+
+def test_a_person_types_a_calibration_at_the_panel(bench: Path, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text('name = "lot-9"\nbench = "hand.toml"\n[[runs]]\nprocedure = "turntable"\n', encoding="utf-8")
+    panel, person, runs = Panel(read_batch(plan), tmp_path / "runs"), Person(), tmp_path / "runs"
+    under_way = vcfbench.start("turntable", bench, operator=panel.person(StopSignals()), runs=runs)
+    while under_way.state is not RunState.OVER:
+        if (shown := panel.shown())["state"] == "asking":
+            panel.answer(person.typed(shown["asked"]))
+        sleep(WallClock(), 0.005)
+    assert abs(under_way.result().results.scale_factor.value - SCALE_FACTOR) <= 1e-4
+    assert (person.on, person.shown_deg_s) == (False, 0.0)
 
 
 def typed_at_a_terminal(bench: Path, silent: str = "^$") -> tuple[int, str, Person]:
