@@ -97,7 +97,16 @@ def test_json_is_one_object_with_the_agreed_keys(station: Station, name: str, tm
     assert all(list(point) == POINT_KEYS for point in answer["points"])
     assert len(answer["points"]) == {"turntable": 17, "virtual-coriolis": 51}[name]
     assert (tmp_path / "runs" / answer["run"] / "journal.jsonl").exists()
-    opened = {"seed": 7, "speed": None, "signals": ANY, "build": None, "needs": ANY, "now_s": None, "trust": True}
+    opened = {
+        "seed": 7,
+        "speed": None,
+        "signals": ANY,
+        "build": None,
+        "needs": ANY,
+        "now_s": None,
+        "trust": True,
+        "operator": None,
+    }
     assert station.opened == [opened]
     assert result.stderr == ""
 
