@@ -1,7 +1,10 @@
 """``vcfbench talk``: the bench at a prompt, in words of its own or in those of its instruments."""
 
+import os
 import sys
-from contextlib import suppress
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated
@@ -12,11 +15,51 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.bench.console import ConsoleReply, summary
 from vcfbench.cli.options import Bench_, Runs_, Seed_, Trace_, flag, option, tracing
 from vcfbench.cli.person import agreed, at_the_terminal
-from vcfbench.cli.prompt import history
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe, PlanError
 from vcfbench.records.raw import RawRecord
 from vcfbench.runs.by_hand import ALIASES, WORDS, ByHand
 from vcfbench.safety.signals import StopSignals
+
+try:
+    import readline
+except ImportError:  # Windows has none
+    readline = None  # type: ignore[assignment]
+
+
+@contextmanager
+def history(name: str, candidates: Callable[[], Sequence[str]] = list) -> Iterator[None]:
+    """Keep typed lines from one conversation to the next under `name`; TAB completes the first word of a line."""
+    if readline is None:
+        yield
+        return
+    state = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME")
+    try:
+        path = (Path(state) if state else Path.home() / ".local" / "state") / "vcfbench" / name
+    except RuntimeError:  # there is no home
+        path = Path(tempfile.gettempdir()) / "vcfbench" / name
+    readline.clear_history()
+    with suppress(OSError):
+        readline.read_history_file(path)
+    before = readline.get_completer(), readline.get_completer_delims()
+
+    def complete(text: str, state: int) -> str | None:
+        fitting = [each for each in candidates() if each.startswith(text)] if readline.get_begidx() == 0 else []
+        return f"{fitting[state]} " if state < len(fitting) else None
+
+    readline.set_completer(complete)
+    readline.set_completer_delims(" ")  # words have dots in them
+    libedit = "libedit" in (readline.__doc__ or "")  # macOS
+    readline.parse_and_bind("bind ^I rl_complete" if libedit else "tab: complete")
+    try:
+        yield
+    finally:
+        readline.set_completer(before[0])
+        readline.set_completer_delims(before[1])
+        readline.set_history_length(1000)
+        with suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            readline.write_history_file(path)
+
 
 _RAW = "raw commands: nothing is compared with the limits of the bench file; each is written to {}"
 _OWN = ("help", "quit")

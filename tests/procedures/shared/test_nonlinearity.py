@@ -11,7 +11,7 @@ import pytest
 
 from tests.procedures.shared.test_known_levels import of
 from tests.procedures.shared.test_line import line_of
-from tests.procedures.shared.test_worst_residual import driven, four_steps_of
+from tests.procedures.shared.test_residuals import driven, four_steps_of
 from tests.procedures.test_uncertainty import K_VC, RATES, settings, table_points
 from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.budget import nonlinearity

@@ -13,7 +13,7 @@ from tests.procedures.test_uncertainty import GENERATOR, K_VC, NOISE, RATES, REA
 from vcfbench.analysis.nonlinearity import nonlinearity_ppm
 from vcfbench.analysis.regression import fit_line
 from vcfbench.procedures.shared.budget.line import Line
-from vcfbench.procedures.shared.budget.worst_residual import Residuals, ResidualSpread
+from vcfbench.procedures.shared.budget.nonlinearity import Residuals, ResidualSpread
 from vcfbench.procedures.turntable import turntable_statement
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
