@@ -12,11 +12,12 @@ from itertools import product
 from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from simrack.models import MODELS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from simrack.models import SimulatedModel
     from simrack.scpi import CommandTable
@@ -39,6 +40,8 @@ class Index(Struct, frozen=True):
     source: str
     known: tuple[str, ...]
     unknown: tuple[str, ...]
+    drivers: Mapping[str, str] = {}
+    """In how many drivers in public use a header is, where it is in any."""
 
     def __str__(self) -> str:
         """Return how many are known."""
@@ -73,11 +76,15 @@ def compared(table: CommandTable, headers: tuple[str, ...], source: str) -> Inde
 
 
 def of_manual(model: SimulatedModel) -> Index | None:
-    """Return which headers of its manual a model knows; None where those were not at hand."""
+    """Return which headers of its manual a model knows; None where those were not at hand.
+
+    In a file of `manuals` the number of drivers stands behind a tab.
+    """
     if not model.index:
         return None
-    source, *headers = (files("simrack") / "manuals" / model.index).read_text(encoding="utf-8").splitlines()
-    return compared(model.load().table, tuple(headers), source.removeprefix("# "))
+    source, *lines = (files("simrack") / "manuals" / model.index).read_text(encoding="utf-8").splitlines()
+    drivers = dict(line.partition("\t")[::2] for line in lines)
+    return replace(compared(model.load().table, tuple(drivers), source.removeprefix("# ")), drivers=drivers)
 
 
 def card(name: str) -> str:
@@ -101,7 +108,9 @@ def _said_of(model: SimulatedModel) -> str:
         lines.append(f"- {manual.source}: {manual} known")
     lines += ["", *model.description().rstrip().splitlines()]
     if manual is not None and manual.unknown:
-        lines += ["", "Lines of that list that are not known:", "", "```scpi", *manual.unknown, "```"]
+        said = (f"{each} ({manual.drivers[each]})" if manual.drivers[each] else each for each in manual.unknown)
+        lines += ["", "Lines of that list that are not known (and in how many of the drivers they are):"]
+        lines += ["", "```scpi", *said, "```"]
     return "\n".join(lines)
 
 

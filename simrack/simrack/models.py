@@ -22,7 +22,8 @@ class SimulatedModel(Struct, frozen=True):
         text: the module whose docstring says from which sources it is written, and what is unverified.
         wires: what it is served on beside PyVISA in one's own process, TCP as labs have it on converters.
         own: what else its class is made with.
-        index: file in `simrack/manuals` with the headers that its manual lists; empty where that was not at hand.
+        index: file in `simrack/manuals` with the headers that its manual lists, and how many drivers use one; empty
+            where that was not at hand.
     """
 
     name: str
@@ -63,10 +64,12 @@ MODELS: Final[Mapping[str, SimulatedModel]] = {
             for name in ("34461A", "34465A")
         ),
         SimulatedModel("2000", "keithley:Keithley2000Twin", "keithley.k2000", _BENCH),
-        SimulatedModel("DMM6500", "keithley:KeithleyDMM6500Twin", "keithley.dmm6500", _OLDER_LXI),
-        SimulatedModel("DSO7104B", "dso7104b:Dso7104BTwin", "dso7104b.instrument", _OLDER_LXI),
+        SimulatedModel("DMM6500", "keithley:KeithleyDMM6500Twin", "keithley.dmm6500", _OLDER_LXI, "DMM6500.txt"),
+        SimulatedModel("DSO7104B", "dso7104b:Dso7104BTwin", "dso7104b.instrument", _OLDER_LXI, "7000B.txt"),
         *(
-            SimulatedModel(name, "infiniivision:InfiniiVisionXTwin", "infiniivision.instrument", _OLDER_LXI)
+            SimulatedModel(
+                name, "infiniivision:InfiniiVisionXTwin", "infiniivision.instrument", _OLDER_LXI, "InfiniiVisionX.txt"
+            )
             for name in ("DSOX3024A", "MSOX3104T", "DSOX4104A")
         ),
     )

@@ -67,7 +67,15 @@ def test_lines_of_the_manual_that_are_not_known_are_on_the_card() -> None:
     manual = of_manual(MODELS["34461A"])
     assert manual is not None
     assert "CALCulate:TRANsform:HISTogram:ALL?" in manual.unknown
-    assert all(f"\n{line}\n" in card("34461A") for line in manual.unknown)
+    assert all(f"\n{line}" in card("34461A") for line in manual.unknown)
+
+
+def test_how_many_drivers_use_what_is_not_known_is_said() -> None:
+    manual = of_manual(MODELS["34461A"])
+    assert manual is not None
+    assert manual.drivers["SAMPle:COUNt:PRETrigger"] == "1"
+    assert "\nSAMPle:COUNt:PRETrigger (1)\n" in card("34461A")
+    assert "\nCALCulate:TRANsform:HISTogram:ALL?\n" in card("34461A")
 
 
 def test_every_list_of_headers_belongs_to_a_model() -> None:

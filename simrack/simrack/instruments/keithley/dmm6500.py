@@ -1,7 +1,7 @@
 """Simulated Keithley DMM6500 set to SCPI: a 34401A's inputs behind its words, trigger models and reading buffer.
 
-Source: PyMeasure's driver, whose tests hold replies of a real one (one suite is for a connected one, at 60 Hz), and
-other users' code. Unverified: the form of numbers but for theirs, error texts, which of the words of the trigger
+Source: PyMeasure's driver, whose tests hold replies of a real one (one suite is for a connected one, at 60 Hz), pages
+of the Reference Manual (DMM6500-901-01) as a public project quotes them, and other users' code. Unverified: the form of numbers but for theirs, error texts, which of the words of the trigger
 model wait.
 
 Not simulated: the command set TSP (``*LANG`` would count from the next power-on), buffers with readings of their own
@@ -37,7 +37,7 @@ _INTEGRATING = ("VOLT", "CURR", "RES", "FRES", "DIOD", "TEMP", "VOLT:RAT")
 _WORDS = common.Words(
     "RELative",
     _INTEGRATING,
-    lambda meter: scpi.Limits(0.0005, 15.0 if meter.line_hz == 60 else 12.0, 1.0),  # PyMeasure's driver
+    lambda meter: scpi.Limits(0.0005, 15.0 if meter.line_hz == 60 else 12.0, 1.0),  # manual, p. 13-108
     more=("DIOD", "CAP"),
     number=_NR3,
 )
@@ -221,12 +221,12 @@ _COMMANDS = (
         for name in _INTEGRATING
     ),
     *common.gates(_FUNCTIONS, scpi.Limits(2e-3, 0.273, 0.2), _NR3),
-    *common.alternating_commands({3.0: 3.0, 30.0: 20.0, 300.0: 200.0}),
+    *common.alternating_commands({3.0: 3.0, 30.0: 20.0, 300.0: 200.0}),  # manual, p. 13-105
     *(_zero(name) for name in _INTEGRATING),
     scpi.remembered("[SENSe:]CAPacitance:RANGe[:UPPer]", scpi.Number(limits=scpi.Limits(1e-9, 1e-4, 1e-4)), 1e-4, _NR3),
     scpi.remembered("[SENSe:]CAPacitance:RANGe:AUTO", scpi.Boolean(), default=True, reply=scpi.boolean),
     *common.digits_commands(_FUNCTIONS, "DISPlay:", scpi.Limits(3, 6), _NAMES),
-    # a zero is taken now and none after (PyMeasure's suite for connected devices)
+    # a zero is taken now and none after (manual, p. 13-140; PyMeasure's suite for connected devices)
     scpi.Command("[SENSe:]AZERo:ONCE", do=lambda meter: meter.set_autozero(meter.function.name, on=False)),
     scpi.attribute("[SENSe:]COUNt", scpi.Integer(limits=scpi.Limits(1, 1_000_000)), "samples", scpi.signed_integer),
     *(
