@@ -1,8 +1,8 @@
 """Simulated Keithley DMM6500 set to SCPI: a 34401A's inputs behind its words, trigger models and reading buffer.
 
 Source: PyMeasure's driver, whose tests hold replies of a real one (one suite is for a connected one, at 60 Hz), pages
-of the Reference Manual (DMM6500-901-01) as a public project quotes them, and other users' code. Unverified: the form of numbers but for theirs, error texts, which of the words of the trigger
-model wait.
+of the Reference Manual (DMM6500-901-01) as a public project quotes them, and other users' code. Unverified: the form
+of numbers but for theirs, error texts, which of the words of the trigger model wait.
 
 Not simulated: the command set TSP (``*LANG`` would count from the next power-on), buffers with readings of their own
 (one that is made holds those of defbuffer1), digitising, the scanner, trigger models but SimpleLoop; temperature and
