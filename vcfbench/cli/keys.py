@@ -21,6 +21,13 @@ _LOOKS_S: Final = 0.05
 _BY: Final = "the terminal"
 
 
+def forget_typed() -> None:
+    """Forget what was typed at the terminal before a question: it is no answer, and keys may have taken part of it."""
+    with suppress(OSError, ValueError, NameError):  # there is none, or Windows
+        if sys.stdin.isatty():
+            termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
+
+
 class Keys:
     """Reads single keys from the terminal, in a thread of its own, and hands them to `control`.
 

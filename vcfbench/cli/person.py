@@ -6,7 +6,7 @@ from contextlib import nullcontext, suppress
 from functools import partial
 from typing import Final
 
-from vcfbench.cli.keys import Keys
+from vcfbench.cli.keys import Keys, forget_typed
 from vcfbench.clock import WallClock, sleep
 from vcfbench.errors import Aborted
 from vcfbench.interfaces import Operator, Request
@@ -37,6 +37,7 @@ def at_the_terminal(signals: StopSignals | None, keys: Keys | None, *, yes: bool
             return "taken as done: --yes"
         with nullcontext() if keys is None else keys.left_alone():
             sleep(WallClock(), _DISPLAYED_S)
+            forget_typed()
             _say(f"\nPlease {request.words}, then press Enter: ")
             line = _line(request) if signals is None else signals.attend(partial(_line, request))
             if not line:
