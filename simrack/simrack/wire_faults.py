@@ -12,133 +12,303 @@ A reply is what arrives from the instrument in one piece.
 
 from __future__ import annotations
 
+import math
 import os
 import re
-import selectors
 import socket
 import tempfile
+import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from random import Random
+from typing import Any, Self
 
-from simrack.wires.faulty_wire import CHUNK, WIRE_FAULTS, FaultyWire, WireFault, WireLink, received
+from simrack.clock import WallClock
+from simrack.serve.loop import Loop
+from simrack.serve.wire import Connection, Listener
 
 __all__ = ["WIRE_FAULTS", "FaultyWire", "WireFault", "faulty_wire"]
 
-_DRAIN_S = 1.0
+WIRE_FAULTS: dict[str, str] = {
+    "silent": "replies are lost",
+    "late": "replies come `delay_s` later, in their order",
+    "truncated": "the second half of each reply is missing",
+    "flipped": "one bit of each reply is the other way round",
+    "replaced": "random bytes come instead of each reply",
+    "unended": "line ends are missing; of a reply without one, its last byte",
+    "endless": "a reply is followed by letters without end",
+    "trickle": "replies come byte by byte, one every `delay_s`",
+    "doubled": "each reply comes twice",
+    "disconnect": "the connection is lost with each reply; a new one works until the next",
+    "unreachable": "the connection is lost with the next reply; there is no new one until the fault ends",
+    "garbage": "random bytes come before each reply, and between",
+}
+"""Effect of each kind; kinds of :mod:`simrack.faults` have their names from there."""
+_FLOOD = b"A" * (1 << 16)
+_NOISE_S = 0.1
+_BURST = 12
+_REACHING_S = 1.0
 _QUICK_ACK: int | None = getattr(socket, "TCP_QUICKACK", None)
 
 
-# --- TCP
+@dataclass(frozen=True, slots=True)
+class WireFault:
+    """Fault of replies.
+
+    Args:
+        kind: one of `WIRE_FAULTS`.
+        count: how many replies are spoilt; None: all, until the fault is ended.
+        delay_s: how much later ``late`` replies come, s; the time from byte to byte of ``trickle``, s.
+        seed: of random bytes and places.
+
+    Raises:
+        ValueError: there is no such kind.
+    """
+
+    kind: str
+    count: int | None = None
+    delay_s: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in WIRE_FAULTS:
+            raise ValueError(f"kind: expected one of {', '.join(WIRE_FAULTS)}, came {self.kind!r}")
 
 
-class _SocketEnd:
-    def __init__(self, connection: socket.socket) -> None:
-        connection.setblocking(False)  # noqa: FBT003
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._socket = connection
+class _Near(Connection):
+    """The program's end of a link, and the replies on their way to it."""
 
-    def fileno(self) -> int:
-        return self._socket.fileno()
+    far: _Far
 
-    def read(self) -> bytes:
-        data = self._socket.recv(CHUNK)
-        if _QUICK_ACK is not None and data:  # a program that leaves Nagle's algorithm on would wait for it
-            self._socket.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)
-        return data
+    def __init__(self, wire: FaultyWire, connection: Any) -> None:
+        self.wire = wire
+        self.flood = False
+        self._latest_s = -math.inf
+        self._waiting: deque[bytes] = deque()
+        super().__init__(wire.loop, connection)
 
-    def write(self, data: bytes) -> int:
-        return self._socket.send(data)
+    def send_at(self, data: bytes, due_s: float) -> None:
+        """Send `data` at `due_s`, not before any sent earlier."""
+        self._latest_s = max(due_s, self._latest_s)
+        later_s = self._latest_s - self.wire.clock.now()
+        if later_s > 0.0 or self._waiting:
+            self._waiting.append(data)
+            self.loop.call_later(later_s, lambda: self.send(self._waiting.popleft()))
+        elif data:
+            self.send(data)
+
+    def received(self, data: bytes) -> None:
+        """Pass on the program's bytes."""
+        if _QUICK_ACK is not None and isinstance(self._socket, socket.socket):
+            self._socket.setsockopt(socket.IPPROTO_TCP, _QUICK_ACK, 1)  # a program with Nagle's algorithm waits for it
+        self.wire.pass_on(self, data)
+
+    def gone(self) -> None:
+        """Let the instrument hear all that was said before it learns that nobody is there any more."""
+        self.far.finish()
+
+
+class _Far(Connection):
+    """The instrument's end of a link."""
+
+    near: _Near | None = None
+
+    def received(self, data: bytes) -> None:
+        """Take a reply."""
+        if self.near is not None:
+            self.near.wire.take_reply(self.near, data)
 
     def finish(self) -> None:
         """Say that nothing more comes; bytes already sent still arrive."""
-        with suppress(OSError):
-            self._socket.shutdown(socket.SHUT_WR)
+        self.near = None
+        self.relieved()
 
-    def close(self) -> None:
-        self._socket.close()
+    def relieved(self) -> None:
+        """Say it once everything is sent."""
+        if self.near is None and not self.blocked and isinstance(self._socket, socket.socket):
+            with suppress(OSError):
+                self._socket.shutdown(socket.SHUT_WR)
+
+    def gone(self) -> None:
+        """End the program's end too."""
+        if self.near is not None:
+            self.near.close()
+
+
+class FaultyWire:
+    """The wire as a program sees it; made by :func:`faulty_wire`. TCP and serial lines are its subclasses.
+
+    `resource` is what the program opens. `spoilt_s` holds the instants (of `clock`) at which replies were spoilt,
+    `received` what the program has sent since the fault began, `answered` the whole replies that were passed on since.
+    """
+
+    def __init__(self, resource: str) -> None:
+        self.resource = resource
+        self.clock = WallClock()
+        self.spoilt_s: list[float] = []
+        self.received = bytearray()
+        self.answered = 0
+        self.loop = Loop(self.clock)
+        self.links: list[_Near] = []
+        self._fault: WireFault | None = None
+        self._left: int | None = 0
+        self._noise_s = 0.0
+        self._random = Random(0)  # noqa: S311  # noise, no secret
+        self._lock = threading.RLock()
+        self._thread = threading.Thread(target=self.loop.run, args=(self,), daemon=True)
+
+    # --- what tests say
+
+    def begin(self, fault: WireFault) -> None:
+        """Spoil replies from now on."""
+        with self._lock:
+            self._fault, self._left, self._random = fault, fault.count, Random(fault.seed)  # noqa: S311
+            self.spoilt_s.clear()
+            self.received.clear()
+            self.answered = 0
+        self.loop.wake()
+
+    def end(self) -> None:
+        """Pass on everything again; replies on their way come as they were to come."""
+        with self._lock:
+            self._fault, self._left = None, 0
+            for near in self.links:
+                near.flood = False
+            self._restore()
+        self.loop.wake()
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.loop.stop()
+        self._thread.join(5.0)
+        for near in self.links:
+            for each in (near, near.far):
+                if not each.closed:
+                    each.detach().close()
+        self.loop.close()
+
+    # --- what happens to a message
+
+    def join(self, near: _Near, far: _Far) -> None:
+        """Make a link of two ends."""
+        near.far, far.near = far, near
+        self.links = [*(each for each in self.links if not (each.closed and each.far.closed)), near]
+
+    def pass_on(self, near: _Near, data: bytes) -> None:
+        """Send a program's bytes to the instrument."""
+        with self._lock:
+            self.received += data
+            near.far.send(data)
+
+    def take_reply(self, near: _Near, data: bytes) -> None:
+        """Send a reply to the program, or what the fault makes of it."""
+        with self._lock:
+            fault, now_s = self._spoiling(), self.clock.now()
+            if fault is None:
+                self.answered += 1
+                near.send_at(data, now_s)
+                return
+            self.spoilt_s.append(now_s)
+            if self._left is not None:
+                self._left -= 1
+            if fault.kind in {"disconnect", "unreachable"}:
+                self._lose(near, forever=fault.kind == "unreachable")
+            elif fault.kind == "late":
+                near.send_at(data, now_s + fault.delay_s)
+            elif fault.kind == "trickle":
+                for number in range(len(data)):
+                    near.send_at(data[number : number + 1], now_s + (number + 1) * fault.delay_s)
+            else:
+                near.send_at(_ALTERED[fault.kind](data, self._random), now_s)
+                near.flood = fault.kind == "endless"
+
+    def _spoiling(self) -> WireFault | None:
+        return self._fault if self._left is None or self._left > 0 else None
+
+    def _noisy(self) -> bool:
+        """Whether there is noise on the wire unasked."""
+        return self._left is None and self._fault is not None and self._fault.kind == "garbage"
+
+    # --- between the turns of the loop
+
+    def tick(self) -> None:
+        """Put a burst of noise on the wire, and letters without end, as told."""
+        with self._lock:
+            noisy = self._noisy() and self.clock.now() >= self._noise_s
+            if noisy:
+                self._noise_s = self.clock.now() + _NOISE_S
+            for near in self.links:
+                if noisy:
+                    near.send_at(self._random.randbytes(_BURST), self.clock.now())
+                if near.flood and not near.blocked:
+                    near.send(_FLOOD)
+
+    def wait_s(self) -> float:
+        """Return the time until the next burst; letters follow each other as the program takes them."""
+        if any(near.flood and not near.blocked for near in self.links):
+            return 0.0
+        return _NOISE_S if self._noisy() else math.inf
+
+    def idle(self) -> None:
+        """Do nothing."""
+
+    # --- what TCP and serial lines do each in their way
+
+    def _lose(self, near: _Near, *, forever: bool) -> None:
+        raise NotImplementedError
+
+    def _restore(self) -> None:
+        raise NotImplementedError
 
 
 class _TcpWire(FaultyWire):
     def __init__(self, host: str, port: int, named: Callable[[int], str]) -> None:
         self._target = (host, port)
-        self._server: socket.socket | None = socket.create_server(("127.0.0.1", 0))
-        self._port = self._server.getsockname()[1]
-        super().__init__(named(self._port))
-        self._listen(self._server)
+        self._port = 0
+        super().__init__("")
+        self._listener: Listener | None = None
+        self._restore()
+        self.resource = named(self._port)
 
     def __exit__(self, *_: object) -> None:
         super().__exit__()
-        if self._server is not None:
-            self._server.close()
+        if self._listener is not None:
+            self._listener.close()
 
-    def _listen(self, server: socket.socket) -> None:
-        server.setblocking(False)  # noqa: FBT003
-        self._selector.register(server, selectors.EVENT_READ, self._accept)
+    def _accept(self, connection: socket.socket) -> None:
+        far = socket.create_connection(self._target, timeout=_REACHING_S)
+        far.settimeout(0.0)
+        far.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.join(_Near(self, connection), _Far(self.loop, far))
 
-    def _accept(self) -> None:
-        assert self._server is not None  # noqa: S101  # else nobody would have come
-        connection, _ = self._server.accept()
-        try:
-            far = socket.create_connection(self._target, timeout=_DRAIN_S)
-        except OSError:
-            connection.close()
-            return
-        self._join(_SocketEnd(connection), _SocketEnd(far))
-
-    def _lose(self, link: WireLink, *, forever: bool) -> None:
-        if forever and self._server is not None:
-            self._selector.unregister(self._server)
-            self._server.close()
-            self._server = None
-        self._forget(link.near)
-        with suppress(OSError):
-            link.near.close()
-        self._program_left(link)
+    def _lose(self, near: _Near, *, forever: bool) -> None:
+        if forever and self._listener is not None:
+            self._listener.close()
+            self._listener = None
+        near.detach().close()
+        near.far.finish()
 
     def _restore(self) -> None:
-        if self._server is None:
-            self._server = socket.create_server(("127.0.0.1", self._port))
-            self._listen(self._server)
-
-    def _program_left(self, link: WireLink) -> None:
-        """Let the instrument hear all that was said before it learns that nobody is there any more."""
-        link.forget()
-        self._forget(link.near)
-        self._forget(link.far)
-        far = link.far
-        assert isinstance(far, _SocketEnd)  # noqa: S101  # this is TCP
-        far.finish()
-        self._selector.register(far, selectors.EVENT_READ, lambda: self._drained(link))
-
-    def _drained(self, link: WireLink) -> None:
-        if not received(link.far):
-            self._drop(link)
+        if self._listener is None:
+            self._listener = Listener(self.loop, ("127.0.0.1", self._port), self._accept)
+            self._port = self._listener.port
 
 
-# --- serial lines
-
-
-class _TerminalEnd:
-    """One end of a terminal: the master of our own, or the instrument's, opened as a program would."""
+class _Terminal:
+    """One end of a terminal in the shape of a socket: the master of our own, or the instrument's, as a program's."""
 
     def __init__(self, fd: int) -> None:
         os.set_blocking(fd, False)
-        self._fd = fd
-
-    def fileno(self) -> int:
-        return self._fd
-
-    def read(self) -> bytes:
-        return os.read(self._fd, CHUNK)
-
-    def write(self, data: bytes) -> int:
-        return os.write(self._fd, data)
-
-    def close(self) -> None:
-        if self._fd >= 0:
-            os.close(self._fd)
-        self._fd = -1
+        self.fileno = lambda: fd
+        self.recv, self.send = partial(os.read, fd), partial(os.write, fd)
+        self.sendmsg, self.close = partial(os.writev, fd), partial(os.close, fd)
 
 
 class _TerminalWire(FaultyWire):
@@ -149,10 +319,11 @@ class _TerminalWire(FaultyWire):
         self._path = Path(self._folder.name) / "tty"
         self._slave = -1
         super().__init__(named(str(self._path)))
-        far = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        tty.setraw(far)
-        self._far = _TerminalEnd(far)
-        self._link = self._join(self._new_terminal(), self._far)
+        self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        tty.setraw(self._fd)
+        far: Any = _Terminal(self._fd)
+        self._far = _Far(self.loop, far)
+        self._restore()
 
     def __exit__(self, *_: object) -> None:
         super().__exit__()
@@ -160,52 +331,55 @@ class _TerminalWire(FaultyWire):
             os.close(self._slave)
         self._folder.cleanup()
 
-    def _new_terminal(self) -> _TerminalEnd:
-        """Make a terminal at our path; its own end is kept open, or it would hang up when a program leaves."""
-        import tty  # noqa: PLC0415
-
-        master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        fresh = self._path.with_name("new")
-        fresh.symlink_to(os.ttyname(self._slave))
-        fresh.replace(self._path)
-        return _TerminalEnd(master)
-
-    def _heard(self, link: WireLink) -> None:
-        self._same_speed()
-        super()._heard(link)
-
-    def _same_speed(self) -> None:
-        """Give the instrument's line the speed that the program has chosen."""
+    def pass_on(self, near: _Near, data: bytes) -> None:
+        """Send on, at the speed that the program has chosen."""
         import termios  # noqa: PLC0415
 
-        if self._slave < 0:
-            return
-        near, far = termios.tcgetattr(self._slave), termios.tcgetattr(self._far.fileno())
-        if near[2:6] != far[2:6]:
-            termios.tcsetattr(self._far.fileno(), termios.TCSANOW, [*far[:2], *near[2:6], far[6]])
+        if self._slave >= 0:
+            chosen, own = termios.tcgetattr(self._slave), termios.tcgetattr(self._fd)
+            if chosen[2:6] != own[2:6]:
+                termios.tcsetattr(self._fd, termios.TCSANOW, [*own[:2], *chosen[2:6], own[6]])
+        super().pass_on(near, data)
 
-    def _lose(self, link: WireLink, *, forever: bool) -> None:
-        link.forget()
-        self._forget(link.near)
-        link.near.close()
+    def _lose(self, near: _Near, *, forever: bool) -> None:
+        near.detach().close()
         os.close(self._slave)
         self._slave = -1
         if forever:
             self._path.unlink()
         else:
-            self._plug_in(link)
-
-    def _plug_in(self, link: WireLink) -> None:
-        link.near = self._new_terminal()
-        self._selector.register(link.near, selectors.EVENT_READ, lambda: self._heard(link))
+            self._restore()
 
     def _restore(self) -> None:
-        if self._slave < 0:
-            self._plug_in(self._link)
+        """Make a terminal at our path; its own end is kept open, or it would hang up when a program leaves."""
+        import tty  # noqa: PLC0415
 
-    def _program_left(self, link: WireLink) -> None:
-        """Do nothing: the terminal stays."""
+        if self._slave >= 0:
+            return
+        master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        fresh = self._path.with_name("new")
+        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.replace(self._path)
+        self.links.clear()
+        self.join(_Near(self, _Terminal(master)), self._far)
+
+
+def _flipped(data: bytes, random: Random) -> bytes:
+    at = random.randrange(len(data))
+    return data[:at] + bytes([data[at] ^ 1 << random.randrange(7)]) + data[at + 1 :]
+
+
+_ALTERED: dict[str, Callable[[bytes, Random], bytes]] = {
+    "silent": lambda _data, _random: b"",
+    "truncated": lambda data, _: data[: len(data) // 2],
+    "flipped": _flipped,
+    "replaced": lambda data, random: random.randbytes(len(data)),
+    "unended": lambda data, _: data.rstrip(b"\r\n") if data.endswith((b"\r", b"\n")) else data[:-1],
+    "endless": lambda data, _: data.rstrip(b"\r\n"),
+    "doubled": lambda data, _: data * 2,
+    "garbage": lambda data, random: random.randbytes(_BURST) + data,
+}
 
 
 _SOCKET = re.compile(r"TCPIP\d*::(?P<host>[^:]+)::(?P<port>\d+)::SOCKET", re.IGNORECASE)

@@ -170,6 +170,10 @@ class Loop:
     def stop(self) -> None:
         """End :meth:`run` soon; may be called from a signal handler or another thread."""
         self._running = False
+        self.wake()
+
+    def wake(self) -> None:
+        """Have it take a turn; may be called from another thread."""
         with contextlib.suppress(OSError):
             self._bell.send(b"\0")
 
