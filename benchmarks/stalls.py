@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from measure import Figure, report
-from neighbours import asked, waits
+from neighbours import waits
 from simrack.attendance import AttendedClock
 from simrack.clock import VirtualClock
 from simrack.instruments.agilent33220a import Agilent33220ATwin
@@ -38,6 +38,7 @@ from simrack.wired import WiredWorld
 from tcp import connected, port_of
 
 if TYPE_CHECKING:
+    import socket
     from collections.abc import Callable, Iterator
 
     from simrack.scpi import ScpiTwin
@@ -196,10 +197,9 @@ def served(times: int = 3) -> list[Figure]:
         wires = {role: stack.enter_context(connected(port_of(said, role))) for role in roles}
         found = [least("nobody else", [waits([(wires["power"], b"*IDN?\n")], 3.0) for _ in range(times)])]
         for signal, role, question in SERVED:
-            wires["generator"].sendall(f"*RST;:{signal};:OUTP ON\n".encode())
-            message = f"*RST;:{question.removeprefix(':')}\n".encode()
-            took = []
+            message, took = f"*RST;:{question.removeprefix(':')}\n".encode(), list[Any]()
             for _ in range(times):
+                asked(wires["generator"], f"*RST;:{signal};:OUTP ON\n".encode())  # else the answer is known already
                 asker, parts = Thread(target=asked, args=(wires[role], message)), list[Any]()
                 asker.start()
                 while not parts or asker.is_alive():
@@ -207,6 +207,14 @@ def served(times: int = 3) -> list[Figure]:
                 took.append(np.concatenate(parts))
             found.append(least(f"{signal}, {role} {question}", took))
     return found
+
+
+def asked(wire: socket.socket, message: bytes) -> None:
+    """Send a message, and wait until all that it asks for is here."""
+    wire.sendall(message + b"*OPC?\n")
+    answer = b""
+    while not (answer == b"1\n" or answer.endswith(b"\n1\n")):
+        answer = answer[-2:] + wire.recv(1 << 20)
 
 
 def least(name: str, took: list[Any]) -> Figure:
