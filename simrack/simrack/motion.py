@@ -170,11 +170,7 @@ class TableMotion:
     """
 
     def __init__(
-        self,
-        clock: Clock,
-        mechanics: TableMechanics,
-        before_change: Callable[[], None],
-        flutter: Flutter | None = None,
+        self, clock: Clock, mechanics: TableMechanics, before_change: Callable[[], None], flutter: Flutter | None = None
     ) -> None:
         self._clock = clock
         self._mechanics = mechanics

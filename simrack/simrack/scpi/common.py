@@ -48,8 +48,7 @@ COMMON_COMMANDS = (
     Command("*RST", do=_reset),
     attribute("*SRE", _MASK_8, "engine.status.sre", _INTEGER, convert=lambda mask: mask & ~64, query_parameters=()),
     Command(
-        "*STB",
-        query=lambda model: model.engine.dialect.integer(model.engine.status.master(model.engine.status_now())),
+        "*STB", query=lambda model: model.engine.dialect.integer(model.engine.status.master(model.engine.status_now()))
     ),
     Command("*WAI", do=lambda model: model.engine.when_operations_end(lambda: None)),
     Command("SYSTem:ERRor", query=next_error),

@@ -7,7 +7,7 @@ import math
 from simrack.instruments.agilent33220a.declarations import LEVEL_S, nr3
 from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A as _Model
 from simrack.instruments.agilent33220a.settings import MAX_PEAK_V, conflict
-from simrack.scpi import Boolean, Choice, Command, Limits, Number, Quantity, Rows, attribute, boolean
+from simrack.scpi import Boolean, Choice, Limits, Number, Quantity, Rows, attribute, boolean
 
 ROWS = Rows()
 
@@ -64,6 +64,13 @@ def _levels(model: _Model) -> tuple[float, float]:
     return offset_shown(model) - half, offset_shown(model) + half
 
 
+@ROWS.do(
+    "[SOURce:]VOLTage:HIGH",
+    (Number(unit="V", limits=_level_limits, name="high level"),),
+    query=lambda model: _levels(model)[1],
+    reply=nr3,
+    takes_s=LEVEL_S,
+)
 def _set_high(model: _Model, high: float) -> None:
     low, gap = _levels(model)[0], model.kind.least_vpp * model.levels.share
     high = model.levels.rounded(high)
@@ -75,6 +82,13 @@ def _set_high(model: _Model, high: float) -> None:
     model.update()
 
 
+@ROWS.do(
+    "[SOURce:]VOLTage:LOW",
+    (Number(unit="V", limits=_level_limits, name="low level"),),
+    query=lambda model: _levels(model)[0],
+    reply=nr3,
+    takes_s=LEVEL_S,
+)
 def _set_low(model: _Model, low: float) -> None:
     high, gap = _levels(model)[1], model.kind.least_vpp * model.levels.share
     low = model.levels.rounded(low)
@@ -128,21 +142,5 @@ def _set_load(model: _Model, ohm: float) -> None:
 
 COMMANDS = (
     *ROWS,
-    Command(
-        "[SOURce:]VOLTage:HIGH",
-        (Number(unit="V", limits=_level_limits, name="high level"),),
-        do=_set_high,
-        query=lambda model: _levels(model)[1],
-        reply=nr3,
-        takes_s=LEVEL_S,
-    ),
-    Command(
-        "[SOURce:]VOLTage:LOW",
-        (Number(unit="V", limits=_level_limits, name="low level"),),
-        do=_set_low,
-        query=lambda model: _levels(model)[0],
-        reply=nr3,
-        takes_s=LEVEL_S,
-    ),
     attribute("[SOURce:]VOLTage:UNIT", Choice(("VPP", "VRMS", "DBM")), "state.unit", do=_set_unit),
 )

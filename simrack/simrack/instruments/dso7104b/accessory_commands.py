@@ -8,9 +8,7 @@ that need one say so with an error. The user calibration changes nothing.
 from __future__ import annotations
 
 from simrack import scpi
-from simrack.instruments.dso7104b.declarations import (
-    nothing,
-)
+from simrack.instruments.dso7104b.declarations import nothing
 from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = scpi.Rows()

@@ -66,10 +66,7 @@ def _measured_pair(
 
 
 def _measured_of(
-    model: SimulatedDso7104B,
-    sources: tuple[str, ...],
-    of: Callable[..., float | None],
-    prepare: Preparation | None,
+    model: SimulatedDso7104B, sources: tuple[str, ...], of: Callable[..., float | None], prepare: Preparation | None
 ) -> Any:
     def measure() -> Generator[None, None, str]:
         return model.nr3((yield from Installed("", sources, of, prepare).measuring(model.shown.measuring)))

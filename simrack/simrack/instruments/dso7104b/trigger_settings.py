@@ -73,8 +73,4 @@ def _television(state: ScopeSettings) -> Trigger:
     return Trigger({channel: comparator_of(state, source)}, make, SyncTips(negative, swing_v))
 
 
-_MODES: dict[str, Callable[[ScopeSettings], Trigger]] = {
-    "EDGE": _edge,
-    "GLIT": _pulse,
-    "TV": _television,
-}
+_MODES: dict[str, Callable[[ScopeSettings], Trigger]] = {"EDGE": _edge, "GLIT": _pulse, "TV": _television}

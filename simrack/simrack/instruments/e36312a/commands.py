@@ -147,10 +147,6 @@ def _named(identifier: str) -> str:
     return _NAMES[int(identifier[2:]) - 1] if identifier.startswith("CH") else identifier
 
 
-def _channel(name: str) -> str:
-    return f"CH{_NAMES.index(name) + 1}"
-
-
 def _applied(supply: SimulatedE36312A, identifier: str | None) -> str:
     name = supply.selected if identifier is None else _named(identifier)
     output = supply.outputs[name]
@@ -270,7 +266,9 @@ TABLE = CommandTable(
     Command("SYSTem:ERRor:COUNt", query=lambda supply: len(supply.engine.errors), reply=signed_integer),
     *status_commands("QUEStionable", "questionable", lacking=("event", "enable")),
     *status_commands("OPERation", "operation"),
-    attribute("INSTrument[:SELect]", _IDENTIFIER, "selected", _channel, convert=_named),
+    attribute(
+        "INSTrument[:SELect]", _IDENTIFIER, "selected", lambda name: f"CH{_NAMES.index(name) + 1}", convert=_named
+    ),
     Command(
         "OUTPut[:STATe]",
         (_ON_OFF, _LIST),

@@ -17,10 +17,5 @@ class E3631ATwin(SimulatedE3631A):
     """The E3631A with its commands (User's Guide E3631-90002, ed. 10, p. 84-108); arguments as of the supply."""
 
     table: ClassVar[CommandTable] = CommandTable(
-        *COMMON_COMMANDS,
-        *OUTPUT_COMMANDS,
-        *TRIGGER_COMMANDS,
-        *SYSTEM_COMMANDS,
-        *STATUS_COMMANDS,
-        *CALIBRATION_COMMANDS,
+        *COMMON_COMMANDS, *OUTPUT_COMMANDS, *TRIGGER_COMMANDS, *SYSTEM_COMMANDS, *STATUS_COMMANDS, *CALIBRATION_COMMANDS
     )

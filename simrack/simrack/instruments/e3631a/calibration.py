@@ -12,9 +12,7 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from simrack.instruments.e3631a.output import SupplyOutput
-from simrack.scpi import (
-    ScpiError,
-)
+from simrack.scpi import ScpiError
 
 _SHARES = {"MIN": 0.05, "MAX": 1.0}
 """The two points, parts of the rated value (of the voltage, the range less its 3 %)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 from simrack.instruments.hp34401a.calculation import MATH_RULES
 from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
@@ -36,41 +35,38 @@ def _null_limits(meter: SimulatedHp34401A) -> Limits:
     return Limits(-top, top)
 
 
-def _require_math(meter: SimulatedHp34401A) -> None:
+def _while_on(name: str) -> Callable[..., None]:
     """Null and dB registers can be written only while math is on; the error number is unverified."""
-    if not meter.math.on:
-        raise ScpiError(-221)
 
+    def write(meter: SimulatedHp34401A, value: float) -> None:
+        if not meter.math.on:
+            raise ScpiError(-221)
+        setattr(meter.math, name, value)
 
-def _set_null(meter: SimulatedHp34401A, value: float) -> None:
-    _require_math(meter)
-    meter.math.null_offset = value
-
-
-def _set_db(meter: SimulatedHp34401A, value: float) -> None:
-    _require_math(meter)
-    meter.math.db_reference = value
+    return write
 
 
 def _statistic(name: str) -> Callable[..., float]:
     return lambda meter: float(getattr(meter.math, name)())
 
 
-def _register(pattern: str, parameter: Number, name: str, **more: Any) -> Command:
+def _register(pattern: str, parameter: Number, name: str, *, while_on: bool = False) -> Command:
     """Declare a register of the mathematics; one that was never set is 0."""
-    return attribute(pattern, parameter, f"math.{name}", lambda value: _NR3(value or 0.0), **more)
+    do = _while_on(name) if while_on else None
+    return attribute(pattern, parameter, f"math.{name}", lambda value: _NR3(value or 0.0), do=do)
 
 
+_DB = Number(unit="DBM", limits=Limits(-200.0, 200.0))
 _ANY = Number(unit=("V", "A", "OHM", "HZ", "S"), limits=_null_limits)
 
 COMMANDS = (
     *ROWS,
-    Command("CALCulate:AVERage:MINimum", query=_statistic("minimum"), reply=_NR3),
-    Command("CALCulate:AVERage:MAXimum", query=_statistic("maximum"), reply=_NR3),
-    Command("CALCulate:AVERage:AVERage", query=_statistic("average"), reply=_NR3),
-    Command("CALCulate:AVERage:COUNt", query=_statistic("count"), reply=_NR3),
-    _register("CALCulate:NULL:OFFSet", _ANY, "null_offset", do=_set_null),
-    _register("CALCulate:DB:REFerence", Number(unit="DBM", limits=Limits(-200.0, 200.0)), "db_reference", do=_set_db),
+    *(
+        Command(f"CALCulate:AVERage:{word}", query=_statistic(word.lower()), reply=_NR3)
+        for word in ("MINimum", "MAXimum", "AVERage", "COUNt")
+    ),
+    _register("CALCulate:NULL:OFFSet", _ANY, "null_offset", while_on=True),
+    _register("CALCulate:DB:REFerence", _DB, "db_reference", while_on=True),
     _register(
         "CALCulate:DBM:REFerence", Number(unit="OHM", limits=Limits(50.0, 8000.0), legal=_DBM_OHMS), "dbm_reference"
     ),

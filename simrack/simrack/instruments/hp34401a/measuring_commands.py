@@ -63,21 +63,6 @@ def _fetch(meter: SimulatedHp34401A) -> list[float]:
     return meter.triggering.memory
 
 
-def _configure(function: Function) -> Callable[..., None]:
-    def configure(meter: SimulatedHp34401A, expected: Any = None, resolution: Any = None) -> None:
-        meter.configure(function, expected, resolution)
-
-    return configure
-
-
-def _measure(function: Function, read: Callable[[Any], Pending]) -> Callable[..., Pending]:
-    def measure(meter: SimulatedHp34401A, expected: Any = None, resolution: Any = None) -> Pending:
-        meter.configure(function, expected, resolution)
-        return read(meter)
-
-    return measure
-
-
 def _configuration(meter: SimulatedHp34401A) -> str:
     setup, function = meter.setup, meter.function
     gated = function.gated and not function.ranges
@@ -113,11 +98,19 @@ def measurement_commands(
     expected = Number(unit=function.unit, required=False, deferred=True, words=words)
     resolution = Number(unit=function.unit, required=False, deferred=True)
     parameters = () if function.name in ("CONT", "DIOD") else (expected, resolution)
+
+    def configure(meter: SimulatedHp34401A, expected: Any = None, resolution: Any = None) -> None:
+        meter.configure(function, expected, resolution)
+
+    def measure(meter: SimulatedHp34401A, expected: Any = None, resolution: Any = None) -> Pending:
+        meter.configure(function, expected, resolution)
+        return read(meter)
+
     return (
-        Command(f"CONFigure:{function.header}", parameters, do=_configure(function), takes_s=_FUNCTION_CHANGE_S),
+        Command(f"CONFigure:{function.header}", parameters, do=configure, takes_s=_FUNCTION_CHANGE_S),
         Command(
             f"MEASure:{function.header}",
-            query=_measure(function, read),
+            query=measure,
             query_parameters=parameters,
             reply=_READINGS,
             query_takes_s=_FUNCTION_CHANGE_S,

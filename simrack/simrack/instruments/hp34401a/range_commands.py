@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
@@ -13,6 +13,8 @@ from simrack.scpi import Boolean, Choice, Command, Limits, Number, attribute, bo
 
 _RANGE_CHANGE_S = 1 / 50
 """Range changes a second over the bus (p. 217)."""
+FILTERS = MappingProxyType({3.0: 3.0, 20.0: 20.0, 200.0: 200.0})
+_GATES_S = Limits(0.01, 1.0)
 _NR3 = real(8)
 RANGED = MappingProxyType(
     {
@@ -28,29 +30,6 @@ RANGED = MappingProxyType(
 _INTEGRATING = ("VOLT", "CURR", "RES", "FRES")
 
 
-def _set_range(name: str) -> Callable[..., None]:
-    def write(meter: SimulatedHp34401A, value: float) -> None:
-        setup = meter.setups[name]
-        setup.range = meter.functions[name].voltage_ranged.range_for(value)
-        setup.auto = False
-
-    return write
-
-
-def _resolution_limits(function: Function) -> Callable[[SimulatedHp34401A], Limits]:
-    legal, name = function.resolutions, function.name
-    return lambda meter: Limits(min(legal) * meter.setups[name].range, max(legal) * meter.setups[name].range)
-
-
-def _set_resolution(name: str) -> Callable[..., None]:
-    def write(meter: SimulatedHp34401A, value: Any) -> None:
-        setup, function = meter.setups[name], meter.functions[name]
-        setup.resolution = attainable_fraction(function, setup.range, value)
-        setup.nplc = function.nplc_for(setup.resolution)
-
-    return write
-
-
 def range_commands(
     function: Function, header: str, reply: Callable[[Any], str] = _NR3, default: float | None = None
 ) -> tuple[Command, ...]:
@@ -60,6 +39,11 @@ def range_commands(
     shown = Choice(("MINimum", "MAXimum"), required=False)
     bounds = {"MIN": ranged.ranges[0], "MAX": ranged.ranges[-1]}
 
+    def write(meter: SimulatedHp34401A, value: float) -> None:
+        setup = meter.setups[name]
+        setup.range = meter.functions[name].voltage_ranged.range_for(value)
+        setup.auto = False
+
     def read(meter: SimulatedHp34401A, which: str | None) -> float:
         return bounds[which] if which else float(meter.setups[name].range)
 
@@ -67,7 +51,7 @@ def range_commands(
         Command(
             f"[SENSe:]{header}:RANGe[:UPPer]",
             (number,),
-            do=_set_range(name),
+            do=write,
             query=read,
             query_parameters=(shown,),
             reply=reply,
@@ -79,25 +63,26 @@ def range_commands(
 
 def resolution_command(function: Function, header: str) -> Command:
     """Declare RESolution of one function."""
-    limits, name = _resolution_limits(function), function.name
+    legal, name = function.resolutions, function.name
+
+    def write(meter: SimulatedHp34401A, value: Any) -> None:
+        setup, function = meter.setups[name], meter.functions[name]
+        setup.resolution = attainable_fraction(function, setup.range, value)
+        setup.nplc = function.nplc_for(setup.resolution)
+
+    def read(meter: SimulatedHp34401A, which: str | None) -> float:
+        setup = meter.setups[name]
+        part = {"MIN": min(legal), "MAX": max(legal)}[which] if which else setup.resolution
+        return float(part * setup.range)
+
     return Command(
         f"[SENSe:]{header}:RESolution",
         (Number(unit=function.unit, deferred=True),),
-        do=_set_resolution(name),
-        query=_limited(lambda meter: float(meter.setups[name].resolution * meter.setups[name].range), limits),
+        do=write,
+        query=read,
         query_parameters=(Choice(("MINimum", "MAXimum"), required=False),),
         reply=_NR3,
     )
-
-
-def _limited(value: Callable[..., float], limits: Callable[[SimulatedHp34401A], Limits]) -> Callable[..., float]:
-    def read(meter: SimulatedHp34401A, which: str | None) -> float:
-        if which is None:
-            return value(meter)
-        bounds = limits(meter)
-        return bounds.minimum if which == "MIN" else bounds.maximum
-
-    return read
 
 
 def nplc_command(function: Function, header: str) -> Command:
@@ -112,20 +97,43 @@ def nplc_command(function: Function, header: str) -> Command:
     return attribute(f"[SENSe:]{header}:NPLCycles", number, f"setups[{name}].nplc", _NR3, do=write)
 
 
-def gate_command(name: str, header: str) -> Command:
+def gate_command(
+    name: str,
+    header: str,
+    limits: Limits = _GATES_S,
+    legal: tuple[float, ...] = tuple(APERTURES_S),
+    reply: Callable[[Any], str] = _NR3,
+) -> Command:
     """Declare APERture of frequency or period: its gate time."""
-    number = Number(unit="S", limits=Limits(0.01, 1.0), legal=tuple(APERTURES_S))
-    return attribute(f"[SENSe:]{header}:APERture", number, f"setups[{name}].aperture_s", _NR3)
+    number = Number(unit="S", limits=limits, legal=legal)
+    return attribute(f"[SENSe:]{header}:APERture", number, f"setups[{name}].aperture_s", reply)
 
 
-def bandwidth_command(header: str) -> Command:
-    """Declare the bandwidth of alternating functions: a filter is chosen that is slow enough (p. 115)."""
+def zero_command(name: str, header: str, parameter: Boolean) -> Command:
+    """Declare the automatic zero of one function, of a meter that has one for each."""
+    return Command(
+        f"[SENSe:]{header}",
+        (parameter,),
+        do=lambda meter, state: meter.set_autozero(name, on=state is True),
+        query=lambda meter: bool(meter.autozeroes(name)),
+        reply=boolean,
+    )
+
+
+def bandwidth_command(
+    header: str, filters: Mapping[float, float] = FILTERS, reply: Callable[[Any], str] = _NR3
+) -> Command:
+    """Declare the bandwidth of alternating functions: a filter is chosen that is slow enough (p. 115).
+
+    Where a meter has others (`filters`: its own to the 34401A's, Hz), it has the delays of the 34401A's (unverified).
+    """
+    shown = {filter_hz: hertz for hertz, filter_hz in filters.items()}
     return attribute(
         header,
-        Number(unit="HZ", limits=Limits(3.0, 200.0)),
+        Number(unit="HZ", limits=Limits(min(filters), max(filters))),
         "bandwidth_hz",
-        _NR3,
-        convert=lambda hertz: 200.0 if hertz >= 200.0 else 20.0 if hertz >= 20.0 else 3.0,
+        lambda filter_hz: reply(shown[filter_hz]),
+        convert=lambda hertz: filters[max(each for each in filters if each <= hertz)],
     )
 
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from simrack.instruments.hp34401a.functions import BY_NAME, Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
-from simrack.instruments.hp34401a.range_commands import RANGED, range_commands
+from simrack.instruments.hp34401a.range_commands import RANGED, bandwidth_command, gate_command, range_commands
 from simrack.instruments.hp34401a.setup import Setup
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import NOTHING_THERE
@@ -134,12 +134,17 @@ class KeptOfFunction(Struct):
     count: int = 10
 
 
+FILTERS = MappingProxyType({3.0: 3.0, 30.0: 20.0, 300.0: 200.0})
+"""Bandwidths of alternating functions, and the filters of a 34401A that stand for them (DMM6500 manual, p. 13-105)."""
+
+
 class Words(Struct, frozen=True):
     """What one of the meters calls the settings of its functions, and where they end.
 
     Args:
         relative: its word for what is taken off readings.
         integrating: functions whose integration time can be set. cycles: least of it in power line cycles, and most.
+        gates: gate times of frequency and period. threshold: header of the range of their signal.
         more: functions beside those of both meters that average and take a value off.
         number: form of a reply.
     """
@@ -147,6 +152,8 @@ class Words(Struct, frozen=True):
     relative: str
     integrating: tuple[str, ...]
     cycles: Callable[[SimulatedTruevolt], Limits]
+    gates: Limits
+    threshold: str
     more: tuple[str, ...] = ()
     number: Callable[[Any], str] = _NR3
 
@@ -192,7 +199,14 @@ def settings_of_functions(functions: Mapping[str, Function], words: Words) -> tu
 
     DEF is the top range (PyMeasure's suite for a connected DMM6500).
     """
-    commands: list[Command] = []
+    commands: list[Command] = [
+        bandwidth_command(f"[SENSe:]{RANGED[name]}:DETector:BANDwidth", FILTERS, words.number)
+        for name in ("VOLT:AC", "CURR:AC")
+    ]
+    for name in ("FREQ", "PER"):
+        header = functions[name].header
+        commands.append(gate_command(name, header, words.gates, (), words.number))
+        commands += range_commands(functions[name], f"{header}:{words.threshold}", words.number)
     for name, header in RANGED.items():
         commands += range_commands(functions[name], header, words.number, functions[name].ranges[-1])
     cycles = Number(limits=words.cycles)
@@ -203,7 +217,7 @@ def settings_of_functions(functions: Mapping[str, Function], words: Words) -> tu
     for name in (*RANGED, "TEMP", *words.more):
         header, path = f"[SENSe:]{functions[name].header}:AVERage", f"kept[{name}]"
         commands += [
-            attribute(f"{header}:STATe", Boolean(), f"{path}.average", boolean),
+            attribute(f"{header}[:STATe]", Boolean(), f"{path}.average", boolean),
             attribute(f"{header}:TCONtrol", Choice(("REPeat", "MOVing")), f"{path}.averaging"),
             attribute(f"{header}:COUNt", Integer(limits=Limits(1, 100)), f"{path}.count", signed_integer),
         ]
@@ -215,35 +229,3 @@ def settings_of_functions(functions: Mapping[str, Function], words: Words) -> tu
             Command(f"{header}:ACQuire", do=_acquire(name)),
         ]
     return tuple(commands)
-
-
-def alternating_commands(slowest_hz: Mapping[float, float]) -> tuple[Command, ...]:
-    """Declare the lowest frequency expected of both alternating functions: by what is said, the 34401A's filter."""
-    shown = {filter_hz: hertz for hertz, filter_hz in slowest_hz.items()}
-
-    def chosen(hertz: float) -> float:
-        return slowest_hz[max(each for each in slowest_hz if each <= hertz)]
-
-    return tuple(
-        attribute(
-            f"[SENSe:]{RANGED[name]}:DETector:BANDwidth",
-            Number(unit="HZ", limits=Limits(3.0, 3e5, min(slowest_hz))),
-            "bandwidth_hz",
-            lambda filter_hz: f"{shown[filter_hz]:G}",
-            convert=chosen,
-        )
-        for name in ("VOLT:AC", "CURR:AC")
-    )
-
-
-def gates(functions: Mapping[str, Function], limits: Limits, reply: Callable[[Any], str]) -> tuple[Command, ...]:
-    """Declare the gate times of frequency and period."""
-    return tuple(
-        attribute(
-            f"[SENSe:]{functions[name].header}:APERture",
-            Number(unit="S", limits=limits),
-            f"setups[{name}].aperture_s",
-            reply,
-        )
-        for name in ("FREQ", "PER")
-    )

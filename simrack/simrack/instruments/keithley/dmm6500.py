@@ -13,11 +13,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
+from functools import partial
+from statistics import fmean, stdev
 from typing import Any, ClassVar
+
+import numpy as np
 
 from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
-from simrack.instruments.hp34401a.range_commands import range_commands
+from simrack.instruments.hp34401a.range_commands import zero_command
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
@@ -38,6 +42,8 @@ _WORDS = common.Words(
     "RELative",
     _INTEGRATING,
     lambda meter: scpi.Limits(0.0005, 15.0 if meter.line_hz == 60 else 12.0, 1.0),  # manual, p. 13-108
+    scpi.Limits(2e-3, 0.273, 0.2),
+    "THReshold",
     more=("DIOD", "CAP"),
     number=_NR3,
 )
@@ -107,12 +113,9 @@ def _read(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str)
     return once_idle(meter, lambda: _last(meter, elements))
 
 
-def _measure(name: str) -> Any:
-    def measure(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str) -> Any:
-        meter.choose(meter.functions[name])
-        return _read(meter, buffer, *elements)
-
-    return measure
+def _measure(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str, name: str) -> Any:
+    meter.choose(meter.functions[name])
+    return _read(meter, buffer, *elements)
 
 
 def _last(meter: KeithleyDMM6500Twin, elements: tuple[str, ...]) -> str:
@@ -121,6 +124,23 @@ def _last(meter: KeithleyDMM6500Twin, elements: tuple[str, ...]) -> str:
     return _formatted(meter, meter.stored[-1:], elements)
 
 
+_STATISTICS: Mapping[str, Any] = {"AVERage": fmean, "STDDev": stdev, "MAXimum": max, "MINimum": min, "PK2Pk": np.ptp}
+
+
+def _statistic(of: Any, meter: KeithleyDMM6500Twin, buffer: str | None) -> str:
+    """TRACe:STATistics: of the readings in a buffer (manual, p. 13-198 to 13-203; form unverified)."""
+    _require_buffer(meter, buffer)
+    if not meter.stored:
+        raise scpi.ScpiError(-230)
+    return f"{float(of([value for value, _ in meter.stored])):.6E}"
+
+
+_OF_A_BUFFER: Mapping[str, Any] = {
+    "ACTual": lambda meter, _buffer: len(meter.stored),
+    "ACTual:END": lambda meter, _buffer: len(meter.stored),
+    "ACTual:STARt": lambda meter, _buffer: min(len(meter.stored), 1),
+    **{f"STATistics:{word}": partial(_statistic, of) for word, of in _STATISTICS.items()},
+}
 _PLACE = scpi.Integer(limits=scpi.Limits(1, _BUFFER), named=False)
 
 
@@ -163,16 +183,6 @@ def _initiate(meter: KeithleyDMM6500Twin) -> None:
     meter.triggering.start(stored=True)
 
 
-def _zero(name: str) -> scpi.Command:
-    return scpi.Command(
-        f"[SENSe:]{_FUNCTIONS[name].header}:AZERo[:STATe]",
-        (scpi.Boolean(),),
-        do=lambda meter, state: meter.set_autozero(name, on=bool(state)),
-        query=lambda meter: meter.autozeroes(name),
-        reply=scpi.boolean,
-    )
-
-
 @ROWS.query("FETCh", query_parameters=(*_NAMED, _ELEMENTS), repeat=True)
 def _fetch(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str) -> str:
     _require_buffer(meter, buffer)
@@ -202,11 +212,6 @@ _COMMANDS = (
     *scpi.COMMON_COMMANDS,
     scpi.Command("*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set),
     common.function_command("[SENSe:]FUNCtion[:ON]", str, _NAMES),  # PyMeasure's tests of a real one, QCoDeS' driver
-    *(
-        each
-        for name in ("FREQ", "PER")
-        for each in range_commands(_FUNCTIONS[name], f"{_FUNCTIONS[name].header}:THReshold", _NR3)
-    ),
     scpi.attribute(
         "[SENSe:]VOLTage[:DC]:INPutimpedance",
         scpi.Choice(("MOHM10", "AUTO")),
@@ -220,9 +225,7 @@ _COMMANDS = (
         common.integration(name, f"{_FUNCTIONS[name].header}:APERture", _SECONDS, _NR3, lambda meter: 1 / meter.line_hz)
         for name in _INTEGRATING
     ),
-    *common.gates(_FUNCTIONS, scpi.Limits(2e-3, 0.273, 0.2), _NR3),
-    *common.alternating_commands({3.0: 3.0, 30.0: 20.0, 300.0: 200.0}),  # manual, p. 13-105
-    *(_zero(name) for name in _INTEGRATING),
+    *(zero_command(name, f"{_FUNCTIONS[name].header}:AZERo[:STATe]", scpi.Boolean()) for name in _INTEGRATING),
     scpi.remembered("[SENSe:]CAPacitance:RANGe[:UPPer]", scpi.Number(limits=scpi.Limits(1e-9, 1e-4, 1e-4)), 1e-4, _NR3),
     scpi.remembered("[SENSe:]CAPacitance:RANGe:AUTO", scpi.Boolean(), default=True, reply=scpi.boolean),
     *common.digits_commands(_FUNCTIONS, "DISPlay:", scpi.Limits(3, 6), _NAMES),
@@ -232,13 +235,17 @@ _COMMANDS = (
     *(
         scpi.Command(
             f"MEASure:{_FUNCTIONS[name].header}",
-            query=_measure(name),
+            query=partial(_measure, name=name),
             query_parameters=(*_NAMED, _ELEMENTS),
             repeat=True,
         )
         for name in _NAMES
     ),
-    scpi.Command("TRACe:ACTual", query=lambda meter, _buffer: len(meter.stored), query_parameters=_NAMED, reply=str),
+    *(
+        scpi.Command(f"TRACe:{header}", query=query, query_parameters=_NAMED, reply=str)
+        for header, query in _OF_A_BUFFER.items()
+    ),
+    scpi.Command("TRACe:DELete", (scpi.Text(),), do=lambda meter, name: meter.made.pop(name, None)),
     scpi.attribute("TRACe:POINts", scpi.Integer(limits=scpi.Limits(10, 7_000_000)), "points", scpi.signed_integer),
     scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
     scpi.Command(
@@ -246,13 +253,10 @@ _COMMANDS = (
     ),
     scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
     scpi.remembered(_PRECISION[0], scpi.Integer(limits=scpi.Limits(0, 16, 0)), 0, scpi.bare_integer),
+    scpi.Command("SYSTem:EVENtlog:NEXT", query=scpi.next_error),
     *(
-        scpi.Command(f"SYSTem:{header}", query=query)
-        for header, query in (
-            ("EVENtlog:NEXT", scpi.next_error),
-            ("ERRor:COUNt", lambda meter: len(meter.engine.errors)),
-            ("EVENtlog:COUNt", lambda meter: len(meter.engine.errors)),
-        )
+        scpi.Command(f"SYSTem:{log}:COUNt", query=lambda meter: len(meter.engine.errors))
+        for log in ("ERRor", "EVENtlog")
     ),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
     scpi.Command("ROUTe:TERMinals", query=lambda _: "FRON"),
@@ -273,11 +277,14 @@ _COMMANDS = (
     scpi.Command("DISPlay:CLEar", do=common.ignored),
     scpi.Command("DISPlay:SCReen", (scpi.Word(),), do=common.ignored),
     *(scpi.Command(f"DISPlay:USER{line}:TEXT[:DATA]", (scpi.Text(),), do=common.ignored) for line in (1, 2)),
-    # of the scanner, the timers of trigger models and the display what QCoDeS' driver sets (defaults unverified)
+    # of the scanner, the timers of trigger models, buffers and the display what drivers set (defaults unverified)
     *(
         scpi.remembered(*row)
         for row in (
             ("DISPlay:LIGHt:STATe", scpi.Choice(("ON100", "ON75", "ON50", "ON25", "OFF", "BLACkout")), "ON50"),
+            ("TRACe:FILL:MODE", scpi.Choice(("CONTinuous", "ONCE")), "CONT"),
+            ("DISPlay:BUFFer:ACTive", scpi.Text(), "defbuffer1"),
+            ("[SENSe:]FRESistance:OCOMpensated", scpi.Choice(("ON", "OFF", "AUTO")), "AUTO"),
             ("ROUTe:SCAN:COUNt:SCAN", scpi.Integer(limits=scpi.Limits(1, 100_000_000, 1)), 1, scpi.bare_integer),
             ("ROUTe:SCAN:INTerval", scpi.Number(unit="S", limits=scpi.Limits(0.0, 1e6)), 0.0, _NR3),
             ("TRIGger:TIMer<1-4>:DELay", scpi.Number(unit="S", limits=scpi.Limits(0.0, 1e6)), 1e-5, _NR3),

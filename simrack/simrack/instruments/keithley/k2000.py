@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from statistics import fmean
 from typing import Any, ClassVar
 
@@ -22,7 +23,7 @@ import numpy as np
 
 from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
-from simrack.instruments.hp34401a.range_commands import RANGED, range_commands
+from simrack.instruments.hp34401a.range_commands import RANGED
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
@@ -35,7 +36,8 @@ _SHEET = specifications.KEITHLEY_2000
 _NR3 = scpi.real(8)
 _BUFFER = 1024
 _FUNCTIONS = common.functions_of(_SHEET)
-_WORDS = common.Words("REFerence", (*RANGED, "TEMP"), lambda _meter: scpi.Limits(0.01, 10.0, 1.0))
+_CYCLES, _GATES_S = scpi.Limits(0.01, 10.0, 1.0), scpi.Limits(0.01, 1.0, 1.0)
+_WORDS = common.Words("REFerence", (*RANGED, "TEMP"), lambda _meter: _CYCLES, _GATES_S, "THReshold:VOLTage")
 """PyMeasure's driver."""
 
 
@@ -58,19 +60,9 @@ def _formatted(meter: Keithley2000Twin, readings: Sequence[float | None]) -> str
     return ",".join(texts)
 
 
-def _configure(name: str) -> Any:
-    def configure(meter: Keithley2000Twin) -> None:
-        meter.configure_function(name)
-
-    return configure
-
-
-def _measure(name: str) -> Any:
-    def measure(meter: Keithley2000Twin) -> Any:
-        meter.configure_function(name)
-        return _read(meter)
-
-    return measure
+def _measure(meter: Keithley2000Twin, name: str) -> Any:
+    meter.configure_function(name)
+    return _read(meter)
 
 
 def _read(meter: Keithley2000Twin) -> Any:
@@ -99,12 +91,7 @@ def _fetch(meter: Keithley2000Twin) -> Any:
     return _formatted(meter, [meter.ring.last])
 
 
-@ROWS.do(
-    "SYSTem:AZERo[:STATe]",
-    (scpi.Boolean(),),
-    query=lambda meter: meter.autozeroes("VOLT"),
-    reply=scpi.boolean,
-)
+@ROWS.do("SYSTem:AZERo[:STATe]", (scpi.Boolean(),), query=lambda meter: meter.autozeroes("VOLT"), reply=scpi.boolean)
 def _set_azero(meter: Keithley2000Twin, state: object) -> None:
     for name in common.NAMES:
         meter.set_autozero(name, on=bool(state))
@@ -164,17 +151,17 @@ _COUNTS = scpi.Integer(limits=scpi.Limits(1, 9999, 1), words={"INFinity": float(
 _COMMANDS = (
     *ROWS,
     *scpi.COMMON_COMMANDS,
-    *(scpi.Command(f"CONFigure:{_FUNCTIONS[name].header}", do=_configure(name)) for name in common.NAMES),
     *(
-        scpi.Command(f"MEASure:{_FUNCTIONS[name].header}", query=_measure(name), query_parameters=())
+        scpi.Command(f"CONFigure:{_FUNCTIONS[name].header}", do=lambda meter, name=name: meter.configure_function(name))
+        for name in common.NAMES
+    ),
+    *(
+        scpi.Command(f"MEASure:{_FUNCTIONS[name].header}", query=partial(_measure, name=name), query_parameters=())
         for name in common.NAMES
     ),
     scpi.Command("CONFigure", query=lambda meter: common.NAMES[meter.function.name], reply=scpi.quoted),
     common.function_command("[SENSe:]FUNCtion"),
     *common.settings_of_functions(_FUNCTIONS, _WORDS),
-    *common.gates(_FUNCTIONS, scpi.Limits(0.01, 1.0, 1.0), _NR3),
-    *common.alternating_commands({3.0: 3.0, 30.0: 20.0, 300.0: 200.0}),
-    *(range_commands(_FUNCTIONS[name], f"{_FUNCTIONS[name].header}:THReshold:VOLTage")[0] for name in ("FREQ", "PER")),
     *common.digits_commands(_FUNCTIONS, "[SENSe:]", scpi.Limits(4, 7)),
     scpi.Command("[SENSe:]DATA[:LATest]", query=_fetch),
     scpi.Command("[SENSe:]DATA:FRESh", query=_fetch),

@@ -16,6 +16,7 @@ from simrack.instruments.hp34401a.range_commands import (
     nplc_command,
     range_commands,
     resolution_command,
+    zero_command,
 )
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
@@ -52,24 +53,12 @@ _OF_PROBES: tuple[tuple[str, Parameter, Any, Callable[[Any], str]], ...] = (
     ),
 )
 """Of temperature, kept only (names: Keysight's help page of [SENSe:]TEMPerature; defaults unverified)."""
-_ON_OFF = (Boolean(),)
-_ONCE = (Boolean(words=("ONCE",)),)
+_ONCE = Boolean(words=("ONCE",))
 _GATED = {"FREQ": "FREQuency", "PER": "PERiod"}
 _NOTHING_THERE = {"TEMP": "TEMPerature", "CAP": "CAPacitance"}
 _INTEGRATING = ("VOLT", "CURR", "RES", "FRES")
 _ZEROED = ("VOLT", "CURR", "RES")
 """Four-wire resistance always takes a zero, as it does in the 34401A (unverified)."""
-
-
-def _zero_command(name: str) -> Command:
-    header = RANGED[name]
-    return Command(
-        f"[SENSe:]{header}:ZERO:AUTO",
-        _ONCE,
-        do=lambda meter, state: meter.set_autozero(name, on=state is True),
-        query=lambda meter: bool(meter.autozeroes(name)),
-        reply=boolean,
-    )
 
 
 def _range_commands(function: Function, header: str) -> tuple[Command, ...]:
@@ -83,42 +72,31 @@ def _range_commands(function: Function, header: str) -> tuple[Command, ...]:
         else:
             meter.setups[name].auto = bool(state)
 
-    return fixed, replace(automatic, parameters=_ONCE, do=write)
+    return fixed, replace(automatic, parameters=(_ONCE,), do=write)
 
 
-def _set_aperture(name: str) -> Callable[..., None]:
-    """The integration time in seconds is kept as power line cycles, which need not be whole."""
+def _aperture_commands(name: str, limits: tuple[float, float]) -> tuple[Command, ...]:
+    header, seconds = RANGED[name], Number(unit="S", limits=Limits(*limits, 0.1))
 
     def write(meter: SimulatedTruevolt, seconds: float) -> None:
+        """Keep the time as power line cycles, which need not be whole."""
         setup = meter.setups[name]
         setup.nplc = round(seconds, 6) * meter.line_hz
         setup.resolution = meter.functions[name].fraction_of(setup.nplc)
         meter.aperture_on[name] = True
 
-    return write
-
-
-def _enable_aperture(name: str) -> Callable[..., None]:
-    def write(meter: SimulatedTruevolt, state: object) -> None:
-        meter.aperture_on[name] = bool(state)
-
-    return write
-
-
-def _aperture_commands(name: str, limits: tuple[float, float]) -> tuple[Command, ...]:
-    header, seconds = RANGED[name], Number(unit="S", limits=Limits(*limits, 0.1))
     return (
         Command(
             f"[SENSe:]{header}:APERture",
             (seconds,),
-            do=_set_aperture(name),
+            do=write,
             query=lambda meter: meter.inputs.aperture_s(meter.setups[name].nplc),
             reply=_NR3,
         ),
         Command(
             f"[SENSe:]{header}:APERture:ENABled",
-            _ON_OFF,
-            do=_enable_aperture(name),
+            (Boolean(),),
+            do=lambda meter, state: meter.aperture_on.update({name: bool(state)}),
             query=lambda meter: meter.aperture_on[name],
             reply=boolean,
         ),
@@ -163,13 +141,13 @@ def commands(kind: MeterKind) -> tuple[Command, ...]:
         *(_ending_aperture(name, resolution_command(functions[name], RANGED[name])) for name in _INTEGRATING),
         *(_ending_aperture(name, nplc_command(functions[name], RANGED[name])) for name in _INTEGRATING),
         *(each for name in _INTEGRATING if apertures for each in _aperture_commands(name, apertures)),
-        *(_zero_command(name) for name in _ZEROED),
+        *(zero_command(name, f"{RANGED[name]}:ZERO:AUTO", _ONCE) for name in _ZEROED),
         bandwidth_command("[SENSe:]VOLTage:AC:BANDwidth"),
         impedance_command("[SENSe:]VOLTage[:DC]:IMPedance:AUTO"),
         bandwidth_command("[SENSe:]CURRent:AC:BANDwidth"),
         *(each for name, header in (RANGED | _GATED | _NOTHING_THERE).items() for each in _null_commands(name, header)),
         remembered("[SENSe:]CAPacitance:RANGe", Number(limits=Limits(1e-9, 1e-4)), 1e-6, _NR3),
-        remembered("[SENSe:]CAPacitance:RANGe:AUTO", _ONCE[0], default=True, reply=boolean),
+        remembered("[SENSe:]CAPacitance:RANGe:AUTO", _ONCE, default=True, reply=boolean),
         *(
             remembered(f"[SENSe:]TEMPerature:{header}", parameter, default, reply)
             for header, parameter, default, reply in _OF_PROBES

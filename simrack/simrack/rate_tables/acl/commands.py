@@ -171,11 +171,7 @@ class InterlockCommands:
         return "Close" if self._drive.servoed else "Open"
 
 
-_OF_A_MODE = {
-    "Limit:Acceleration": "acceleration_deg_s2",
-    "Limit:Rate": "rate_deg_s",
-    "Limit:Jerk": "jerk_deg_s3",
-}
+_OF_A_MODE = {"Limit:Acceleration": "acceleration_deg_s2", "Limit:Rate": "rate_deg_s", "Limit:Jerk": "jerk_deg_s3"}
 _OVERALL = {"Limit:Vtrip": "trip_deg_s", "Limit:HighPosition": "high_deg", "Limit:LowPosition": "low_deg"}
 
 
