@@ -5,6 +5,8 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
+from mmap import mmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -146,11 +148,13 @@ def test_a_bench_may_be_opened_first_and_entered_later() -> None:
     assert bench.closed
 
 
-def test_signals_that_come_before_the_making_safe_has_begun_do_not_end_it() -> None:
+@pytest.mark.parametrize("entered", [True, False])
+def test_signals_that_come_before_the_making_safe_has_begun_do_not_end_it(*, entered: bool) -> None:
     """Three of a nervous hand at once: the third came while the watchdog was told."""
 
     class Listening:
-        def making_safe(self, _longest_s: float) -> None:
+        def making_safe(self, longest_s: float) -> None:
+            told.append(longest_s > 5.0)
             for _ in range(3):
                 signal.raise_signal(signal.SIGINT)
 
@@ -160,9 +164,12 @@ def test_signals_that_come_before_the_making_safe_has_begun_do_not_end_it() -> N
     told: list[bool] = []
     bench = open_bench(load_bench(None))
     bench.holding.watchdog = cast("Any", Listening())
-    with bench:
+    bench.holding.reserve = mmap(-1, 4096)
+    with bench if entered else nullcontext():
         bench.rate_table.enable()
         bench.rate_table.set_rate(50.0, 100.0)
+    bench.close()
     assert all(each.safe for each in bench.safe_reports)
     assert len(bench.safe_reports) == 5
-    assert told == [True]
+    assert told == [True, True]
+    assert bench.holding.reserve.closed
