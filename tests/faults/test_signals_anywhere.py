@@ -72,7 +72,7 @@ def ended(at: int, runs: Path) -> NervousHand:
     footer = json.loads(journal.read_text("utf-8").splitlines()[-1])
     assert footer["type"] == "footer"
     if isinstance(caught.value, Aborted):
-        assert all(report["safe"] for report in footer["safe"])
+        assert [report["safe"] for report in footer["safe"]] == [True] * 5
     else:
         assert "third signal" in str(caught.value)
     return hand

@@ -151,6 +151,14 @@ def test_an_error_in_it_is_not_lost() -> None:
             signals.safe_point()
 
 
+def test_a_second_signal_does_not_come_in_the_way_of_the_unwinding_that_the_first_began() -> None:
+    with StopSignals() as signals:
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Aborted):
+            signals.safe_point()
+        signal.raise_signal(signal.SIGINT)
+
+
 def test_while_the_bench_is_made_safe_it_holds_nothing_up() -> None:
     with StopSignals() as signals:
         signals.unwind()

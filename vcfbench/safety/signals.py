@@ -91,6 +91,7 @@ class StopSignals:
     def safe_point(self) -> None:
         """Raise Aborted if a signal has come; called where nothing is half done."""
         if self._count and not self._unwinding:
+            self._delivered = True  # a second one could keep the unwinding from beginning
             raise self._aborted()
 
     def wait(self, clock: Clock, instant_s: float) -> None:
