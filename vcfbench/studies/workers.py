@@ -42,23 +42,28 @@ def in_processes(works: Iterable[PlannedRun], workers: int) -> Iterator[RunRow]:
         BenchError: processes die again and again without a run done.
     """
     queue: deque[PlannedRun] = deque(works)
+    lost: deque[PlannedRun] = deque()
     breaks = 0
-    while queue:
+    while queue or lost:
         with _pool(workers) as pool:
-            for row in _done(pool, queue, 2 * workers):
+            # those lost before are done one at a time: only what kills its process is lost again
+            for row in _done(pool, queue, lost, 2 * workers) if queue else _done(pool, lost, lost, 1):
                 breaks = 0
                 yield row
         breaks += 1
-        if queue and breaks > _MOST_BREAKS:
-            (case, seed), others = queue[0].key, f" (and {len(queue) - 1} more)" if len(queue) > 1 else ""
+        left = [*lost, *queue]
+        if left and breaks > _MOST_BREAKS:
+            (case, seed), others = left[0].key, f" (and {len(left) - 1} more)" if len(left) > 1 else ""
             raise BenchError(
                 f"the processes of the study die before they have done case {case}, seed {seed}{others}",
                 hint="a script needs `if __name__ == '__main__':` around the call; where memory is short, --workers 1",
             )
 
 
-def _done(pool: ProcessPoolExecutor, queue: deque[PlannedRun], window: int) -> Iterator[RunRow]:
-    """Yield the rows of `queue`, at most `window` of them under way; those lost with a dead process go back into it."""
+def _done(
+    pool: ProcessPoolExecutor, queue: deque[PlannedRun], lost: deque[PlannedRun], window: int
+) -> Iterator[RunRow]:
+    """Yield the rows of `queue`, at most `window` of them under way; those lost with a dead process go into `lost`."""
     running: dict[Future[RunRow], PlannedRun] = {}
     try:
         while queue or running:
@@ -74,7 +79,7 @@ def _done(pool: ProcessPoolExecutor, queue: deque[PlannedRun], window: int) -> I
             if future.done() and future.exception() is None:
                 yield future.result()
             else:
-                queue.append(work)
+                lost.append(work)
 
 
 @contextmanager
