@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import deepcopy
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -34,6 +35,12 @@ _OVERFLOW = 1 << 14
 """QUEStionable bit of a memory that overflowed (guide p. 306)."""
 _SERIAL_NUMBER = "MY54500001"
 _OFFSET_RANGE_V = 10.0
+_STORED = ("setups", "bandwidth_hz", "high_impedance", "_autozero", "aperture_on", "nulls", "limit_test")
+_STORED_OF_TRIGGER = (
+    *("source", "delay_s", "delay_auto", "sample_count", "trigger_count"),
+    *("slope", "paced_by", "interval_s"),
+)
+"""Settings that *SAV stores (unverified)."""
 
 
 def errors_of(kind: MeterKind) -> type[MeterErrors]:
@@ -106,6 +113,26 @@ class SimulatedTruevolt(SimulatedHp34401A):
         self.statistics = Statistics()
         self.limit_test = LimitTest()
         super().reset()
+
+    def power_on(self) -> None:
+        """Be as after *RST; states that were stored are there still."""
+        self._states: dict[int, tuple[Function, dict[str, Any], dict[str, Any]]] = {}
+        super().power_on()
+
+    def save(self, place: int) -> None:
+        """*SAV."""
+        own = {name: deepcopy(getattr(self, name)) for name in _STORED}
+        self._states[place] = self.function, own, {name: getattr(self.ring, name) for name in _STORED_OF_TRIGGER}
+
+    def recall(self, place: int) -> None:
+        """*RCL; that an empty place gives the settings of *RST is unverified."""
+        self.reset()
+        function, own, of_trigger = self._states.get(place, (self.function, {}, {}))
+        self._turn_to(function)
+        for name, value in own.items():
+            setattr(self, name, deepcopy(value))
+        for name, value in of_trigger.items():
+            setattr(self.ring, name, value)
 
     def operations_end_s(self) -> float:
         """*OPC, *OPC? and *WAI wait for a measurement that INITiate has begun."""

@@ -126,9 +126,9 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
     """Return the measuring commands of a model."""
     functions = dict(kind.functions())
     temperature = _temperature_commands(functions.pop("TEMP"))
-    of_functions = (
-        each for function in functions.values() for each in measurement_commands(function, _read, {"AUTO": AUTO})
-    )
+    short = [replace(functions[name], header=word) for name, word in (("VOLT", "DC"), ("VOLT:AC", "AC"))]
+    all_of_them = (*functions.values(), *short)
+    of_functions = (each for function in all_of_them for each in measurement_commands(function, _read, {"AUTO": AUTO}))
     return (
         *(forgetting(each) for each in (*of_functions, *temperature)),
         CONFIGURATION,

@@ -8,6 +8,7 @@ from simrack.instruments.truevolt.kinds import MeterKind
 
 _SELF_TEST_S = 2.0
 """*TST? (unverified)."""
+_STATES = scpi.Integer(limits=scpi.Limits(0, 4))
 _TEXT_LIMIT = 40
 """Characters on the display (users' drivers)."""
 
@@ -61,6 +62,8 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.Command("SYSTem:LOCal", do=lambda _: None),
         scpi.Command("SYSTem:PRESet", do=lambda meter: meter.reset()),
         scpi.Command("SYSTem:VERSion", query=lambda _meter: "1994.0"),
+        scpi.Command("*SAV", (_STATES,), do=lambda meter, place: meter.save(place)),
+        scpi.Command("*RCL", (_STATES,), do=lambda meter, place: meter.recall(place)),
         scpi.Command("*OPT", query=lambda _meter: "0,0,0"),
         scpi.Command("*TST", query=lambda meter: meter.forget() or "+0", query_takes_s=_SELF_TEST_S),
         *scpi.status_commands("OPERation", "operation"),
