@@ -1,13 +1,13 @@
 """The operator's panel: a batch whose devices a person starts in a browser, one after another."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Lock
 from typing import Any
 
-from vcfbench.archive.batch_sheet import batch_sheet, sheet_rows
+from vcfbench.archive.batch_sheet import SheetRow, batch_sheet, sheet_rows
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Request
 from vcfbench.page.parts import parts_of
@@ -113,19 +113,18 @@ class Panel:
 
     def judge(self, word: str, why: str = "") -> None:
         """Take in the verdict on the device: one word, and why."""
-        rows = [row for row in sheet_rows(self._batch.name, self._runs) if row.device == self._serial]
-        last = rows[-1].run if rows else None
-        self._draw_sheet()
+        own = [row.run for row in self._draw_sheet() if row.device == self._serial]
         with self._lock:
             self._state = PanelState.NOT_SAFE if word == "NOT SAFE" else PanelState.VERDICT
             self._asked, self._run = "", None
-            self._verdict = {"word": word, "why": why, "run": last}
+            self._verdict = {"word": word, "why": why, "run": own[-1] if own else None}
 
-    def _draw_sheet(self) -> None:
+    def _draw_sheet(self) -> Sequence[SheetRow]:
         rows = sheet_rows(self._batch.name, self._runs)
         self._sheet = parts_of(batch_sheet(self._batch.name, rows)) if rows else []
         done = {row.device for row in rows if row.status is Status.COMPLETE}
         self._left = [serial for serial in self._batch.devices if serial not in done]
+        return rows
 
     def shown(self) -> dict[str, Any]:
         """Return what a browser shows now."""
