@@ -88,6 +88,8 @@ class ScpiEngine:
         self.hand_over: Callable[[], None] | None = None
         """Called where something long is to be worked out, then to call :meth:`work` slice by slice."""
         self._programs: dict[bytes, Program] = {}
+        self._questions: dict[bytes, CompiledUnit] = {}
+        """Of the programs, those that are one question answered at once."""
         self._drop_everything()
 
     def _drop_everything(self) -> None:
@@ -139,6 +141,31 @@ class ScpiEngine:
             self._output.popleft()
             return message, True
         return self._read_part(message, limit)
+
+    def answer(self, message: bytes) -> bytes | None:
+        """Return the response to a known question that is answered at once: :meth:`write` and :meth:`read` in one.
+
+        None, and nothing has happened, where it takes both; empty where the response is still to be read.
+        """
+        step = self._questions.get(message)
+        if step is None or self._pending is not None or self._output or self._partial:
+            return None
+        if self._announce_completion or self.status.sre:
+            return None
+        self.model.service()
+        self._unterminated = self._deadlocked = False
+        try:
+            result = step.handler(self.model, *step.arguments)
+            if result.__class__ is Pending:
+                self._take(step, result)
+            elif isinstance(reply := step.reply(result), str):
+                return reply.encode("latin-1") + self.interface.terminator
+            else:
+                self._replies.append(reply)
+        except ScpiError as error:
+            self._refuse(error)
+        self._advance()
+        return b""
 
     def wake_at(self) -> float | None:
         """Return when something happens by itself."""
@@ -301,7 +328,10 @@ class ScpiEngine:
         if message.endswith(b"\n") and len(message) <= _CACHED_LENGTH and b"#" not in message:
             if len(self._programs) >= _CACHED_MESSAGES:
                 self._programs.clear()
+                self._questions.clear()
             self._programs[message] = program
+            if len(program) == 1 and program[0].is_query and program[0].at_once and not program[0].settling:
+                self._questions[message] = program[0]
         return program
 
     # --- parser -------------------------------------------------------------------------------------------

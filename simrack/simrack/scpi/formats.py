@@ -73,11 +73,12 @@ _LEAST = 1e-99
 
 
 def _finite(value: float) -> float:
-    if math.isinf(value):
-        return math.copysign(INFINITY, value)
-    if abs(value) < _LEAST:
+    size = abs(value)
+    if size < _LEAST:
         return 0.0
-    return NOT_A_NUMBER if math.isnan(value) else value + 0.0
+    if size < math.inf:
+        return value
+    return NOT_A_NUMBER if math.isnan(value) else math.copysign(INFINITY, value)
 
 
 def _widen(text: str, exponent_digits: int) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from simrack.rate_tables.line import LineDevice
 from simrack.rate_tables.stream import FrameDevice
 from simrack.scpi import Interface, ScpiError, ScpiTwin
-from simrack.serve.framing import empty_messages, message_sizes, shortest_calls
+from simrack.serve.framing import empty_messages, message_sizes, no_answer, shortest_calls
 
 if TYPE_CHECKING:
     from simrack.device import Device
@@ -47,16 +47,17 @@ class EmbodiedDevice:
         """Whether every byte may be part of a message: none means a break."""
         self.blank = empty_messages(device)
         """Finds the ends of messages without anything before them, which mean nothing."""
-        self._write, self._read, self._wake_at = shortest_calls(device)
+        self._write, self._read, self._wake_at, self._answer = shortest_calls(device)
         self.speaks = self.engine is None and device.wake_at() is not None
         """Whether it says something unasked, so that a client may wait for it without a word."""
 
     def power(self, *, on: bool) -> None:
         """Let the instrument take and say something, or nothing at all."""
         if on:
-            self._write, self._read, self._wake_at = shortest_calls(self.device)
+            self._write, self._read, self._wake_at, self._answer = shortest_calls(self.device)
         else:
             self._write, self._read = (lambda _data, **_end: None), (lambda _limit: (b"", False))
+            self._answer = no_answer
 
     def asks(self, message: bytes) -> bool:
         """Whether `message` may be answered; remembers messages, which are mostly the same few."""

@@ -24,12 +24,19 @@ NOTHING_EMPTY = re.compile(b"")
 
 def shortest_calls(
     device: Device,
-) -> tuple[Callable[..., None], Callable[[int], tuple[bytes, bool]], Callable[[], Any]]:
-    """Return the device's write, read and wake_at, without methods that only pass them on."""
+) -> tuple[
+    Callable[..., None], Callable[[int], tuple[bytes, bool]], Callable[[], Any], Callable[[bytes], bytes | None]
+]:
+    """Return the device's write, read and wake_at, without methods that only pass them on, and answer, both in one."""
     kind = type(device)
     if (kind.write, kind.read, kind.wake_at) == (ScpiTwin.write, ScpiTwin.read, ScpiTwin.wake_at):
-        device = cast("Device", cast("ScpiTwin", device).engine)
-    return device.write, device.read, device.wake_at
+        engine = cast("ScpiTwin", device).engine
+        return engine.write, engine.read, engine.wake_at, engine.answer
+    return device.write, device.read, device.wake_at, no_answer
+
+
+def no_answer(_message: bytes) -> None:
+    """Answer nothing in one: each message is written, and its answer read."""
 
 
 def message_sizes(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], int]]:

@@ -244,8 +244,12 @@ class ServedInstrument(EmbodiedDevice):
         worker = self.engine
         if worker is not None:
             worker.interface = client.interface
-        self._write(message, end=True)
-        if not asks:
+        whole = self._answer(message) if asks and client.pushes else None
+        if whole is None:
+            self._write(message, end=True)
+        if whole:
+            self._hand_out(client, whole, end=True)
+        elif not asks:
             if self.busy:
                 self._passed += 1
         elif not client.pushes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from simrack.scpi import GPIB, LAN, RS232, USB, Dialect, Interface
 from simrack.serve.embodied import HISLIP, SOCKET, VXI11
@@ -306,3 +306,52 @@ def test_only_who_has_blocks_waits_for_the_end_of_one(takes_blocks: bool, number
     lamp.write(b"DATA #14ab\n")
     lamp.write(b"c\n" if takes_blocks else b"")
     assert Conversation(lamp, lamp.clock).errors() == numbers
+
+
+_SAID = (
+    *(b"VOLT?\n", b"VOLT 2\n", b"VOLT 7\n", b"VOLT:STEP?\n", b"TEXT?\n", b"DATA?\n", b"CHAN2:LAB?\n", b"SLOW?\n"),
+    *(b"VOLT?;TEXT?\n", b"NONS?\n", b"ARM\n", b"*TRG\n", b"*IDN?\n", b"*ESR?\n", b"*STB?\n", b"*OPC?\n", b"*OPC\n"),
+    *(b"*SRE 48\n", b"*SRE 0\n", b"*ESE 255\n", b"*CLS\n", b"SYST:ERR?\n", b"VOLT\n", b"STAT:QUES?\n", b"TEXT 'a'; "),
+)
+_DONE = ("wake_at", "status_byte", "requests_service", 0.3, 1.0)
+
+
+@given(
+    st.sampled_from([GPIB, LAN, SOCKET, RS232, VXI11]),
+    st.lists(st.one_of(st.sampled_from(_SAID), st.sampled_from(_DONE)), max_size=30),
+)
+@example(SOCKET, [b"*OPC\n", b"VOLT?\n", 1.0, b"*ESR?\n"])
+@example(SOCKET, [b"*ESE 255\n", b"*SRE 48\n", b"NONS?\n", "status_byte", b"*ESR?\n", b"NONS?\n"])
+@example(GPIB, [b"SLOW?\n", 1.0, "wake_at", b"VOLT?\n"])
+@example(LAN, [b"TEXT 'a'; ", b"VOLT?\n"])
+def test_an_answer_in_one_is_what_is_written_and_read(interface: Interface, done: list[bytes | str | float]) -> None:
+    short, long = Lamp(interface), Lamp(interface)
+    for lamp in (short, long):
+        for question in (each for each in _SAID if b"?" in each):
+            lamp.write(question)
+            lamp.clear()
+        lamp.done_at_s = 0.5
+    for each in [*done, "status_byte"]:
+        if isinstance(each, float):
+            for lamp in (short, long):
+                lamp.clock.sleep_until(lamp.clock.now() + each)
+        elif isinstance(each, str):
+            assert getattr(short.engine, each)() == getattr(long.engine, each)()
+        else:
+            long.write(each)
+            answer = short.engine.answer(each)
+            if answer is None:
+                short.write(each)
+            assert ((answer, True) if answer else short.read(100)) == long.read(100)
+    for lamp in (short, long):
+        lamp.clear()
+    assert short.heard == long.heard
+    assert Conversation(short, short.clock).errors() == Conversation(long, long.clock).errors()
+
+
+@pytest.mark.parametrize(("message", "answer"), [(b"VOLT?\n", b"+1.00000000E+00\n"), (b"VOLT 2\n", None)])
+def test_a_known_question_has_its_answer_in_one(lamp: Lamp, message: bytes, answer: bytes | None) -> None:
+    assert lamp.engine.answer(message) is None
+    lamp.write(message)
+    lamp.read(100)
+    assert lamp.engine.answer(message) == answer
