@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.seals import sealed
 from vcfbench.clock import sleep
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import try_lock
@@ -125,7 +126,7 @@ def test_a_later_format_is_refused(tmp_path: Path) -> None:
         read_journal(tmp_path / "j")
 
 
-HEADER = '{"type":"header","format":1,"procedure":"turntable","bench":{"name":"b"}}\n'
+HEADER = '{"type":"header","format":3,"procedure":"turntable","bench":{"name":"b"}}\n'
 
 
 @pytest.mark.parametrize(
@@ -135,8 +136,8 @@ HEADER = '{"type":"header","format":1,"procedure":"turntable","bench":{"name":"b
         HEADER + '{"type":"footer","status":"splendid"}\n',
         HEADER + '{"type":"step","point":{}}\n{"type":"footer","status":"complete"}\n',
         HEADER + '{"type":"step","point":3}\n{"type":"footer","status":"complete"}\n',
-        '{"type":"header","format":1,"bench":3}\n',
-        '{"type":"header","format":1,"bench":[]}\n',
+        '{"type":"header","format":3,"bench":3}\n',
+        '{"type":"header","format":3,"bench":[]}\n',
         HEADER + '{"type":"footer","status":"aborted","error":"in words alone"}\n',
         HEADER + '{"type":"footer","status":"aborted","error":[]}\n',
         HEADER + '{"type":"step","n":1,"step_kind":"Acquire","point":POINT,"result":[]}\n',
@@ -146,7 +147,7 @@ HEADER = '{"type":"header","format":1,"procedure":"turntable","bench":{"name":"b
 def test_what_no_journal_wrote_is_one_sentence(text: str, tmp_path: Path) -> None:
     point = json.dumps(POINT.as_json())
     text = text.replace("POINT", point).replace("BIG", point.replace("200.0", "1e308"))
-    (tmp_path / "j").write_text(text)
+    (tmp_path / "j").write_bytes(sealed(text.encode()))
     with pytest.raises(ConfigError, match="no record of this program"):
         read_journal(tmp_path / "j")
 
@@ -332,10 +333,10 @@ def test_when_a_run_began_is_read_from_its_first_line(line: bytes, began: str | 
     assert read_header(tmp_path / "j").get("utc") == began
 
 
-@pytest.mark.parametrize("number", ["true", '"1"', "0", "null"])
+@pytest.mark.parametrize("number", ["true", '"3"', "3.0", "2", "4", "null"])
 def test_a_format_is_a_number_that_is_known(number: str, tmp_path: Path) -> None:
     (tmp_path / "j").write_text(f'{{"type":"header","format":{number}}}\n')
-    with pytest.raises(ConfigError, match=r"a record of format .*; this version reads formats 1 and "):
+    with pytest.raises(ConfigError, match=r"a record of format .*; this version reads format 3"):
         read_journal(tmp_path / "j")
 
 
@@ -433,9 +434,6 @@ def test_a_signature_is_that_of_the_line_before(tmp_path: Path) -> None:
     assert [line["type"] for line in record.lines] == ["header", "signature", "watchdog", "signature"]
     assert [line["signed"] for line in record.lines[1::2]] == [*record.seals[::2]]
     assert record.seal == record.seals[-1]
-    (tmp_path / "old").write_text(HEADER)
-    append_line(tmp_path / "old", {"type": "watchdog"}, key)
-    assert [line["type"] for line in read_journal(tmp_path / "old").lines] == ["header", "watchdog"]
 
 
 def test_a_journal_of_a_run_that_leaves_no_record_keeps_its_lines_and_no_signature() -> None:

@@ -53,10 +53,9 @@ def test_a_changed_journal_is_left_to_the_full_reading(tmp_path: Path) -> None:
 
 def test_one_without_seals_is_left_to_the_full_reading(tmp_path: Path) -> None:
     journal = tmp_path / "journal.jsonl"
-    before = [{**HEADER, "format": 2}, *WHOLE[1:]]
-    journal.write_text("".join(f"{json.dumps(line)}\n" for line in before), encoding="utf-8")
+    journal.write_text("".join(f"{json.dumps(line)}\n" for line in WHOLE), encoding="utf-8")
     assert outline_of(journal) is None
-    assert read_journal(journal).status is Status.COMPLETE
+    assert read_journal(journal).status is Status.DAMAGED
 
 
 @pytest.mark.parametrize(

@@ -34,14 +34,14 @@ _MOST: Final = 1 << 30
 
 
 class Verification(Struct, frozen=True, kw_only=True):
-    """Verification of a record: ``PASS``, ``FAIL`` with the first deviation, or ``UNSEALED``.
+    """Verification of a record: ``PASS``, or ``FAIL`` with the first deviation.
 
     `line` is the line of the journal that is wrong, None where it is something else; `notes` say what could not be
     known. `seal` is that of the last line, `signed_by` the public keys of the signatures that hold.
     """
 
     run: str
-    verdict: Literal["PASS", "FAIL", "UNSEALED"]
+    verdict: Literal["PASS", "FAIL"]
     wrong: str | None = None
     line: int | None = None
     status: str | None = None
@@ -79,11 +79,10 @@ def verify_run(run: str | Path, runs: str | Path = "runs", *, keys: Sequence[str
         wrong = next(check.findings(), None)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, BenchError) as error:
         wrong = f"no record of this program: {error!r}"
-    sound: Literal["PASS", "UNSEALED"] = "UNSEALED" if record.seal is None else "PASS"
     named = re.match(r"line (\d+)", wrong or "")
     return Verification(
         run=directory.run,
-        verdict=sound if wrong is None else "FAIL",
+        verdict="PASS" if wrong is None else "FAIL",
         wrong=wrong,
         line=int(named[1]) if named else None,
         status=record.status.value,
@@ -136,15 +135,13 @@ class _Check(Struct):
         yield from self._results()
         yield from self._earlier()
         notes = self.notes
-        if record.seal is None:
-            notes.append("it is of before there were seals: whether a line was changed cannot be known")
         if record.torn:
             notes.append(f"it ends within line {len(record.lines) + 1}, which tells nothing")
         if record.status is Status.RUNNING:
             notes.append("its run goes on")
         elif record.footer is None and not self.signed_by:
             notes.append("it has no footer and no signature: whether lines were cut off its end cannot be known")
-        if record.seal is not None and not self.signed_by:
+        if not self.signed_by:
             notes.append("not signed: who can write it could have made it all anew, or taken amendments away")
 
     def _form(self) -> Iterator[str]:

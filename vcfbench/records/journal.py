@@ -17,7 +17,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
-from zlib import crc32
 
 import msgspec
 from msgspec import Struct
@@ -27,12 +26,12 @@ from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import opened, shown, synchronise_names, try_lock, unlock
 from vcfbench.records.damage import first_damage
-from vcfbench.records.schema import FORMAT, READABLE, SEALED, Point, Status
+from vcfbench.records.schema import FORMAT, Point, Status
 from vcfbench.records.seal import SealChecker, Sealer
 from vcfbench.records.signing import SigningKey
 
 _EXPECTED = "the journal of a run"
-_LONGEST_LINE = 1 << 24  # Bytes: a window of 100 000 readings, which format 1 wrote in one line, has some 5 MB
+_LONGEST_LINE = 1 << 24  # Bytes: a file without line ends is not read into memory whole
 _INSTANT_S = 0.2
 
 _FLAGS = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
@@ -179,7 +178,7 @@ def _stamp() -> str:
 
 
 def append_line(path: Path, values: Mapping[str, Any], key: SigningKey | None = None) -> None:
-    """Add a line to a journal that nobody writes any more, in place of one that was torn, sealed where the others are.
+    """Add a line to a journal that nobody writes any more, in place of one that was torn.
 
     With a `key` a further line signs it.
 
@@ -194,7 +193,12 @@ def append_line(path: Path, values: Mapping[str, Any], key: SigningKey | None = 
             with os.fdopen(descriptor, "rb", closefd=False) as file:
                 data = file.read()
             kept = data[: data.rfind(b"\n") + 1]
-            lines = _sealed_after(kept, msgspec.json.encode({**values, "utc": _stamp()}), key)
+            sealer = Sealer(kept.replace(b"\r\n", b"\n"))
+            lines = sealer.sealed(msgspec.json.encode({**values, "utc": _stamp()}))
+            sealer.keep()
+            if key is not None and sealer.seal is not None:
+                signature = {"type": "signature", "utc": _stamp(), **key.signature(sealer.seal)}
+                lines += sealer.sealed(msgspec.json.encode(signature))
             if len(kept) < len(data):
                 os.ftruncate(descriptor, len(kept))
             written = 0
@@ -215,20 +219,6 @@ def append_line(path: Path, values: Mapping[str, Any], key: SigningKey | None = 
         raise BenchError(f"the record {shown(path)} cannot be written: the disk took {written} of {len(lines)} bytes")
 
 
-def _sealed_after(kept: bytes, line: bytes, key: SigningKey | None) -> bytes:
-    """Return a line as it follows the lines `kept`, with the one that signs it where there is a `key`."""
-    if not _is_sealed(_decoded(kept[: kept.find(b"\n") + 1]) or {}):
-        return line + b"\n"
-    sealer = Sealer(kept.replace(b"\r\n", b"\n"))
-    line = sealer.sealed(line)
-    sealer.keep()
-    if key is None or sealer.seal is None:
-        return line
-    return line + sealer.sealed(
-        msgspec.json.encode({"type": "signature", "utc": _stamp(), **key.signature(sealer.seal)})
-    )
-
-
 def _locked(descriptor: int) -> bool:
     """Lock a journal until it is closed; True as well where the file system has no locks.
 
@@ -241,11 +231,6 @@ def _locked(descriptor: int) -> bool:
     except OSError:
         return True
     return locked
-
-
-def _is_sealed(first: Mapping[str, Any]) -> bool:
-    """Tell by its first line whether the lines of a journal have seals."""
-    return "seal" in first or first.get("format") in SEALED
 
 
 class JournalRecord(Struct, frozen=True):
@@ -265,7 +250,7 @@ class JournalRecord(Struct, frozen=True):
     restored: tuple[Mapping[str, Any], ...] = ()
     lines: tuple[Mapping[str, Any], ...] = ()  # All of them, in the order of the file, without their seals
     running: bool = False  # True while its run goes on
-    seals: tuple[str | None, ...] = ()  # Seal of each line; None where the record is of before there were seals
+    seals: tuple[str | None, ...] = ()  # Seal of each line; None where one has none, which is damage
 
     @property
     def seal(self) -> str | None:
@@ -299,9 +284,8 @@ def read_journal(path: Path) -> JournalRecord:
     seals = [line.pop("seal", None) for line in lines]
     header = lines[0] if lines and lines[0].get("type") == "header" else {}
     number = header.get("format", FORMAT)
-    if type(number) is not int or number not in READABLE:
-        known = " and ".join(map(str, sorted(READABLE)))
-        raise ConfigError(f"{shown(path)}: a record of format {number!r}; this version reads formats {known}")
+    if type(number) is not int or number != FORMAT:
+        raise ConfigError(f"{shown(path)}: a record of format {number!r}; this version reads format {FORMAT}")
     footers = _of_type(lines, "footer")
     record = JournalRecord(
         header,
@@ -369,25 +353,20 @@ def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | Non
     """
     lines: list[dict[str, Any]] = []
     checker, wrong = SealChecker(), None
-    total = before = 0
     while line := file.readline(_LONGEST_LINE):
         number = len(lines) + 1
         if not line.endswith(b"\n"):
             if len(line) == _LONGEST_LINE:
                 wrong = wrong or f"line {number} has more than {_LONGEST_LINE} bytes"
-            elif lines and _is_sealed(lines[0]) and checker.holds(line[:-1] + b"\n"):
+            elif lines and checker.holds(line[:-1] + b"\n"):
                 wrong = wrong or f"line {number} is not what was written there: its end is another"
             return lines, True, wrong
         if (values := _decoded(line)) is None:
             return lines, False, wrong or f"line {number} is no JSON object"
         lines.append(values)
         plain = line[:-2] + b"\n" if line.endswith(b"\r\n") else line  # a copy may have made that of it
-        if not _is_sealed(lines[0]):
-            before, total = total, crc32(plain, total)
-        elif wrong is None and not checker.holds(plain):
+        if wrong is None and not checker.holds(plain):
             wrong = f"line {number} is not what was written there: its seal is another"
-    if wrong is None and lines and lines[-1].get("crc32", before) != before:  # records of before have that sum alone
-        wrong = "a line was changed: the sum in its last line is another"
     return lines, not lines, wrong
 
 

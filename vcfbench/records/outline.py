@@ -1,8 +1,8 @@
 """Outline of a journal for lists of runs, without its readings: thousands of records are listed in seconds.
 
-The seal of the last line says whether the lines before it are as they were written. What is not plainly whole, or is of
-before there were seals, is left to :func:`~vcfbench.records.journal.read_journal`, which says what is wrong. The sums
-over readings are not done again here: that a point is not the mean of its readings is found by who reads the record.
+The seal of the last line says whether the lines before it are as they were written. What is not plainly whole is
+left to :func:`~vcfbench.records.journal.read_journal`, which says what is wrong. The sums over readings are not done
+again here: that a point is not the mean of its readings is found by who reads the record.
 """
 
 import sys
@@ -14,7 +14,7 @@ from msgspec import Struct, field
 from vcfbench.errors import ConfigError
 from vcfbench.files import read_file
 from vcfbench.records.amendments import Amendment, amendments_of, lines_after
-from vcfbench.records.schema import READABLE, Status
+from vcfbench.records.schema import FORMAT, Status
 from vcfbench.records.seal import holds_whole
 
 
@@ -82,7 +82,7 @@ def outline_of(path: Path) -> Outline | None:
         amendments = amendments_of(map(msgspec.json.decode, later))
     except (ConfigError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
-    if header.format not in READABLE:
+    if header.format != FORMAT:
         return None
     head = (header.procedure, header.bench.name, header.seed, footer.status, footer.points, footer.bench_seconds)
     return Outline(*head, header.utc, header.metadata, header.settings.dut, amendments)

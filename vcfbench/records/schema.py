@@ -13,10 +13,6 @@ from vcfbench.errors import ConfigError
 FORMAT = 3
 """Version of the journal's layout (docs/records.md); raised when a reader of the old one would misread the new one."""
 
-READABLE = frozenset({1, 2, FORMAT})
-"""Formats that are read: 1 has no `readings` lines, and a reader of 1 calls a record that has some damaged."""
-SEALED = (FORMAT,)  # Formats whose lines have seals
-
 CHUNK_READINGS = 1000
 CHUNK_S = 60.0
 """Readings of one step are written as soon as there are so many, or the first is so old (s of bench time)."""
