@@ -10,20 +10,22 @@ import typer
 
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.options import Json_, Quiet_, argument, flag, option, output_option
+from vcfbench.clock import WallClock
 from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.text import left_table, text_of
 from vcfbench.studies.conduct import Plan, Progress, StudyOptions, conduct, journal_of, plan_of
 from vcfbench.studies.file import read_study
-from vcfbench.studies.progress import StudyLineProgress
+from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.result import beside
 from vcfbench.studies.table import in_words
+
+_LINE_S = 10.0
 
 
 def study(
     file: Annotated[Path, argument("FILE.toml", "The study: procedure, bench, seeds, what varies.")],
     output: Annotated[
-        Path | None,
-        output_option("Table of the runs, .csv; the rest goes beside it. Default: named after the study."),
+        Path | None, output_option("Table of the runs, .csv; the rest goes beside it. Default: named after the study.")
     ] = None,
     workers: Annotated[int | None, option("N", "Number of processes. Default: one for each processor.")] = None,
     keep_records: Annotated[Path | None, option("DIR", "Keep the record of every run there.")] = None,
@@ -56,6 +58,44 @@ def study(
             typer.echo(f"{what}: {made}")
 
 
+class _LineProgress(Progress):
+    """A plain line when runs begin, every ten seconds, and at the end. `kept` runs of `total` are done."""
+
+    def __init__(self, outlet: Outlet) -> None:
+        self._outlet = outlet
+        self._clock = WallClock()
+        self._said_s = 0.0
+        self._had = self._broken = 0
+        self.kept = self.total = 0
+
+    def say(self, words: str) -> None:
+        """Print a line."""
+        self._outlet.write(f"{words}\n")
+
+    def checked(self, done: int, total: int) -> None:
+        """Say now and then how many cases have been checked: a thousand take some time."""
+        if self._clock.now() - self._said_s >= _LINE_S and done < total:
+            self._said_s = self._clock.now()
+            self.say(f"{done} of {total} cases checked")
+
+    def begun(self, had: int, total: int) -> None:
+        """Say how many runs there are."""
+        self._had = self.kept = had
+        self.total = total
+        self._clock, self._said_s = WallClock(), 0.0
+        self.say(f"{total} runs{f', {had} of them done before' if had else ''}")
+
+    def done(self, row: RunRow) -> None:
+        """Say how far it is, now and then."""
+        self.kept += 1
+        self._broken += row.status != "complete"
+        if self._clock.now() - self._said_s >= _LINE_S or self.kept == self.total:
+            self._said_s = self._clock.now()
+            left_s = self._clock.now() * (self.total - self.kept) / max(1, self.kept - self._had)
+            broken = f", {self._broken} failed" if self._broken else ""
+            self.say(f"{self.kept} of {self.total} runs, {left_s:.0f} s left{broken}")
+
+
 @contextmanager
 def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
     """Show the progress of the study on stderr; when it is stopped say which runs are kept."""
@@ -64,7 +104,7 @@ def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
         return
     outlet = Outlet(sys.stderr)
     outlet.open()
-    progress = StudyLineProgress(outlet)
+    progress = _LineProgress(outlet)
     try:
         yield progress
     except BaseException:
