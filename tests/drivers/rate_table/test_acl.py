@@ -288,7 +288,7 @@ def test_safe_without_ever_having_been_enabled() -> None:
 
 def test_a_table_that_goes_on_turning_is_aborted_and_not_called_safe() -> None:
     with expected_exchange(table(), [IDN]) as driver:
-        driver._line._wire = endless = _Turning([], clock=driver.clock)
+        driver.line._wire = endless = _Turning([], clock=driver.clock)
         report = driver.make_safe(Deadline.after(driver.clock, 5.0))
         assert not report.safe
         assert "did not come to rest, last read at 7 deg/s" in report.detail
@@ -336,9 +336,9 @@ def test_replies_with_error_code_and_length(header: Header, layout: str, configu
     setting: Header = "auto" if configured == "auto" else header
     with expected_exchange(table(header=setting), exchanges) as driver:
         assert driver.rate_deg_s() == 1.5
-        driver._command(driver._dialect.claim)
-        assert isinstance(driver._dialect, AclDialect)
-        assert driver._dialect.header == header
+        driver._command(driver.dialect.claim)
+        assert isinstance(driver.dialect, AclDialect)
+        assert driver.dialect.header == header
 
 
 def test_an_error_code_in_the_header_is_a_refusal() -> None:
@@ -358,8 +358,8 @@ def test_an_error_code_in_the_header_is_a_refusal() -> None:
 def test_without_header_the_first_reply_is_a_plain_line() -> None:
     with expected_exchange(table(header="auto"), [IDN, STILL]) as driver:
         assert driver.rate_deg_s() == 0.00001
-        assert isinstance(driver._dialect, AclDialect)
-        assert driver._dialect.header == "none"
+        assert isinstance(driver.dialect, AclDialect)
+        assert driver.dialect.header == "none"
 
 
 @given(st.sampled_from(["<II", ">II"]), st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=9))

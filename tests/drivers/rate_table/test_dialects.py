@@ -223,9 +223,9 @@ def test_the_servo_of_a_turning_table_is_not_opened(name: str) -> None:
     with pytest.raises(InterlockError, match="still turns at 5"):
         bench.driver.disable()
     if name != "acl":  # whose Open is itself an orderly shutdown
-        dialect = bench.driver._dialect
+        dialect = bench.driver.dialect
         with pytest.raises(InterlockError, match="the servo was not opened"):
-            dialect.open_servo(bench.driver._line, bench.driver._line.deadline())
+            dialect.open_servo(bench.driver.line, bench.driver.line.deadline())
     assert bench.world.table.servo_closed
     assert bench.world.table.profile_rate_deg_s() == pytest.approx(5.0, abs=1e-3)
 

@@ -69,7 +69,7 @@ def test_a_table_on_a_pseudo_terminal() -> None:
         driver = table(open_serial(name, Link(), clock=CLOCK, name="rate_table", timeout_s=PLENTY_S))
         assert driver.rate_deg_s() == 1.25
         assert driver.angle_deg() == 90.5
-        assert driver._dialect.header == "none"  # type: ignore[attr-defined]
+        assert driver.dialect.header == "none"  # type: ignore[attr-defined]
         driver.close()
 
 

@@ -69,7 +69,7 @@ def test_zaber_rate_of_ten_deg_s() -> None:
     with expected_exchange(driver(ZaberDialect(STAGE)), zaber(*said)) as table:
         table._enabled = True
         table.set_rate(10.0, 50.0)
-        table._dialect.hold(table._line, table._line.deadline())
+        table.dialect.hold(table.line, table.line.deadline())
 
 
 def test_zaber_reasons_and_warnings() -> None:
@@ -105,7 +105,7 @@ def test_zaber_acceleration_that_would_mean_infinity() -> None:
         expected_exchange(driver(ZaberDialect(STAGE)), zaber(*KNOWN)) as table,
         pytest.raises(LimitError, match="below"),
     ):
-        table._dialect.demand_rate(table._line, 1.0, 1.0, table._line.deadline())
+        table.dialect.demand_rate(table.line, 1.0, 1.0, table.line.deadline())
 
 
 # ESP
@@ -168,7 +168,7 @@ def test_esp_refusals_are_raised_and_faults_kept() -> None:
     ]
     with expected_exchange(driver(EspDialect()), esp(*said)) as table:
         with pytest.raises(InstrumentError, match="refused with 7 PARAMETER OUT OF RANGE; then 113 AXIS-1") as caught:
-            table._dialect.demand_rate(table._line, 10.0, float("inf"), table._line.deadline())
+            table.dialect.demand_rate(table.line, 10.0, float("inf"), table.line.deadline())
         assert caught.value.number == 7
         assert table.fault() == "overspeed (110 AXIS-1 MAXIMUM VELOCITY EXCEEDED)"
         with pytest.raises(InterlockError, match="overspeed"):

@@ -52,7 +52,7 @@ class RateTableDriver:
 
     Rates and angles are counter-clockwise positive seen from above, if `axis_sign` is chosen so: it is -1 for a table
     whose own sign is the other. A table goes on turning when nobody speaks to it, so an independent hard-wired
-    emergency stop is part of every bench.
+    emergency stop is part of every bench. `line` is the line to the table, `dialect` the language that it speaks.
     """
 
     def __init__(
@@ -64,8 +64,8 @@ class RateTableDriver:
         axis_sign: Literal[1, -1] = 1,
         rest_tolerance_deg_s: float = 0.05,
     ) -> None:
-        self._line = line
-        self._dialect = dialect
+        self.line = line
+        self.dialect = dialect
         self._limits = limits
         self._sign = axis_sign
         self._rest_tolerance_deg_s = rest_tolerance_deg_s
@@ -80,62 +80,52 @@ class RateTableDriver:
     @property
     def name(self) -> str:
         """The role on this bench."""
-        return self._line.name
+        return self.line.name
 
     @property
     def resource(self) -> str:
         """The port it was opened with."""
-        return self._line.resource
-
-    @property
-    def line(self) -> TableLine:
-        """The line to the table, for consoles."""
-        return self._line
-
-    @property
-    def dialect(self) -> TableDialect:
-        """The language that it is spoken to in."""
-        return self._dialect
+        return self.line.resource
 
     @property
     def own_time_s(self) -> float:
         """Time of one making safe for the table's language, beyond time-outs and ramps, s."""
-        return self._dialect.own_time_s
+        return self.dialect.own_time_s
 
     @property
     def clock(self) -> Clock:
         """The clock that the line waits on."""
-        return self._line.clock
+        return self.line.clock
 
     def identify(self) -> Identity:
         """Ask for the identity."""
-        return self._ask(self._dialect.identify)
+        return self._ask(self.dialect.identify)
 
     def check_errors(self) -> None:
         """Raise InstrumentError with the table's refusals since last asked."""
-        self._ask(self._dialect.check_errors)
+        self._ask(self.dialect.check_errors)
 
     def enable(self) -> None:
         """Zero the demand, then close the servo; raises InterlockError when a fault forbids it or the table turns."""
-        self._command(self._dialect.claim)
+        self._command(self.dialect.claim)
         self._claimed = True
         fault = self.fault()
         if fault is not None:
             raise self._interlock(fault, "see to the cause, then clear the fault")
         self._require_rest("it was found turning at {rate:g} deg/s, somebody else may be commanding it")
-        self._dialect.set_limits(self._line, self._limits, self._line.deadline())
-        self._command(self._dialect.close_servo)
-        if not self._wait_for_servo(self._line.deadline(_SERVO_S), "closed"):
+        self.dialect.set_limits(self.line, self._limits, self.line.deadline())
+        self._command(self.dialect.close_servo)
+        if not self._wait_for_servo(self.line.deadline(_SERVO_S), "closed"):
             raise self._interlock(self.fault() or "the servo did not close")
         self._wind_back()
         self._enabled = True
 
     def _wind_back(self) -> None:
         """Turn a table that stands near an end of its travel back to the middle: a run goes both ways."""
-        if self._dialect.travel_deg is None:
+        if self.dialect.travel_deg is None:
             return
-        low_deg, high_deg = self._dialect.travel_deg
-        middle_deg, angle_deg = (low_deg + high_deg) / 2.0, self._ask(self._dialect.angle_deg)
+        low_deg, high_deg = self.dialect.travel_deg
+        middle_deg, angle_deg = (low_deg + high_deg) / 2.0, self._ask(self.dialect.angle_deg)
         away_deg, rate_deg_s = abs(angle_deg - middle_deg), min(_WINDING_DEG_S, self._limits.max_rate_deg_s)
         if away_deg <= (high_deg - low_deg) / 4.0:
             return
@@ -143,22 +133,22 @@ class RateTableDriver:
         if (needed_s := away_deg / rate_deg_s) > _LONGEST_WINDING_S:
             raise self._interlock(f"{found}; at {rate_deg_s:g} deg/s winding back takes {needed_s:.0f} s", _WIND_BACK)
         arrival = Deadline.after(self.clock, needed_s + _SERVO_S)
-        self._dialect.go_to(self._line, middle_deg, rate_deg_s, self._line.deadline())
-        while abs(self._ask(self._dialect.angle_deg) - middle_deg) > _ARRIVED_DEG:
+        self.dialect.go_to(self.line, middle_deg, rate_deg_s, self.line.deadline())
+        while abs(self._ask(self.dialect.angle_deg) - middle_deg) > _ARRIVED_DEG:
             if (fault := self.fault()) or arrival.expired():
                 said = fault or f"it did not come there in {arrival.elapsed():.3g} s"
                 raise self._interlock(f"{found}; told to wind back: {said}", _WIND_BACK)
             sleep(self.clock, _POLL_S)
-        if not self._wait_for_rest(self._line.deadline(_SERVO_S)):
+        if not self._wait_for_rest(self.line.deadline(_SERVO_S)):
             raise self._interlock("wound back, it did not come to rest", _WIND_BACK)
 
     def disable(self) -> None:
         """Open the servo; refuses (InterlockError) while the table turns."""
         self._require_rest("it still turns at {rate:g} deg/s, stop it before it is disabled")
         self._enabled = False
-        self._command(self._dialect.hold)
-        self._command(self._dialect.open_servo)
-        if not self._wait_for_servo(self._line.deadline(_SERVO_S), "open"):
+        self._command(self.dialect.hold)
+        self._command(self.dialect.open_servo)
+        if not self._wait_for_servo(self.line.deadline(_SERVO_S), "open"):
             raise self._interlock("the servo did not open")
 
     def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
@@ -171,37 +161,37 @@ class RateTableDriver:
             raise self._interlock("the servo is open, nothing was sent")
         self._stop_acceleration_deg_s2 = acceleration_deg_s2
         self._acceleration_commanded = True
-        self._demand(rate_deg_s, acceleration_deg_s2, self._line.deadline())
+        self._demand(rate_deg_s, acceleration_deg_s2, self.line.deadline())
 
     def _require_limits(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
         if not abs(rate_deg_s) <= self._limits.max_rate_deg_s:
             what = f"a rate of {rate_deg_s:g} deg/s is not within its limit of {self._limits.max_rate_deg_s:g} deg/s"
-            raise LimitError(f"{what}, nothing was sent", **self._line.where)
+            raise LimitError(f"{what}, nothing was sent", **self.line.where)
         highest = self._limits.max_acceleration_deg_s2
         # A table whose acceleration limit is zero could not be stopped any more.
         if not 0.0 < acceleration_deg_s2 <= highest or not math.isfinite(acceleration_deg_s2):
             what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not within its limit of {highest:g} deg/s2"
-            raise LimitError(f"{what}, nothing was sent", **self._line.where)
+            raise LimitError(f"{what}, nothing was sent", **self.line.where)
 
     def _demand(self, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         self._demanded_deg_s = rate_deg_s
         self._fastest_deg_s = max(abs(rate_deg_s), self._fastest_deg_s)
-        self._dialect.demand_rate(self._line, self._sign * rate_deg_s, acceleration_deg_s2, deadline)
+        self.dialect.demand_rate(self.line, self._sign * rate_deg_s, acceleration_deg_s2, deadline)
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
         """Return the rate that the table is told when it is asked for `rate_deg_s`, for it takes steps only."""
-        return self._sign * self._dialect.realised_deg_s(self._sign * rate_deg_s)
+        return self._sign * self.dialect.realised_deg_s(self._sign * rate_deg_s)
 
     def at_rate(self) -> bool:
         """Tell whether the table says that the demanded rate is reached."""
-        return self._ask(self._dialect.at_rate)
+        return self._ask(self.dialect.at_rate)
 
     def rate_deg_s(self) -> float:
         """Read back the rate; raises InterlockError when the table stands at an end of its travel."""
         rate_deg_s = self._rate_deg_s(None)
-        if self._demanded_deg_s and abs(rate_deg_s) < self._rest_tolerance_deg_s and self._dialect.travel_deg:
-            end_deg = self._dialect.travel_deg[1 if self._sign * self._demanded_deg_s > 0.0 else 0]
-            if abs(self._ask(self._dialect.angle_deg) - end_deg) < _ARRIVED_DEG:
+        if self._demanded_deg_s and abs(rate_deg_s) < self._rest_tolerance_deg_s and self.dialect.travel_deg:
+            end_deg = self.dialect.travel_deg[1 if self._sign * self._demanded_deg_s > 0.0 else 0]
+            if abs(self._ask(self.dialect.angle_deg) - end_deg) < _ARRIVED_DEG:
                 what = f"told to turn at {self._demanded_deg_s:+g} deg/s, it stands at the end of its travel"
                 raise self._interlock(
                     f"{what}, {self._sign * end_deg:+.1f} deg", "lower rates or shorter windows need less travel"
@@ -209,27 +199,27 @@ class RateTableDriver:
         return rate_deg_s
 
     def _rate_deg_s(self, within: Deadline | None) -> float:
-        rate_deg_s = self._sign * self._ask(self._dialect.rate_deg_s, within) + 0.0
-        self._line.note_read(f"{rate_deg_s:.4g} deg/s")
+        rate_deg_s = self._sign * self._ask(self.dialect.rate_deg_s, within) + 0.0
+        self.line.note_read(f"{rate_deg_s:.4g} deg/s")
         self._fastest_deg_s = max(abs(rate_deg_s), abs(self._demanded_deg_s))
         return rate_deg_s
 
     def angle_deg(self) -> float:
         """Read back the angle."""
-        return self._sign * self._ask(self._dialect.angle_deg) + 0.0
+        return self._sign * self._ask(self.dialect.angle_deg) + 0.0
 
     def fault(self) -> str | None:
         """Return the latched fault or interlock in words, None when there is none."""
-        return self._ask(self._dialect.fault)
+        return self._ask(self.dialect.fault)
 
     def clear_fault(self) -> None:
         """Clear a latched fault; only when a person has seen to its cause."""
-        self._command(self._dialect.clear_fault)
+        self._command(self.dialect.clear_fault)
 
     def stop(self, acceleration_deg_s2: float) -> None:
         """Ramp to rest, servo kept. Repeated until the table has taken it, for rate 0 may be asked for twice."""
         self._require_limits(0.0, acceleration_deg_s2)
-        self._stop_within(acceleration_deg_s2, self._line.deadline(_STOP_ATTEMPTS * self._line.timeout_s))
+        self._stop_within(acceleration_deg_s2, self.line.deadline(_STOP_ATTEMPTS * self.line.timeout_s))
 
     def _stop_within(self, acceleration_deg_s2: float, deadline: Deadline) -> None:
         for left in range(_STOP_ATTEMPTS, 0, -1):
@@ -243,27 +233,27 @@ class RateTableDriver:
 
     def close(self) -> None:
         """Give remote control and the connection back."""
-        if self._claimed and not self._line.closed:
+        if self._claimed and not self.line.closed:
             self._claimed = False
             with suppress(TransportError, InstrumentError):  # a lockout that stays is taken off at the panel
-                self._command(self._dialect.release)
-        self._line.close()
+                self._command(self.dialect.release)
+        self.line.close()
 
     # Safe state
 
     def command_safe(self) -> UnprovedCommand:
         """Tell the table to stop, at once and without waiting for an answer; return the last read-back."""
-        sent = self._line.say_blind(self._stop_words(), self._dialect.gap_s)
-        return self._line.unproved("to stop", sent=sent)
+        sent = self.line.say_blind(self._stop_words(), self.dialect.gap_s)
+        return self.line.unproved("to stop", sent=sent)
 
     def _stop_words(self) -> tuple[bytes, ...]:
         """Return the words that stop it; with more acceleration than it has, within the limit, where that is slow."""
         needed_deg_s2 = self._fastest_deg_s / _BRAKING_S
         quick = self._acceleration_commanded and needed_deg_s2 <= self._stop_acceleration_deg_s2
         if quick or self._fastest_deg_s < self._rest_tolerance_deg_s:
-            return self._dialect.stop_words(None)
+            return self.dialect.stop_words(None)
         fast_deg_s2 = max(needed_deg_s2, self._stop_acceleration_deg_s2)
-        return self._dialect.stop_words(min(fast_deg_s2, self._limits.max_acceleration_deg_s2))
+        return self.dialect.stop_words(min(fast_deg_s2, self._limits.max_acceleration_deg_s2))
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         """Rate 0, wait for rest by read-back, then servo open and remote control given back.
@@ -273,29 +263,29 @@ class RateTableDriver:
         """
         self._enabled = False
         report = safely(self, self._prove_at_rest, deadline, shares=_SHARES)
-        shutdown = () if report.safe else self._dialect.shutdown_words()
+        shutdown = () if report.safe else self.dialect.shutdown_words()
         if shutdown:
-            self._line.say_blind(shutdown, self._dialect.gap_s)
+            self.line.say_blind(shutdown, self.dialect.gap_s)
         return report
 
     def _prove_at_rest(self, deadline: Deadline) -> str:
-        self._line.revive(deadline, self._stop_words(), self._dialect.gap_s)
+        self.line.revive(deadline, self._stop_words(), self.dialect.gap_s)
         with suppress(DeadlineExceeded, FramingError, InstrumentError):  # it counts what is read back next
             acceleration_deg_s2 = self._braking_deg_s2(self._share(deadline, 0.5))
             self._stop_within(acceleration_deg_s2, self._share(deadline, 0.2))
         if not self._wait_for_rest(self._share(deadline, 0.8)):
             # End with the table's own orderly shutdown, when it does not obey: still not to be called safe
-            self._dialect.open_servo(self._line, deadline)
+            self.dialect.open_servo(self.line, deadline)
             raise MeasurementError(
                 f"the table did not come to rest, last read at {self.rate_deg_s():g} deg/s; an abort was sent",
                 hint="use the hard-wired emergency stop",
-                **self._line.where,
+                **self.line.where,
             )
-        self._dialect.hold(self._line, deadline)
-        self._dialect.open_servo(self._line, deadline)
+        self.dialect.hold(self.line, deadline)
+        self.dialect.open_servo(self.line, deadline)
         if not self._wait_for_servo(deadline, "open"):
-            raise InstrumentError("at rest, but the servo did not open", **self._line.where)
-        self._dialect.release(self._line, deadline)
+            raise InstrumentError("at rest, but the servo did not open", **self.line.where)
+        self.dialect.release(self.line, deadline)
         self._claimed = False
         return f"at rest (|rate| below {self._rest_tolerance_deg_s:g} deg/s), servo open"
 
@@ -321,7 +311,7 @@ class RateTableDriver:
         return True
 
     def _wait_for_servo(self, deadline: Deadline, wanted: Literal["closed", "open"]) -> bool:
-        while self._ask(self._dialect.servo_closed, deadline) is not (wanted == "closed"):
+        while self._ask(self.dialect.servo_closed, deadline) is not (wanted == "closed"):
             if deadline.remaining() <= _POLL_S:
                 return False
             sleep(self.clock, _POLL_S)
@@ -336,19 +326,19 @@ class RateTableDriver:
                 raise self._interlock(words.format(rate=rate_deg_s))
 
     def _interlock(self, what: str, hint: str | None = None) -> InterlockError:
-        return InterlockError(what, hint=hint, **self._line.where)
+        return InterlockError(what, hint=hint, **self.line.where)
 
     def _command(self, command: Callable[[TableLine, Deadline], None]) -> None:
         """Give a command once: whether a lost acknowledgement means a lost command cannot be known."""
-        command(self._line, self._line.deadline())
+        command(self.line, self.line.deadline())
 
     def _ask(self, question: Callable[[TableLine, Deadline], _T], within: Deadline | None = None) -> _T:
         """Ask, and once more if the answer was late or garbled."""
         try:
-            return question(self._line, self._limit_of_exchange(within))
+            return question(self.line, self._limit_of_exchange(within))
         except (DeadlineExceeded, FramingError):
-            return question(self._line, self._limit_of_exchange(within))
+            return question(self.line, self._limit_of_exchange(within))
 
     def _limit_of_exchange(self, within: Deadline | None) -> Deadline:
         left = math.inf if within is None else within.remaining()
-        return self._line.deadline(min(left, self._line.timeout_s))
+        return self.line.deadline(min(left, self.line.timeout_s))
