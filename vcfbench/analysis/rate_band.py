@@ -28,8 +28,6 @@ _ROUNDING = 1e-12
 """Relative rounding error of an amplitude without noise."""
 _LEAST_U = 5.0
 """An amplitude of less than so many times its uncertainty is mostly noise, which has no sign there."""
-_LEVEL = 3e-4
-"""By which the output's curve and the generator may make one tone larger than others (assumed)."""
 _ROUNDS, _SETTLED = 40, 1e-6
 _LEAST_SHARE = 0.03
 """Least amplitude, relative to that at the lowest frequency. A smaller one lies in the dip where the modes cancel: its

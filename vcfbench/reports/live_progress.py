@@ -69,11 +69,6 @@ class PointRow(Struct, frozen=True):
     window: Window
     residual_v: float | None
 
-    @property
-    def point(self) -> Point:
-        """Point of its readings."""
-        return self.window.point
-
 
 class _Column(NamedTuple):
     """Heading in two lines (name, unit), width, text, and rank: the highest goes first where room is short."""
@@ -86,7 +81,7 @@ class _Column(NamedTuple):
 
 
 def _scatter(row: PointRow) -> str:
-    std_mv = 1e3 * row.point.std_v
+    std_mv = 1e3 * row.window.point.std_v
     return f"{std_mv:.3f}" if std_mv == 0.0 or std_mv >= _LEAST_MV else f"{std_mv:.0e}"
 
 
@@ -96,23 +91,23 @@ def _number(value: float | None, form: str) -> str:
 
 _COLUMNS = (
     _Column("time", "", 7, lambda row: span(row.t_s), 4),
-    _Column("step", "", 4, lambda row: str(row.point.step), 5),
-    _Column("rate", "deg/s", 9, lambda row: f"{row.point.rate_deg_s:+.6g}", 0),
-    _Column("V_Vc", "V", 9, lambda row: f"{row.point.v_vc_v:+.5f}", 3),
-    _Column("output", "V", 9, lambda row: f"{row.point.output_v:+.5f}", 1),
+    _Column("step", "", 4, lambda row: str(row.window.point.step), 5),
+    _Column("rate", "deg/s", 9, lambda row: f"{row.window.point.rate_deg_s:+.6g}", 0),
+    _Column("V_Vc", "V", 9, lambda row: f"{row.window.point.v_vc_v:+.5f}", 3),
+    _Column("output", "V", 9, lambda row: f"{row.window.point.output_v:+.5f}", 1),
     _Column("s", "mV", 7, _scatter, 6),
-    _Column("n", "", 5, lambda row: str(row.point.n), 7),
+    _Column("n", "", 5, lambda row: str(row.window.point.n), 7),
     _Column("residual", "mV", 9, lambda row: "-" if row.residual_v is None else f"{1e3 * row.residual_v:+.3f}", 2),
     _Column("table reads", "deg/s", 11, lambda row: _number(row.window.table_rate_deg_s, "+.4f"), 8),
 )
 
 
-_V_VC_MEASURED = _Column("V_Vc measured", "V", 13, lambda row: _number(row.point.v_vc_measured_v, "+.6f"), 9)
+_V_VC_MEASURED = _Column("V_Vc measured", "V", 13, lambda row: _number(row.window.point.v_vc_measured_v, "+.6f"), 9)
 
 
 def _columns(row: PointRow, width: int) -> tuple[_Column, ...]:
     """Return the columns that have room in `width` characters, by rank; rate and output always."""
-    known = _COLUMNS if row.point.v_vc_measured_v is None else (*_COLUMNS, _V_VC_MEASURED)
+    known = _COLUMNS if row.window.point.v_vc_measured_v is None else (*_COLUMNS, _V_VC_MEASURED)
     chosen: list[_Column] = []
     for column in sorted(known, key=lambda each: each.rank):
         needed = sum(each.width + len(_GAP) for each in chosen) + column.width
