@@ -283,11 +283,7 @@ LANGUAGES: Final = (
         dialect="vcfbench.drivers.rate_table.zaber:ZaberDialect",
         baud_rate=115_200,
     ),
-    TableLanguage(
-        "atl",
-        twin="simrack.rate_tables.atl:AtlTable",
-        dialect="vcfbench.drivers.rate_table.atl:AtlDialect",
-    ),
+    TableLanguage("atl", twin="simrack.rate_tables.atl:AtlTable", dialect="vcfbench.drivers.rate_table.atl:AtlDialect"),
     TableLanguage(
         "esp",
         twin="simrack.rate_tables.esp:EspTable",

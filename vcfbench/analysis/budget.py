@@ -107,10 +107,7 @@ class Budget(Struct, frozen=True):
 
 
 def evaluate(
-    sources: Sequence[Source],
-    model: Model,
-    correlations: Correlations | None = None,
-    confidence: float = 0.95,
+    sources: Sequence[Source], model: Model, correlations: Correlations | None = None, confidence: float = 0.95
 ) -> Budget:
     """Propagate the sources through `model`.
 
@@ -243,19 +240,15 @@ def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> floa
     half_a_cell = float(edges[_CELLS // 2 + 1])
     for half_width in half_widths:
         if half_width > half_a_cell:  # what stays within the middle cell moves nothing
-            together = together * np.fft.rfft(_cells(edges, half_width))
+            # The probability of each cell, the middle one first
+            first = int(edges.searchsorted(-half_width, "right")) - 1
+            stop = int(edges.searchsorted(half_width)) + 1
+            x = np.clip(edges[first:stop] / half_width, -1.0, 1.0)
+            middle = edges.size // 2 - 1
+            inside, cells = np.diff(0.5 * x), np.zeros(edges.size - 1)
+            cells[: stop - 1 - middle] = inside[middle - first :]
+            cells[first - middle :] = inside[: middle - first]
+            together = together * np.fft.rfft(cells)
     # The upper end of the interval with equal tails about the middle
     below = np.concatenate([[0.0], np.cumsum(np.fft.fftshift(np.fft.irfft(together, _CELLS)))])
     return float(np.interp(0.5 * (1.0 + result.confidence), below, edges)) / result.u
-
-
-def _cells(edges: Floats, half_width: float) -> Floats:
-    """Return the probability of each cell, the middle one first, of a source that goes beyond the middle cell."""
-    first = int(edges.searchsorted(-half_width, "right")) - 1
-    stop = int(edges.searchsorted(half_width)) + 1
-    x = np.clip(edges[first:stop] / half_width, -1.0, 1.0)
-    middle = edges.size // 2 - 1
-    inside, cells = np.diff(0.5 * x), np.zeros(edges.size - 1)
-    cells[: stop - 1 - middle] = inside[middle - first :]
-    cells[first - middle :] = inside[: middle - first]
-    return cells

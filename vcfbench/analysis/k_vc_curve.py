@@ -83,11 +83,7 @@ def covariance_of(values: ArrayLike, u: ArrayLike, u_gain: float = 0.0, u_offset
 
 
 def fit_k_vc_curve(
-    rate_deg_s: ArrayLike,
-    v_vc_v: ArrayLike,
-    rate_covariance: ArrayLike,
-    v_vc_covariance: ArrayLike,
-    order: int = 3,
+    rate_deg_s: ArrayLike, v_vc_v: ArrayLike, rate_covariance: ArrayLike, v_vc_covariance: ArrayLike, order: int = 3
 ) -> KVcCurve:
     """Fit the curve to matched pairs.
 

@@ -99,11 +99,7 @@ class Selection(Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(
-        cls,
-        dut: str | None = None,
-        since: str | datetime | None = None,
-        status: str | None = None,
-        **others: Any,
+        cls, dut: str | None = None, since: str | datetime | None = None, status: str | None = None, **others: Any
     ) -> Self:
         """Return the selection by values as :func:`vcfbench.run_summaries` takes them; errors as there."""
         known = [each.value for each in Status]

@@ -93,12 +93,7 @@ def list_(
 
 
 @app.command("show")
-def show(
-    run: Run_,
-    runs: Runs_ = Path("runs"),
-    *,
-    json: Json_ = False,
-) -> None:
+def show(run: Run_, runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
     """Show one record: points, results, and how it ended. All is computed again from the journal."""
     directory = find_run(runs, run)
     record = directory.read()
@@ -257,9 +252,7 @@ def verify(
 
 
 @app.command("new-key")
-def new_key(
-    file: Annotated[Path, argument("FILE", "Where the private key goes; FILE.pub is the public.")],
-) -> None:
+def new_key(file: Annotated[Path, argument("FILE", "Where the private key goes; FILE.pub is the public.")]) -> None:
     """Make a key that signs records: name FILE in [laboratory] of the bench file, or in VCFBENCH_SIGNING_KEY."""
     public = signing.new_key(file)
     typer.echo(

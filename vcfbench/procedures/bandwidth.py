@@ -245,10 +245,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
         drive_hz, scatter = fmean(seen), stdev(seen) / math.sqrt(len(seen))
         u_drive_hz = math.hypot(scatter, oscilloscope.TIME_BASE * fmean(seen) / math.sqrt(3.0))
     known = rate_band.Known(
-        drive_hz,
-        settings.in_phase_split_hz,
-        low_pass_hz=settings.low_pass_hz,
-        low_pass_order=settings.low_pass_order,
+        drive_hz, settings.in_phase_split_hz, low_pass_hz=settings.low_pass_hz, low_pass_order=settings.low_pass_order
     )
     if isinstance(measured, Foreseen):
         # What the paper's gyroscope will show, with the noise that its modes pass and that is folded

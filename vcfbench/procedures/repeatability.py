@@ -80,10 +80,7 @@ class RepeatabilityResult(Struct, frozen=True):
     scale_factor_from: str
 
     def acceptance_values(self) -> Mapping[str, float | None]:
-        return {
-            "bias_repeatability_deg_s": self.bias.value,
-            "scale_factor_repeatability_ppm": self.scale_factor.value,
-        }
+        return {"bias_repeatability_deg_s": self.bias.value, "scale_factor_repeatability_ppm": self.scale_factor.value}
 
     def quantities(self) -> Iterator[tuple[str, Measurand]]:
         yield "turn-on transient", self.turn_on_transient

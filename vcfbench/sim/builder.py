@@ -73,7 +73,21 @@ class SimulatedBench(Struct, frozen=True):
         attended = AttendedClock(clock)
         world = World(attended, physical_parameters(description), _integer(_sequence(seed, "world")))
         errors = instrument_errors(description, seed)
-        seen = _as_seen(description, world, errors)
+        # The World as the instruments see it that have leads, or an input of their own
+        wiring, caught = description.wiring, world.mains
+        channels = wiring.oscilloscope.channels()
+        seen: dict[str, Any] = {
+            "multimeter": Leads(world, "multimeter", {"input": wiring.multimeter}, caught.in_meter_leads),
+            "oscilloscope": Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in channels.items()}),
+        }
+        if description.v_vc_meter is not None:
+            seen["v_vc_meter"] = LoadingLeads(
+                world,
+                "v_vc_meter",
+                {"input": wiring.v_vc_meter},
+                caught.in_v_vc_meter_leads,
+                load_ohm=getattr(errors["v_vc_meter"], "input_ohm", math.inf),
+            )
         devices: dict[str, Device] = {}
         for role, twin in twins(description).items():
             # What it takes of its surroundings: those of one role do not all need the same
@@ -156,25 +170,6 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
         "noise_seed": noise_seed,
         "model": part.model,
     }
-
-
-def _as_seen(description: BenchDescription, world: World, errors: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the World as the instruments see it that have leads, or an input of their own."""
-    wiring, caught = description.wiring, world.mains
-    channels = wiring.oscilloscope.channels()
-    seen: dict[str, Any] = {
-        "multimeter": Leads(world, "multimeter", {"input": wiring.multimeter}, caught.in_meter_leads),
-        "oscilloscope": Leads(world, "oscilloscope", {f"channel_{n}": node for n, node in channels.items()}),
-    }
-    if description.v_vc_meter is not None:
-        seen["v_vc_meter"] = LoadingLeads(
-            world,
-            "v_vc_meter",
-            {"input": wiring.v_vc_meter},
-            caught.in_v_vc_meter_leads,
-            load_ohm=getattr(errors["v_vc_meter"], "input_ohm", math.inf),
-        )
-    return seen
 
 
 def _errors(

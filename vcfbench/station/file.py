@@ -88,17 +88,13 @@ def checked_bench(
 
 
 def _from(values: Mapping[str, Any], source: str) -> BenchDescription:
-    return converted(_by_hand(values), BenchDescription, lambda keys: f"{source}: {dotted(keys)}")
-
-
-def _by_hand(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the tables with what need not be said of an instrument that a person sets and reads."""
+    # Filled in is what need not be said of an instrument that a person sets and reads
     filled = dict(values)
     for role, part in values.items():
         if isinstance(part, dict) and part.get("by") == "hand" and not {"simulation", "served"} & values.keys():
             own = {"resource": f"hand://{values.get('name')}/{role}", "timeout_s": _CONFIRMS_S}
             filled[role] = own | ({"dialect": "hand"} if role == "rate_table" else {}) | part
-    return filled
+    return converted(filled, BenchDescription, lambda keys: f"{source}: {dotted(keys)}")
 
 
 _CONFIRMS_S = 30.0

@@ -4,15 +4,7 @@ import math
 
 from vcfbench.errors import MeasurementError
 from vcfbench.station.settings import DriveWindow, ProcedureSettings
-from vcfbench.steps import (
-    ConfigureScope,
-    DriveAmplitudes,
-    DriveReading,
-    FindDrive,
-    MeasureDrive,
-    ScopeReady,
-    Settle,
-)
+from vcfbench.steps import ConfigureScope, DriveAmplitudes, DriveReading, FindDrive, MeasureDrive, ScopeReady, Settle
 from vcfbench.steps.step import Routine, answer
 
 _DRIVE_STEADY = 0.03

@@ -94,10 +94,7 @@ def study(
         BenchError: the study cannot be done as asked (raised before anything runs), or no run was completed.
     """
     how = StudyOptions(
-        None if output is None else Path(output),
-        workers,
-        restart,
-        None if keep_records is None else Path(keep_records),
+        None if output is None else Path(output), workers, restart, None if keep_records is None else Path(keep_records)
     )
     asked = study_of(study) if isinstance(study, Mapping) else read_study(study)
     return conduct(asked, how, progress or Progress())

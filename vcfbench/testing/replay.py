@@ -132,11 +132,7 @@ class ReplayWire:
 
 @contextmanager
 def replay_trace(
-    path: Path | str,
-    opener: Callable[[ReplayWire, VirtualClock], _T],
-    *,
-    role: str | None = None,
-    whole: bool = True,
+    path: Path | str, opener: Callable[[ReplayWire, VirtualClock], _T], *, role: str | None = None, whole: bool = True
 ) -> Iterator[_T]:
     """Open a driver on a wire that answers from the trace at `path`.
 

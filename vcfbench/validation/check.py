@@ -61,8 +61,7 @@ def made(area: str, check: Check) -> Checked:
         found = Found("an answer", f"{type(error).__name__}: {error}", passed=False)
     verdict: Verdict = "NOT CHECKED" if found.passed is None else "PASS" if found.passed else "FAIL"
     return Checked(
-        *(area, check.name, check.question, check.source, found.expected, found.came),
-        *(verdict, clock.now() - begun_s),
+        *(area, check.name, check.question, check.source, found.expected, found.came), *(verdict, clock.now() - begun_s)
     )
 
 

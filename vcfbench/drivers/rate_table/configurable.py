@@ -327,7 +327,15 @@ class ConfigurableDialect(TableDialect):
                 if step.delay_s:
                     sleep(line.clock, step.delay_s)
             if step.until is not None:
-                self._wait(line, step, deadline, values or {})
+                within, sent_s = self._within(line, step, deadline), line.clock.now()
+                while not self.flag(line, step.until, within):
+                    if within.expired():
+                        late = errors.DeadlineExceeded(f"the table did not come to the state {step.until!r}")
+                        raise line.locate(late, step.send or step.until, within)
+                    if step.resend_s is not None and line.clock.now() - sent_s >= step.resend_s:
+                        self._send(line, step, values or {}, within)
+                        sent_s = line.clock.now()
+                    sleep(line.clock, min(self.profile.safety.poll_s, within.remaining()))
             received = answer or received
         return received
 
@@ -437,19 +445,6 @@ class ConfigurableDialect(TableDialect):
                 return
         late = errors.DeadlineExceeded(f"the table did not come to the state {need.flag!r}")
         raise line.locate(late, need.by, within)
-
-    def _wait(self, line: TableLine, step: Step, deadline: Deadline, values: Values) -> None:
-        """Wait for the flag that a step is to bring about."""
-        assert step.until is not None  # noqa: S101 - the caller looked
-        within, sent_s = self._within(line, step, deadline), line.clock.now()
-        while not self.flag(line, step.until, within):
-            if within.expired():
-                late = errors.DeadlineExceeded(f"the table did not come to the state {step.until!r}")
-                raise line.locate(late, step.send or step.until, within)
-            if step.resend_s is not None and line.clock.now() - sent_s >= step.resend_s:
-                self._send(line, step, values, within)
-                sent_s = line.clock.now()
-            sleep(line.clock, min(self.profile.safety.poll_s, within.remaining()))
 
     def _generous(self, line: TableLine, deadline: Deadline, *names: str) -> Deadline:
         """Return a deadline that leaves room for the pauses and waits that the profile itself prescribes."""

@@ -73,7 +73,17 @@ _ALWAYS_KNOWN = {name: value for name, value in _SAMPLES.items() if name in ("ax
 
 def mistakes(profile: Profile) -> Iterator[Row]:
     """Yield every check of `profile`, in order; those after a mistake may not be asked for."""
-    yield from _texts(profile)
+    # Texts that no line can carry: else they would be found when the table is to be stopped
+    texts = {
+        "frame.start": profile.frame.start,
+        "frame.checksum_mark": profile.frame.checksum_mark,
+        "link.tx_end": profile.link.tx_end,
+        "link.rx_end": profile.link.rx_end,
+        "link.prompt": profile.link.prompt or "",
+        "refusals.query": profile.refusals.query or "",
+    }
+    for path, text in texts.items():
+        yield not text.isascii(), path, "ASCII characters alone", text
     yield from _frames("frame", profile.frame)
     if profile.reply_frame is not None:
         yield from _frames("reply_frame", profile.reply_frame)
@@ -92,20 +102,6 @@ def mistakes(profile: Profile) -> Iterator[Row]:
     yield from _fields(profile, known | ({STREAM} if profile.stream is not None else set()))
     yield from _circles(profile)
     yield from _safety(profile)
-
-
-def _texts(profile: Profile) -> Iterator[Row]:
-    """Yield the texts that no line can carry: else they would be found when the table is to be stopped."""
-    texts = {
-        "frame.start": profile.frame.start,
-        "frame.checksum_mark": profile.frame.checksum_mark,
-        "link.tx_end": profile.link.tx_end,
-        "link.rx_end": profile.link.rx_end,
-        "link.prompt": profile.link.prompt or "",
-        "refusals.query": profile.refusals.query or "",
-    }
-    for path, text in texts.items():
-        yield not text.isascii(), path, "ASCII characters alone", text
 
 
 def _frames(path: str, frame: Frame) -> Iterator[Row]:
@@ -185,12 +181,7 @@ def _fields(profile: Profile, known: set[str]) -> Iterator[Row]:
         path = f"status.{name}"
         yield flag.source not in known, f"{path}.from", sources, flag.source
         kinds = (flag.bit, flag.mask, flag.among, flag.contains, flag.above, flag.below)
-        yield (
-            not any(kind is not None for kind in kinds),
-            path,
-            "one of bit, mask, in, contains, above, below",
-            None,
-        )
+        yield (not any(kind is not None for kind in kinds), path, "one of bit, mask, in, contains, above, below", None)
         value, mask = flag.value or 0, flag.mask or 0
         yield value & ~mask, f"{path}.value", f"bits of mask, {mask:#x}", f"{value:#x}"
         yield from _places(path, flag, profile)

@@ -71,8 +71,7 @@ PARTS = (
     ),
     CertificatePart("turntable", _line_through),
     CertificatePart(
-        "virtual-coriolis",
-        lambda own: f"{_line_through(own)}, V_Vc {'measured' if has_v_vc_meter(own) else 'as set'}",
+        "virtual-coriolis", lambda own: f"{_line_through(own)}, V_Vc {'measured' if has_v_vc_meter(own) else 'as set'}"
     ),
     CertificatePart(
         "kvc", lambda own: f"at small rates, matched to {own.fastest_deg_s:g} deg/s, V_Vc {own.v_vc.value}"

@@ -165,11 +165,7 @@ def examined(
         lacks = f"{source} does not have it"
     if lacks:
         yield steps.NotChecked("what K_Vc depends on", lacks)
-    else:
-        yield from _by_oscilloscope(settings)
-
-
-def _by_oscilloscope(settings: KnownVvcSettings) -> Routine[None]:
+        return
     yield steps.Note("Health: what K_Vc depends on, by the oscilloscope")
     yield from v_vc_on()
     expected = _expected(fmean(settings.drive.frequency_hz))

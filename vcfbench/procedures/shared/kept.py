@@ -106,8 +106,4 @@ def flicker_sources(store: DeviceStore, serial: str, now: datetime, *, outdated:
         )
     found, days = record.bias_instability_deg_h, (now - record.done).days
     said = f"static record {entry.name} of {serial}, {record.done:%Y-%m-%d}, {days} days old, u {found.u:.2g} deg/h"
-    return {
-        "bias_instability_deg_h": found.value,
-        "bias_instability_dof": found.dof,
-        "bias_instability_from": said,
-    }
+    return {"bias_instability_deg_h": found.value, "bias_instability_dof": found.dof, "bias_instability_from": said}

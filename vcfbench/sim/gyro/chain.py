@@ -225,17 +225,7 @@ class Chain(Struct, frozen=True, dict=True):
         still = self.carrier_through + self.virtual_through * forcing.virtual_v
         through = still, self.virtual_through * forcing.virtual_slope, np.array(sizes, complex)
         return Response(
-            self,
-            turn,
-            free,
-            constant,
-            slope,
-            forced,
-            exponents,
-            turned_constant,
-            turned_slope,
-            turned_forced,
-            through,
+            self, turn, free, constant, slope, forced, exponents, turned_constant, turned_slope, turned_forced, through
         )
 
     def _forced(

@@ -10,7 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.sim.gyro.design import IDEAL_TARGETS, PAPER_TARGETS, PERFECT, design, imperfect
-from vcfbench.sim.parameters import BenchParameters, DriveLoop, SenseMode
+from vcfbench.sim.parameters import BenchParameters, SenseMode
 
 FLICKER_MINIMUM = 0.6642824702679
 """sqrt(2 ln 2 / pi): the lowest point of an Allan curve of flicker noise over its coefficient B."""
@@ -93,9 +93,20 @@ def own_gyro(sheet: DataSheet, *, imperfections: bool, latitude_deg: float) -> B
     """Return the parameters of a bench with the gyroscope of `sheet`; else perfect, or as imperfect as the paper's."""
     base = imperfect() if imperfections else PERFECT
     bench = replace(_modes(base, sheet), site=replace(base.site, latitude_deg=latitude_deg))
+    # The drive loop is as fast, against the time constant of its mode, as that of the shipped sets
+    loop, usual = bench.drive_loop, PERFECT.drive_mode
+    slower = (sheet.q_drive / sheet.drive_hz) / (usual.quality / usual.frequency_hz)
+    stiffer = (sheet.drive_hz / usual.frequency_hz) ** 2 * usual.quality / sheet.q_drive
     bench = replace(
         bench,
-        drive_loop=_loop(bench, sheet),
+        drive_loop=replace(
+            loop,
+            agc_integral_per_s=loop.agc_integral_per_s / slower,
+            force_limit_n_per_v=loop.force_limit_n_per_v * stiffer,
+            pll_proportional_per_s=loop.pll_proportional_per_s / slower,
+            pll_integral_per_s2=loop.pll_integral_per_s2 / slower**2,
+            pll_free_running_offset_hz=loop.pll_free_running_offset_hz / slower,
+        ),
         sense_path=replace(bench.sense_path, low_pass_hz=sheet.low_pass_hz),
         noise=replace(
             bench.noise,
@@ -129,21 +140,6 @@ def _modes(base: BenchParameters, sheet: DataSheet) -> BenchParameters:
         drive_mode=replace(base.drive_mode, frequency_hz=sheet.drive_hz, quality=sheet.q_drive),
         sense_in_phase=sense(base.sense_in_phase, sheet.in_phase_split_hz),
         sense_anti_phase=sense(base.sense_anti_phase, sheet.split_hz),
-    )
-
-
-def _loop(bench: BenchParameters, sheet: DataSheet) -> DriveLoop:
-    """Return the drive loop as fast, against the time constant of its mode, as that of the shipped sets."""
-    loop, usual = bench.drive_loop, PERFECT.drive_mode
-    slower = (sheet.q_drive / sheet.drive_hz) / (usual.quality / usual.frequency_hz)
-    stiffer = (sheet.drive_hz / usual.frequency_hz) ** 2 * usual.quality / sheet.q_drive
-    return replace(
-        loop,
-        agc_integral_per_s=loop.agc_integral_per_s / slower,
-        force_limit_n_per_v=loop.force_limit_n_per_v * stiffer,
-        pll_proportional_per_s=loop.pll_proportional_per_s / slower,
-        pll_integral_per_s2=loop.pll_integral_per_s2 / slower**2,
-        pll_free_running_offset_hz=loop.pll_free_running_offset_hz / slower,
     )
 
 

@@ -52,7 +52,10 @@ def output_integral(  # noqa: PLR0917  (a stage, a signal, its noise)
     middle_v = curved(stage, mean_v)
     moved_v = abs(stage.gain) * (filtered.swing() + abs(filtered.slope) * duration_s)
     noise_v = abs(_tangent(stage, mean_v)) * math.sqrt(noise_variance_v2)
-    bend_v = _bend(stage, mean_v) * noise_variance_v2
+    # Noise moves the mean by half of the second derivative of the output by the filtered signal
+    u, orders = stage.gain * mean_v, enumerate(stage.orders[2:])
+    bent_per_v = stage.gain**2 * sum((k + 1) * (k + 2) // 2 * u**k * order for k, order in orders)
+    bend_v = bent_per_v * noise_variance_v2
     middle_v = middle_v + bend_v if abs(bend_v) >= LEAST_BEND_V else middle_v
     reach_v = 1.5 * moved_v + FAR * noise_v
     if not limits_v[0] + reach_v < middle_v < limits_v[1] - reach_v:
@@ -135,12 +138,6 @@ def _tangent(stage: OutputStage, filtered_v: float) -> float:
     """Return the derivative of the output by the filtered signal."""
     u, orders = stage.gain * filtered_v, enumerate(stage.orders[2:])
     return stage.gain * (1 + u * sum((k + 2) * u**k * order for k, order in orders))
-
-
-def _bend(stage: OutputStage, filtered_v: float) -> float:
-    """Return half of the second derivative of the output by the filtered signal, 1/V."""
-    u, orders = stage.gain * filtered_v, enumerate(stage.orders[2:])
-    return stage.gain**2 * sum((k + 1) * (k + 2) // 2 * u**k * order for k, order in orders)
 
 
 @cache
