@@ -594,6 +594,65 @@ def power(seed: int, where: str) -> Iterator[Stated]:
     yield from stated("power", found.power, 20.0 * quiescent_a)
 
 
+def rate_limits(seed: int, where: str) -> Iterator[Stated]:
+    """Input rate limits by V_Vc, of an output that clips between 4.5 and 8.5 V."""
+    draw = np.random.default_rng([20261128, seed])
+    bench = drawn_bench(seed, more={"output_stage": {**_stage(seed), "headroom_v": float(draw.uniform(1.5, 5.5))}})
+    yield from _rate_limits(seed, where, bench, draw, by="v-vc")
+
+
+def rate_limits_by_table(seed: int, where: str) -> Iterator[Stated]:
+    """Input rate limits by the table: every other output clips within its rates, the others bend, by the cube."""
+    draw = np.random.default_rng([20261129, seed])
+    clips, bends = float(draw.uniform(6.8, 8.3)), float(draw.uniform(1.0, 3.0))
+    stage = {"third_order_per_v2": -1e-3 * bends} if seed % 2 else {"headroom_v": clips}
+    bench = drawn_bench(seed, more={"output_stage": {**_stage(seed), **stage}})
+    yield from _rate_limits(seed, where, bench, draw, by="table")
+
+
+def _stage(seed: int) -> Mapping[str, Any]:
+    """Return the output stage that the bench of a seed has by itself."""
+    bench = drawn_bench(seed)
+    assert bench.simulation is not None  # noqa: S101 - as above
+    stage: Mapping[str, Any] = bench.simulation.override["output_stage"]
+    return stage
+
+
+def _rate_limits(
+    seed: int, where: str, bench: BenchDescription, draw: np.random.Generator, *, by: str
+) -> Iterator[Stated]:
+    assert bench.simulation is not None  # noqa: S101 - as above
+    errors: Any = bench.simulation.errors.power
+    asked_v = round(10.0 / 1.5e-3) * 1.5e-3  # in steps of an E3631A (p. 186)
+    of_each = [(errors[name]["programming_gain"], errors[name]["programming_offset_v"]) for name in ("p25v", "n25v")]
+    rails = [asked_v * (1.0 + gain) + offset_v for gain, offset_v in of_each]
+    output = true_output(bench, rails_v=(rails[0], -rails[1]), at_input=True)
+    slope = (output(0.01, None) - output(-0.01, None)) / 0.02
+    told = {"scale_factor_v_per_deg_s": slope * (1.0 + 100e-6 * float(draw.standard_normal()))}
+    told["scale_factor_u_v_per_deg_s"] = 100e-6 * abs(slope)
+    found = run("rate-limits", bench, seed, where, by=by, **told).results
+    small, most = (50.0, 300.0) if by == "table" else (50.0 / 150.0, 10.0)
+
+    def at(x: float) -> float:
+        return output(x, None) if by == "table" else output(0.0, x)
+
+    zero_v, per_input = at(0.0), (at(small) - at(-small)) / (2.0 * small)
+    for name, sign in (("positive", 1.0), ("negative", -1.0)):
+        low, high = small, most
+        for _ in range(80):
+            middle = 0.5 * (low + high)
+            lacks = 1.0 - (at(sign * middle) - zero_v) / (per_input * sign * middle)
+            low, high = (low, middle) if lacks > 0.01 else (middle, high)
+        each, truth = getattr(found, name), sign * low * (1.0 if by == "table" else per_input / slope)
+        if each.limit is None:
+            yield Stated(f"{name} bound, below the limit", abs(truth), abs(each.at_least_deg_s))
+            continue
+        yield from stated(f"{name} limit", each.limit, truth)
+        yield from stated(f"after beyond less before, {name}", each.comes_back, 0.0)
+        if not (seed % 2 and by == "table"):  # one that bends has another output at each rate beyond
+            yield from stated(f"output beyond, {name}", each.clipped, at(sign * 1.1 * low))
+
+
 STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "zero": zero,
     "warmup": warmup,
@@ -609,6 +668,8 @@ STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "temperature": temperature,
     "temperature-by-table": temperature_by_table,
     "power": power,
+    "rate-limits": rate_limits,
+    "rate-limits-by-table": rate_limits_by_table,
 }
 
 

@@ -37,6 +37,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "bandwidth": {},
     "power": {},
     "repeatability": {"power_cycles": 3, "off_s": 600.0},
+    "rate-limits": {"warm_up_s": 60.0, "samples": 4},
     "resonance": {},
     "phase": {},
     "temperature": {},

@@ -37,6 +37,7 @@ BUILT_IN = {
     "bandwidth": "Measure the response to a sine on V_Vc: mode split, Q of the sense mode, +3 dB, peak, -3 dB.",
     "power": "Test the supply: inrush, current of each rail, time to valid output, what the rails do to the output.",
     "repeatability": "Switch on and off again and again: repeatability of bias and scale factor, turn-on transient.",
+    "rate-limits": "Raise the rate until the output falls short: input rate limits of both signs, the output beyond.",
     "resonance": "Measure frequency and Q of drive and sense modes and the mode split, by ring-down and by sweep.",
     "phase": "Measure the phases of carrier, Coriolis and virtual signal and demodulator, and what they do to K_Vc.",
     "temperature": (

@@ -6,6 +6,7 @@ from vcfbench.steps.chamber import StopFlow as StopFlow
 from vcfbench.steps.chamber import TemperatureReading as TemperatureReading
 from vcfbench.steps.chamber import set_air_by_hand as set_air_by_hand
 from vcfbench.steps.meter import Acquire as Acquire
+from vcfbench.steps.meter import AcquireClipped as AcquireClipped
 from vcfbench.steps.meter import AcquireGapless as AcquireGapless
 from vcfbench.steps.meter import ConfigureMeter as ConfigureMeter
 from vcfbench.steps.meter import LookAtOutput as LookAtOutput
@@ -62,6 +63,7 @@ from vcfbench.steps.table import DisableTable as DisableTable
 from vcfbench.steps.table import EnableTable as EnableTable
 from vcfbench.steps.table import RateReading as RateReading
 from vcfbench.steps.table import SetRate as SetRate
+from vcfbench.steps.v_vc import AcquireClippedWithVvc as AcquireClippedWithVvc
 from vcfbench.steps.v_vc import AcquireWithVvc as AcquireWithVvc
 from vcfbench.steps.v_vc import ConfigureVvcMeter as ConfigureVvcMeter
 from vcfbench.steps.v_vc import MeasureVvc as MeasureVvc

@@ -289,6 +289,20 @@ class Acquire(Step, Struct, frozen=True):
             raise problem(context.bench.multimeter, f"{said}{among}; a mean of them is no measurement")
 
 
+class MayClip:
+    """A window at which the output may be clipped: then its readings have no noise, and need not scatter as others."""
+
+    def _require_like_the_run(self, chunk: tuple[Reading, ...], count: int, context: Context) -> None:
+        """Ask nothing."""
+
+    def recall(self, readings_v: Sequence[float], context: Context) -> None:
+        """Keep nothing: no window is held against these."""
+
+
+class AcquireClipped(MayClip, Acquire, frozen=True):
+    """Take a window of an output that may be clipped."""
+
+
 class VerifyZero(Acquire, frozen=True):
     """Take the zero before or after everything else, or a level again: a window that is compared, and is no point."""
 

@@ -11,7 +11,7 @@ from vcfbench.interfaces import BeginsReadings, Multimeter
 from vcfbench.records.schema import Point
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
-from vcfbench.steps.meter import Acquire, ConfigureMeter, Window
+from vcfbench.steps.meter import Acquire, ConfigureMeter, MayClip, Window
 from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, does, problem
 from vcfbench.steps.tally import Tally
 
@@ -86,6 +86,10 @@ class AcquireWithVvc(Acquire, frozen=True, kw_only=True):
         (v_vc,) = others
         measured_v = v_vc.mean_v if v_vc.count else self.v_vc_v
         return replace(super()._point(output), v_vc_measured_v=measured_v, v_vc_std_v=v_vc.std_v)
+
+
+class AcquireClippedWithVvc(MayClip, AcquireWithVvc, frozen=True, kw_only=True):
+    """Take a window of an output that may be clipped, and V_Vc with it."""
 
 
 class VvcMeasured(StepResult, Struct, frozen=True):

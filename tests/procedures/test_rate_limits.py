@@ -1,0 +1,130 @@
+"""Input rate limits: closed forms of a clipped and of a bent output, bounds, and an output that does not come back."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+
+import vcfbench
+from vcfbench import steps
+from vcfbench.analysis.rate_limit import Line, limit_of
+from vcfbench.procedures.rate_limits import RATE_LIMITS
+from vcfbench.sim.simulation import true_output
+from vcfbench.testing import simulated
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+QUICK: dict[str, Any] = {"warm_up_s": 60.0, "samples": 4}
+SHARE = 0.01
+
+
+def ideal(stage: Mapping[str, float], base: str = "ideal") -> vcfbench.BenchDescription:
+    return simulated(base, overrides={"output_stage": stage})
+
+
+def run(bench: vcfbench.BenchDescription | str, **settings: Any) -> Any:
+    return vcfbench.run("rate-limits", bench, seed=2, settings={**QUICK, **settings}, runs=None)
+
+
+@pytest.mark.parametrize(("by", "headroom_v"), [("v-vc", 1.5), ("table", 7.5)])
+def test_limit_of_a_clipped_output_is_where_the_line_has_that_much_more(by: str, headroom_v: float) -> None:
+    """The line's output at the limit times 1 - share is the clipped one; both ends of the interval hold it."""
+    bench = ideal({"headroom_v": headroom_v})
+    output = true_output(bench)
+    slope, zero_v = output(0.5, None) - output(-0.5, None), output(0.0, None)
+    found = run(bench, by=by, scale_factor_v_per_deg_s=slope, resolution_deg_s=0.25, short_share=SHARE).results
+    for side, clipped_v in ((found.positive, headroom_v - 10.0), (found.negative, 10.0 - headroom_v)):
+        expected = (clipped_v - zero_v) / slope / (1.0 - SHARE)
+        assert side.limit.value == pytest.approx(expected, abs=0.126)
+        assert 0.125 / math.sqrt(12.0) <= side.limit.u <= 0.26 / math.sqrt(12.0)
+        assert side.clipped.value == pytest.approx(clipped_v, abs=1e-4)
+        assert side.rises_beyond == pytest.approx(0.0, abs=1e-3)
+        assert abs(side.comes_back.value) <= side.comes_back.expanded_u
+    assert abs(found.positive.limit.value) < 800.0
+
+
+def test_limit_of_an_output_that_bends_is_that_of_its_cube() -> None:
+    """Of u - c u^3 a share c u^2 lacks; the line through 50 deg/s lacks a little itself."""
+    cube = 2e-3
+    bench = ideal({"third_order_per_v2": -cube})
+    output = true_output(bench)
+    small_v, per = output(50.0, None) - output(0.0, None), output(0.5, None) - output(-0.5, None)
+    side = run(bench, by="table", resolution_deg_s=0.1).results.negative
+    at_small = cube * (per * 50.0) ** 2
+    expected = math.sqrt((SHARE * (1.0 - at_small) + at_small) / cube) / abs(per)
+    assert small_v / per / 50.0 == pytest.approx(1.0 - at_small, abs=1e-5)
+    assert -side.limit.value == pytest.approx(expected, abs=0.06)
+    assert side.rises_beyond == pytest.approx(1.0 - 3.0 * SHARE, abs=0.01)
+
+
+def test_bench_that_ends_first_has_bounds_and_goes_nowhere_beyond() -> None:
+    done = run("lab", by="table")
+    found = done.results
+    assert (found.positive.limit, found.negative.limit) == (None, None)
+    assert (found.positive.at_least_deg_s, found.negative.at_least_deg_s) == pytest.approx((300.0, -300.0))
+    assert {each.step for each in done.points} == {1, 2}
+    assert list(found.quantities()) == []
+    assert "not reached: +300 deg/s or more, the bench ends there" in vcfbench.text_of(done.report())
+
+
+def test_no_rate_is_beyond_the_limits_of_the_bench() -> None:
+    bench = ideal({"headroom_v": 1.5}, "lab")
+    limits = structs.replace(bench.limits, max_v_vc_v=5.0)
+    points = run(structs.replace(bench, limits=limits)).points
+    assert max(abs(each.v_vc_v) for each in points) <= 5.0
+    assert max(abs(each.v_vc_v) for each in points) > 4.5
+
+
+def test_v_vc_as_set_may_lack_as_much_as_it_may_be_off() -> None:
+    """Ranges of the generator that are 2 % and 4 mV off are no limit of the gyroscope."""
+    found = run("paper").results
+    assert found.short_share == pytest.approx(2.0 * math.hypot(0.02, 0.02, 4e-3 * 150.0 / 50.0), rel=1e-6)
+    zero_v, slope = found.line.zero_v, found.scale_factor_v_per_deg_s
+    for side in (found.positive, found.negative):
+        expected = (side.clipped.value - zero_v) / slope / (1.0 - found.short_share)
+        assert side.limit.value == pytest.approx(expected, abs=0.26)
+        assert side.limit.missing == ("scale factor",)
+
+
+class Latched:
+    """What was measured, but for the output at the small rate afterwards, which is another."""
+
+    def __init__(self, measured: Any, by_v: float) -> None:
+        self.measured, self.by_v = measured, by_v
+
+    def found(self, kind: Any) -> Any:
+        for step, window in self.measured.found(kind):
+            point = window.point
+            moved = structs.replace(point, output_v=point.output_v + self.by_v) if point.step == 4 else point
+            yield step, structs.replace(window, point=moved)
+
+
+def test_output_that_does_not_come_back_is_seen_at_its_size() -> None:
+    def results(settings: Any, measured: Any) -> Any:
+        return RATE_LIMITS.results(settings, Latched(measured, 0.05))  # type: ignore[arg-type]
+
+    done = vcfbench.run(structs.replace(RATE_LIMITS, results=results), "lab", seed=2, settings=QUICK, runs=None)
+    for side in (done.results.positive, done.results.negative):
+        assert side.comes_back.value == pytest.approx(0.05 / -0.0125, abs=0.05)
+        assert abs(side.comes_back.value) > side.comes_back.expanded_u
+
+
+def test_clipped_window_is_not_held_against_the_noise_of_others() -> None:
+    """A lead that is off in the windows of the line is refused all the same: those are watched as ever."""
+    kinds = {type(each.step) for each in vcfbench.dry_run("rate-limits", "lab", settings=QUICK).steps}
+    assert {steps.AcquireWithVvc, steps.AcquireClippedWithVvc} <= kinds
+    assert all(each.std_v < 2e-5 for each in run("lab").points if each.step == 3)
+
+
+def test_line_and_limit_by_hand() -> None:
+    line = Line.of([0.0, 1.0, -1.0, -1.0, 1.0, 0.0], [0.5, 2.5, -1.5, -1.5, 2.5, 0.5])
+    assert (line.zero_v, line.slope) == pytest.approx((0.5, 2.0))
+    assert sum(line.weights(7.0, SHARE)) == pytest.approx(1.0)
+    found = limit_of(line, SHARE, [3.0, 4.0, 3.5], [6.5, 6.6, 6.6])
+    assert found is not None
+    assert (found.at, found.half_width, found.first, found.rises) == pytest.approx((3.25, 0.25, 2, 0.0))
+    assert limit_of(line, SHARE, [3.0, 4.0], [6.5, 8.5]) is None

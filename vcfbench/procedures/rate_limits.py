@@ -1,0 +1,260 @@
+"""Input rate limits: the largest rate of either sign that the output follows, and what it does beyond.
+
+IEEE 1431, 12.10. The rate is raised in growing steps until the output falls short of the straight line through small
+rates by a share of what the line has there; the limit is bisected. Where the bench ends first it is a bound.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from vcfbench import steps
+from vcfbench.analysis.chopped import CHOPPED
+from vcfbench.analysis.rate_limit import Limit, Line, limit_of
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.budget.at_rest import as_rate
+from vcfbench.procedures.shared.known import v_vc
+from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactorBy, scale_factor_used
+from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
+from vcfbench.procedures.shared.steady.walk import require_answer
+from vcfbench.procedures.shared.window_sum import noise_v, output_of
+from vcfbench.records.schema import Point
+from vcfbench.reports.digits import incomplete
+from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text
+from vcfbench.station.bounds import ranged, said
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import V_VC_RANGE_V
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Routine, answer
+
+_LINE, _RAISED, _BEYOND, _BACK = 1, 2, 3, 4
+"""Steps of the points: small rates, the search, beyond the limit, at the small rate again."""
+
+
+class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
+    """Settings of the input rate limits, beside those of all procedures."""
+
+    warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
+    level_deg_s: Annotated[float, ranged(1.0, 10_000.0, "small rate of both signs, through which the line goes")] = 50.0
+    short_share: Annotated[
+        Annotated[float, ranged(1e-4, 0.5)] | None,
+        said("part of the line's output that may lack; default 0.01, where nobody measures V_Vc what it may be off"),
+    ] = None
+    growth: Annotated[float, ranged(1.05, 3.0, "ratio of one rate to that before, until the output falls short")] = 1.5
+    resolution_deg_s: Annotated[float, ranged(0.05, 100.0, "width to which a limit is bisected", option=True)] = 0.5
+    beyond: Annotated[float, ranged(1.01, 2.0, "ratio of the last rate to the limit")] = 1.05
+
+    @property
+    def by_table(self) -> bool:
+        """True if the table turns, and V_Vc is off."""
+        return self.by is ScaleFactorBy.TABLE
+
+    @property
+    def most_deg_s(self) -> float:
+        """Largest rate within the limits: of the table, or by V_Vc."""
+        limits = self.station.limits
+        if self.by_table:
+            return limits.max_rate_deg_s or 0.0
+        return abs(self.k_vc_guess_deg_s_per_v) * (V_VC_RANGE_V if limits.max_v_vc_v is None else limits.max_v_vc_v)
+
+    @property
+    def fastest_deg_s(self) -> float:
+        return self.most_deg_s if self.by_table else super().fastest_deg_s
+
+    @property
+    def off_levels(self) -> float:
+        """How far the ratio of two levels of V_Vc that nobody measures may be off, relative; else 0."""
+        known = self.station.sources
+        if self.by_table or v_vc.has_v_vc_meter(self):
+            return 0.0
+        gain, offset_v = known.generator_gain or 0.0, known.generator_offset_v or 0.0
+        return math.hypot(gain, gain, offset_v / self.level_v)
+
+    @property
+    def may_lack(self) -> float:
+        """Part of the line's output that may lack at a limit."""
+        return max(0.01, 2.0 * self.off_levels) if self.short_share is None else self.short_share
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        yield from super().contradictions()
+        if self.most_deg_s and self.level_deg_s >= self.most_deg_s:
+            yield InvalidValue("level_deg_s", f"less than {self.most_deg_s:g} deg/s (limits)", self.level_deg_s)
+
+    def input_of(self, point: Point) -> float:
+        """Return the rate of the table, deg/s, or V_Vc as it was measured or set, V."""
+        known_v = point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v
+        return point.rate_deg_s if self.by_table else known_v
+
+
+class RateLimit(Struct, frozen=True):
+    """Limit of one sign, or the bound where the bench ended before it.
+
+    `at` is the input of either, V_Vc in V or deg/s. `clipped` is the output beyond, `rises_beyond` its slope there over
+    the line's, `comes_back` the output at the small rate afterwards less that before.
+    """
+
+    limit: Measurand | None
+    at_least_deg_s: float | None
+    at: float
+    clipped: Measurand | None = None
+    rises_beyond: float | None = None
+    comes_back: Measurand | None = None
+
+
+class RateLimitsResult(Struct, frozen=True):
+    """Result of the input rate limits; `short_share` is the part of the line's output that may lack."""
+
+    positive: RateLimit
+    negative: RateLimit
+    short_share: float
+    by: str
+    line: Line
+    scale_factor_v_per_deg_s: float
+    scale_factor_from: str
+
+    def quantities(self) -> Iterator[tuple[str, Measurand]]:
+        for name, each in (("positive", self.positive), ("negative", self.negative)):
+            words = (f"{name} input rate limit", f"output beyond, {name}", f"after beyond less before, {name}")
+            for said_of, found in zip(words, (each.limit, each.clipped, each.comes_back), strict=True):
+                if found is not None:
+                    yield said_of, found
+
+
+@routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
+def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
+    """Take the line, then either side to its limit, beyond, and back."""
+    if not settings.by_table:
+        yield from v_vc.ready_v_vc_meter(settings, V_VC_RANGE_V)
+        yield from routines.v_vc_on(settings.settle_s)
+    yield steps.Note(f"The line through {settings.level_deg_s:g} deg/s of both signs")
+    points: list[Point] = []
+    for way in CHOPPED:
+        points.append((yield from _point(settings, _LINE, way * settings.level_deg_s, points)))
+    require_answer(settings, points)
+    line = _line(settings, points)
+    for sign in (1.0, -1.0):
+        yield steps.Note(f"{'Positive' if sign > 0.0 else 'Negative'} rates until the output falls short of the line")
+        good, bad, most = settings.level_deg_s, math.inf, settings.most_deg_s
+        while good < most and bad - good > settings.resolution_deg_s:
+            rate_deg_s = min(good * settings.growth, most) if bad == math.inf else 0.5 * (good + bad)
+            points.append((yield from _point(settings, _RAISED, sign * rate_deg_s, points)))
+            short = line.lacks(settings.input_of(points[-1]), points[-1].output_v) > settings.may_lack
+            good, bad = (good, rate_deg_s) if short else (rate_deg_s, bad)
+        if bad < math.inf:
+            points.append((yield from _point(settings, _BEYOND, sign * min(settings.beyond * bad, most), points)))
+            points.append((yield from _point(settings, _BACK, sign * settings.level_deg_s, points)))
+    return steps.Outcome(f"both signs, within {settings.most_deg_s:g} deg/s")
+
+
+def _line(settings: RateLimitsSettings, points: Sequence[Point]) -> Line:
+    return Line.of(list(map(settings.input_of, points[: len(CHOPPED)])), [each.output_v for each in points])
+
+
+def _point(settings: RateLimitsSettings, step: int, rate_deg_s: float, before: Sequence[Point]) -> Routine[Point]:
+    """Go to a rate of the table, or to the V_Vc that stands for it, and average a window."""
+    previous_deg_s, v_vc_v, more = before[-1].rate_deg_s if before else 0.0, 0.0, dict[str, Any]()
+    table_deg_s = rate_deg_s * settings.by_table if settings.station.limits.max_rate_deg_s else None
+    if not settings.by_table:
+        v_vc_v = yield from routines.set_v_vc(settings, rate_deg_s / settings.k_vc_guess_deg_s_per_v)
+        if v_vc.has_v_vc_meter(settings):
+            more = {"v_vc_tolerance_v": v_vc.v_vc_tolerance_v(settings, v_vc_v)}
+    elif rate_deg_s != previous_deg_s:
+        yield from routines.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
+    raised = step in {_RAISED, _BEYOND}  # a clipped output does not scatter as is expected
+    window = {**routines.window_of(settings), **({"noise_v": None} if raised else {})}
+    kinds = (steps.AcquireClipped, steps.AcquireClippedWithVvc) if raised else (steps.Acquire, steps.AcquireWithVvc)
+    result = yield kinds[bool(more)](step, rate_deg_s, v_vc_v, table_deg_s, **more, **window)
+    return answer(result, steps.Window).point
+
+
+def results(settings: RateLimitsSettings, measured: Measured) -> RateLimitsResult:
+    """Return the limit of either sign, and the output beyond it."""
+    scale, windows = scale_factor_used(settings), [window for _, window in measured.found(steps.Window)]
+    line = _line(settings, [each.point for each in windows])
+    up, down = (_side(settings, windows, line, sign) for sign in (1, -1))
+    return RateLimitsResult(up, down, settings.may_lack, settings.by.value, line, scale.value, scale.source)
+
+
+def _side(settings: RateLimitsSettings, windows: Sequence[steps.Window], line: Line, sign: int) -> RateLimit:
+    points, scale = [each.point for each in windows], scale_factor_used(settings)
+    slope = line.slope if settings.by_table else scale.value
+    own = [each for each, point in enumerate(points) if point.rate_deg_s * sign > 0.0]
+    tried = [each for each in own if points[each].step != _BACK]
+    inputs = [settings.input_of(points[each]) for each in tried]
+    found = limit_of(line, settings.may_lack, inputs, [points[each].output_v for each in tried])
+    if found is None:
+        most = max(inputs, key=abs)
+        return RateLimit(None, line.slope * most / slope, most)
+    # An error of the output moves the line's output at the limit by itself over how fast the output leaves the line
+    weights = {each: -weight for each, weight in enumerate(line.weights(found.at, settings.may_lack))}
+    noise = noise_v(settings, windows, {**weights, tried[found.first]: 1.0}, points[: len(CHOPPED)])
+    parts = [*(replace(each, u=each.u / found.leaves) for each in noise), *_of_inputs(settings, found, line)]
+    gaps = settings.station.sources.missing("k_vc") if settings.by_table else ()
+    at_limit = measurand(line.slope * found.at, "V", parts, {"table rate", "misalignment"}.intersection(gaps))
+    limit = as_rate(at_limit, slope, 0.0 if settings.by_table else scale.u)
+    beyond, back = (next(each for each in own if points[each].step == step) for step in (_BEYOND, _BACK))
+    before = [each for each in own if points[each].step == _LINE]
+    again = {back: 1.0, **dict.fromkeys(before, -1.0 / len(before))}
+    came_v = math.fsum(weight * points[each].output_v for each, weight in again.items())
+    came = as_rate(measurand(came_v, "V", noise_v(settings, windows, again, points[: len(CHOPPED)])), slope, 0.0)
+    return RateLimit(limit, None, found.at, output_of(settings, points[beyond]), found.rises, came)
+
+
+def _of_inputs(settings: RateLimitsSettings, found: Limit, line: Line) -> Iterator[UncertaintyPart]:
+    """Yield what width and inputs make of the line's output at a limit, V.
+
+    An error of V_Vc counts only as far as the output still rises: where it stands, it stands at any V_Vc.
+    """
+    known, size_v, rises = settings.station.sources, abs(line.slope * found.at), abs(found.rises) / found.leaves
+    limits = {"last interval": abs(line.slope) * found.half_width, "V_Vc as set": size_v * rises * settings.off_levels}
+    if settings.by_table:
+        limits["table rate"] = size_v * (known.table_rate or 0.0)
+        limits["misalignment"] = size_v * (1.0 - math.cos(math.radians(known.misalignment_deg or 0.0)))
+    else:
+        meter = v_vc.meter_error(settings, "multimeter")
+        yield UncertaintyPart(v_vc.METER_GAIN, size_v * meter.u_gain, of=meter.owner)
+    for source, limit_v in limits.items():
+        if limit_v:
+            yield UncertaintyPart(source, limit_v / math.sqrt(3.0), rectangular=True)
+
+
+def report(settings: RateLimitsSettings, measured: Measured, found: RateLimitsResult) -> Report:
+    """Report the limits, and the output against the line."""
+    line, of = found.line, "of the table" if settings.by_table else "by the line's slope to V_Vc, whose curve counts,"
+    words = [
+        f"limit: the rate {of} from which on more than {100.0 * found.short_share:.3g} % lacks of the output",
+        f"of the line through {settings.level_deg_s:g} deg/s of both signs; rails as they were",
+        f"for deg/s {found.scale_factor_v_per_deg_s:.6g} V/(deg/s), {found.scale_factor_from}",
+    ]
+    for each in (found.positive, found.negative):
+        bound = f"not reached: {each.at_least_deg_s or 0.0:+.5g} deg/s or more, the bench ends there"
+        words.append(bound if each.limit is None else incomplete(each.limit.missing).removeprefix("; "))
+    per = 1.0 if settings.by_table else line.slope / found.scale_factor_v_per_deg_s
+    taken = [(settings.input_of(each), each.output_v) for each in measured if each.rate_deg_s]
+    rates, more = [per * at for at, _ in sorted(taken)], [-100.0 * line.lacks(*each) for each in sorted(taken)]
+    drawn = Figure("Output over the line", Axis("rate", "deg/s"), Axis("more", "%"), [Series("output", rates, more)])
+    rows = [quantity_row(*each) for each in found.quantities()]
+    return Report(
+        [*([Table(QUANTITY_COLUMNS, rows)] if rows else []), Text("\n".join(dict.fromkeys(filter(None, words)))), drawn]
+    )
+
+
+RATE_LIMITS = Procedure(
+    name="rate-limits",
+    title=BUILT_IN["rate-limits"],
+    method=(
+        "A straight line is taken through small rates of both signs; the rate (V_Vc, or the table) is raised until "
+        "the output falls short of it, the limit is bisected, and one rate beyond and the small one are taken."
+    ),
+    settings=RateLimitsSettings,
+    plan=rate_limits,
+    results=results,
+    report=report,
+    needs=roles("power", "multimeter", "rate_source"),
+    uses=roles("oscilloscope", "v_vc_meter", "rate_table"),
+)
