@@ -15,7 +15,7 @@ from tests.procedures import test_bandwidth, test_resonance
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.characterize.data_sheet import data_sheet_report, sheet_rows
+from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.characterize.plan import PARTS, BeginPart, CharacterizeSettings, _kept_on, _Session
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.shared.measurand import UncertaintyPart as Source
@@ -86,6 +86,35 @@ def test_the_model_equation_is_filled_in(run: Any) -> None:
     assert not any(
         part.title == "Model equation" for part in data_sheet_report([], [], "").parts if hasattr(part, "title")
     )
+
+
+def test_the_sheet_of_ieee_2700_has_what_was_measured_and_says_of_the_rest_why_not(run: Any) -> None:
+    (table,) = (part for part in run.report().parts if isinstance(part, Table) and "IEEE 2700" in part.title)
+    sheet = {each[0]: each[1:] for each in table.printed()}
+    assert list(sheet)[2:7:2] == ["sensitivity", "cross-axis sensitivity", "zero-rate output over temperature"]
+    factor, bias = row(run, "turntable", "scale factor", "V/(deg/s)"), row(run, "turntable", "bias", "deg/s")
+    for name, found in (("sensitivity", factor), ("zero-rate output", bias)):
+        value, u, u95, unit, _ = sheet[name]
+        assert (float(value), float(u), float(u95)) == pytest.approx((found.value, found.u, found.u95), rel=0.05)
+        assert unit == found.unit
+    said = {name: each[-1] for name, each in sheet.items() if each[-1].startswith("not measured")}
+    assert said["full scale, positive"] == "not measured: run rate-limits"
+    assert said["cross-axis sensitivity"] == "not measured: the bench turns about one axis"
+    assert {"bandwidth", "turn-on time", "vibration rectification"} < set(said)
+    assert "unverified" in vcfbench.text_of(run.report()).split("order of IEEE 2700")[1]
+
+
+def test_the_sheet_of_ieee_2700_says_what_the_bench_lacks_and_takes_the_full_scale_of_its_procedure() -> None:
+    rows = [
+        SheetRow("positive input rate limit", 687.0, 0.1, 0.2, "deg/s", "", "rate-limits"),
+        SheetRow("E_n", 0.4, None, None, "", "", "rate-limits"),
+    ]
+    report = data_sheet_report(rows, [("temperature", "the bench has no chamber")], "")
+    (table,) = (part for part in report.parts if isinstance(part, Table) and "IEEE 2700" in part.title)
+    sheet = {each[0]: each[1:] for each in table.printed()}
+    assert sheet["full scale, positive"][:4] == ("687.00", "0.10", "0.20", "deg/s")
+    assert sheet["full scale, negative"][-1] == "not measured: rate-limits did not find it"
+    assert sheet["sensitivity error over temperature"][-1] == "not measured: the bench has no chamber"
 
 
 def test_every_part_has_its_own_results_of_its_own_part_of_the_run(run: Any) -> None:

@@ -104,7 +104,8 @@ def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str
         "U95 holds the true value with 95 %; what it holds and what not, each procedure says in its own report",
         *(f"not measured: {name}: {reason}" for name, reason in not_measured),
     ]
-    return Report([Table(columns, table, "Data sheet"), Text("\n".join(said)), *_model_equation(rows)])
+    sheet = Table(columns, table, "Data sheet")
+    return Report([sheet, Text("\n".join(said)), *_model_equation(rows), *_ieee_2700(rows, not_measured)])
 
 
 _BOUND = ", below (95 %)"
@@ -129,24 +130,14 @@ _TERMS = (
 
 def _model_equation(rows: Sequence[SheetRow]) -> list[Table | Text]:
     """Return the model equation (IEEE 952; 1431, 8.3: texts not at hand, unverified) with what was measured of it."""
-    line = next((each.procedure for each in rows if each.quantity.endswith("scale factor")), "")
-    rows = sorted(rows, key=lambda each: each.procedure != line)  # scale factor and bias are of one line
     found: list[tuple[Any, ...]] = []
     missing = []
     for sign, name, quantity, unit in _TERMS:
-        row = next(
-            (
-                each
-                for each in rows
-                if each.quantity.removesuffix(_BOUND).rpartition(": ")[2] == quantity and each.unit.endswith(unit)
-            ),
-            None,
-        )
+        row = _row_of(rows, quantity, unit)
         if row is None:
             missing.append(sign or name)
             continue
-        cells = stated_cells(row.value, row.u, row.u95) if row.u and row.u95 else (row.value, row.u, row.u95)
-        found.append((sign, row.quantity, *cells, row.unit, name))
+        found.append((sign, row.quantity, *_cells(row), row.unit, name))
     if not {"S", "D_F"} <= {row[0] for row in found}:
         return []
     said = [
@@ -158,3 +149,55 @@ def _model_equation(rows: Sequence[SheetRow]) -> list[Table | Text]:
     ]
     columns = heads("<term | <quantity | value:.7g | u:.2g | U95:.2g | <unit | <in IEEE 2700 (unverified)")
     return [Table(columns, found, "Model equation"), Text("\n".join(said))]
+
+
+def _row_of(rows: Sequence[SheetRow], quantity: str, unit: str) -> SheetRow | None:
+    """Return the row of a quantity, that of the first line before those of others: scale factor and bias are of one."""
+    line = next((each.procedure for each in rows if each.quantity.endswith("scale factor")), "")
+    fitting = [
+        each
+        for each in rows
+        if each.quantity.removesuffix(_BOUND).rpartition(": ")[2] == quantity and each.unit.endswith(unit)
+    ]
+    return min(fitting, key=lambda each: each.procedure != line, default=None)
+
+
+def _cells(row: SheetRow) -> tuple[Any, Any, Any]:
+    return stated_cells(row.value, row.u, row.u95) if row.u and row.u95 else (row.value, row.u, row.u95)
+
+
+_SHEET = (
+    ("full scale, positive", "positive input rate limit", "deg/s", "rate-limits", ""),
+    ("full scale, negative", "negative input rate limit", "deg/s", "rate-limits", ""),
+    ("sensitivity", "scale factor", "V/(deg/s)", "turntable", ""),
+    ("sensitivity error over temperature", "temperature coefficient of the scale factor", "", "temperature", ""),
+    ("cross-axis sensitivity", "", "", "", "the bench turns about one axis"),
+    ("zero-rate output", "bias", "deg/s", "turntable", ""),
+    ("zero-rate output over temperature", "temperature coefficient of the bias", "", "temperature", ""),
+    ("noise density", "angle random walk", "deg/sqrt(h)", "zero", ""),
+    ("non-linearity", "nonlinearity", "ppm", "turntable", ""),
+    ("turn-on time", "time to valid output, both rails together", "s", "power", ""),
+    ("bandwidth", "-3 dB", "Hz", "bandwidth", ""),
+    ("sensitivity to linear acceleration", "", "", "", "the bench does not turn the axis in gravity"),
+    ("vibration rectification", "", "", "", "the bench has no shaker"),
+)
+"""Parameters of a gyroscope as IEEE 2700 orders them (from memory and public summaries: the text was not at hand).
+
+Each has quantity and unit on the data sheet, the procedure that measures it, or why none does.
+"""
+
+
+def _ieee_2700(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]]) -> list[Table | Text]:
+    """Return the parameters of IEEE 2700 in its order; of each that was not measured why, or what measures it."""
+    left_out, table = dict(not_measured), []
+    for name, quantity, unit, procedure, why in _SHEET:
+        row = _row_of(rows, quantity, unit) if quantity else None
+        if row is not None:
+            table.append((name, *_cells(row), row.unit, f"{row.quantity}, {row.conditions} ({row.procedure})"))
+            continue
+        done = any(each.procedure == procedure for each in rows)
+        by = f"{procedure} did not find it" if done else left_out.get(procedure, f"run {procedure}")
+        table.append((name, None, None, None, "", f"not measured: {why or by}"))
+    columns = heads("<parameter | value:.7g | u:.2g | U95:.2g | <unit | <conditions")
+    said = "parameters and their order are those of IEEE 2700 from memory and public summaries (unverified)"
+    return [Table(columns, table, "Sheet in the order of IEEE 2700"), Text(said)] if rows else []
