@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import msgspec
 from msgspec import Struct, field, structs
@@ -88,42 +88,6 @@ class RunSummary(Struct, frozen=True, kw_only=True):
         }
 
 
-class Selection(Struct, frozen=True, kw_only=True):
-    """Selection of runs; a key that is None or empty does not select. `since` is an instant with its time zone."""
-
-    dut: str | None = None
-    since: datetime | None = None
-    status: Status | None = None
-    procedure: str | None = None
-    tags: Mapping[str, str] = field(default_factory=dict)
-
-    @classmethod
-    def of(
-        cls, dut: str | None = None, since: str | datetime | None = None, status: str | None = None, **others: Any
-    ) -> Self:
-        """Return the selection by values as :func:`vcfbench.run_summaries` takes them; errors as there."""
-        known = [each.value for each in Status]
-        if status is not None and status not in known:
-            raise ConfigError(f"status: expected one of {', '.join(known)}, came {status!r}")
-        try:
-            instant = datetime.fromisoformat(since) if isinstance(since, str) else since
-        except ValueError:
-            raise ConfigError(f"since: expected a date, as in 2026-01-15, came {since!r}") from None
-        if instant is not None and instant.tzinfo is None:
-            instant = instant.replace(tzinfo=UTC)
-        return cls(dut=dut, since=instant, status=None if status is None else Status(status), **others)
-
-    def takes(self, summary: RunSummary) -> bool:
-        """Tell whether a run is one of those."""
-        return (
-            (self.dut is None or self.dut == summary.dut)
-            and (self.status is None or self.status == summary.status)
-            and (self.procedure is None or self.procedure == summary.procedure)
-            and (self.since is None or summary.started >= self.since)
-            and all(summary.tags.get(key) == value for key, value in self.tags.items())
-        )
-
-
 def run_summaries(
     runs: str | Path = "runs",
     *,
@@ -138,8 +102,24 @@ def run_summaries(
     Arguments and errors are those of :func:`list_runs`.
     ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
     """
-    chosen = Selection.of(dut, since, status, procedure=procedure, tags=dict(tags or {}))
-    found = (each for each in map(summary_of, recorded_runs(Path(runs))) if chosen.takes(each))
+    known = [each.value for each in Status]
+    if status is not None and status not in known:
+        raise ConfigError(f"status: expected one of {', '.join(known)}, came {status!r}")
+    try:
+        instant = datetime.fromisoformat(since) if isinstance(since, str) else since
+    except ValueError:
+        raise ConfigError(f"since: expected a date, as in 2026-01-15, came {since!r}") from None
+    if instant is not None and instant.tzinfo is None:
+        instant = instant.replace(tzinfo=UTC)
+    found = [
+        each
+        for each in map(summary_of, recorded_runs(Path(runs)))
+        if (dut is None or dut == each.dut)
+        and (status is None or status == each.status)
+        and (procedure is None or procedure == each.procedure)
+        and (instant is None or each.started >= instant)
+        and all(each.tags.get(key) == value for key, value in (tags or {}).items())
+    ]
     return tuple(sorted(found, key=lambda each: (each.started, each.run)))
 
 

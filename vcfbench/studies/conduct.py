@@ -19,7 +19,7 @@ from vcfbench.studies.one_run import PlannedRun, RunRow, perform
 from vcfbench.studies.result import StudyResult, beside, of_rows
 from vcfbench.studies.table import require_writable
 from vcfbench.studies.vary import Drawn
-from vcfbench.studies.workers import here, in_processes, processors
+from vcfbench.studies.workers import in_processes, processors
 
 Rows = Mapping[tuple[int, int], RunRow]
 
@@ -182,12 +182,7 @@ def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -
     """Do the missing runs where they are to be done, and yield each row when it is there."""
     works = (_work(asked, case, seed, how.keep_records) for case, seed in missing)
     workers = min(_workers(how), len(missing))
-    if not missing:
-        return
-    if workers > 1:
-        yield from in_processes(works, workers)
-    else:
-        yield from here(works)
+    yield from in_processes(works, workers) if workers > 1 else map(perform, works)
 
 
 def _require_some_metrics(asked: Study, row: RunRow) -> None:

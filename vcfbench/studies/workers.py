@@ -1,4 +1,4 @@
-"""Workers for the runs of a study: this process, or processes of its own. Both yield the same rows.
+"""Processes for the runs of a study, which yield the same rows as the study's own would.
 
 A process that dies takes its pool with it: what was under way is done again, last of all, in another pool.
 """
@@ -28,11 +28,6 @@ _THREADS: Final = "OPENBLAS_NUM_THREADS"
 def processors() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def here(works: Iterable[PlannedRun]) -> Iterator[RunRow]:
-    """Do the runs in this process, one after another."""
-    yield from map(perform, works)
 
 
 def in_processes(works: Iterable[PlannedRun], workers: int) -> Iterator[RunRow]:
