@@ -29,11 +29,7 @@ _MISSING = re.compile(r"missing required field `(?P<key>.*)`")
 
 
 def converted(raw: Any, kind: type[_T], naming: Naming) -> _T:
-    """Return `raw` as a `kind`.
-
-    Raises:
-        ConfigError: a key is unknown or missing, or a value cannot be.
-    """
+    """Return `raw` as a `kind`; ConfigError: a key is unknown or missing, or a value cannot be."""
     try:
         return typed(raw, kind)
     except msgspec.ValidationError as error:

@@ -124,11 +124,7 @@ def key_and_value(option: str, text: str, example: str) -> tuple[str, str]:
 
 
 def tags_of(given: Iterable[str]) -> dict[str, str]:
-    """Return the values of each ``--tag``.
-
-    Raises:
-        ConfigError: one has no key or no value, or a key is given twice.
-    """
+    """Return the values of each ``--tag``; ConfigError: one has no key or no value, or a key is given twice."""
     tags: dict[str, str] = {}
     for each in given:
         key, equals, value = (part.strip() for part in each.partition("="))

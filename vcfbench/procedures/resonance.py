@@ -86,12 +86,7 @@ class CaptureDecay(Step, Struct, frozen=True):
         return "oscilloscope: the sense modes ring down"
 
     def perform(self, context: Context) -> SenseDecay:
-        """Capture, download and fit.
-
-        Raises:
-            MeasurementError: a record is clipped.
-            ConfigError: nothing rings down.
-        """
+        """Capture, download and fit; MeasurementError: a record is clipped; ConfigError: nothing rings down."""
         scope = context.bench.oscilloscope
         for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
             scope.configure_channel(channel, scale_v_per_div(amplitude_v))

@@ -68,11 +68,7 @@ class AwaitTemperature(Step, Struct, frozen=True):
         return self.ramp_s + self.soak_s
 
     def perform(self, context: Context) -> TemperatureReading:
-        """Ask every few seconds.
-
-        Raises:
-            MeasurementError: it is not reached in time, or the chamber has a fault.
-        """
+        """Ask every few seconds; MeasurementError: it is not reached in time, or the chamber has a fault."""
         clock, chamber = context.bench.clock, context.bench.chamber
         start_s = clock.now()
         while not chamber.at_temperature():

@@ -57,11 +57,7 @@ class SampleSine(Step, Struct, frozen=True):
         return self.samples * self.interval_s
 
     def perform(self, context: Context) -> SineResponse:
-        """Let the meter take them, and fetch them.
-
-        Raises:
-            ConfigError: the meter cannot take readings by itself.
-        """
+        """Let the meter take them, and fetch them; ConfigError: the meter cannot take readings by itself."""
         meter, clock = context.bench.multimeter, context.bench.clock
         if not isinstance(meter, SamplesVoltage):
             raise _takes_none("multimeter")

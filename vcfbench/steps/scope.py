@@ -196,12 +196,7 @@ class CaptureSines(Step, Struct, frozen=True):
         return max(0.2 * len(self.channels), self.spacing_s) * self.count
 
     def perform(self, context: Context) -> SineRecords:
-        """Take, download and fit them.
-
-        Raises:
-            MeasurementError: a record is clipped.
-            ConfigError: there is no sine in one.
-        """
+        """Take, download and fit them; MeasurementError: a record is clipped; ConfigError: there is no sine in one."""
         scope = context.bench.oscilloscope
         for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
             scope.configure_channel(channel, amplitude_v / _DIVISIONS)
@@ -337,12 +332,7 @@ class CaptureRotations(Step, Struct, frozen=True):
         return self.count * (4.0 / abs(self.difference_hz) + 1.0)
 
     def perform(self, context: Context) -> Rotations:
-        """Take, download and fit them.
-
-        Raises:
-            MeasurementError: a record is clipped.
-            ConfigError: nothing in it turns.
-        """
+        """Take, download and fit them; MeasurementError: a record is clipped; ConfigError: nothing in it turns."""
         scope = context.bench.oscilloscope
         for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
             scope.configure_channel(channel, scale_v_per_div(amplitude_v))

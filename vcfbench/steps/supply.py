@@ -96,11 +96,7 @@ def predicted_rail(rail: ConfigureRail) -> RailReading:
 
 
 def read_rail(context: Context, rail: ConfigureRail, tolerance_v: float) -> RailReading:
-    """Read one rail back; it must be regulated and within `tolerance_v` of its level.
-
-    Raises:
-        MeasurementError: it is not.
-    """
+    """Read one rail back; it must be regulated and within `tolerance_v` of its level; MeasurementError: it is not."""
     power = context.bench.power
 
     def off(reading: RailReading) -> str:

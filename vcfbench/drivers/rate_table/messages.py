@@ -118,11 +118,7 @@ _SIGN = 1 << 23
 
 
 def encode(kind: str, value: float, order: Order) -> bytes:
-    """Return `value` as the bytes of a type; whole-number types round to the nearest.
-
-    Raises:
-        ValueError: it does not fit.
-    """
+    """Return `value` as the bytes of a type; whole-number types round to the nearest; ValueError: it does not fit."""
     try:
         if kind == "f32":
             return struct.pack(f"{_ORDERS[order]}f", value)

@@ -72,11 +72,7 @@ class Modes(Struct, frozen=True):
 
 
 def modes_of(decay: SenseDecay) -> Modes:
-    """Return both modes, the one nearer to the drive as that in anti-phase.
-
-    Raises:
-        MeasurementError: only one rang down.
-    """
+    """Return both modes, the one nearer to the drive as that in anti-phase; MeasurementError: only one rang down."""
     if len(decay.modes) < 2:
         raise MeasurementError(
             f"one sense mode alone rang down, at {decay.modes[0].frequency_hz:.1f} Hz", instrument="oscilloscope"
