@@ -39,10 +39,8 @@ from vcfbench.strict import refusal, unknown_key, words
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from vcfbench.procedures.procedure import AnyProcedure, Procedure
-    from vcfbench.specifications import LevelSpecification, VoltmeterSpecification
+    from vcfbench.specifications import LevelSpecification
     from vcfbench.station.description import BenchDescription
 
 S = TypeVar("S", bound=ProcedureSettings)

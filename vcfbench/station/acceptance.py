@@ -1,7 +1,7 @@
 """Acceptance of results: each limit of ``[acceptance]`` against its result."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Protocol, runtime_checkable
+from collections.abc import Sequence
+from typing import Any, Literal
 
 from msgspec import Struct
 
@@ -61,31 +61,16 @@ class Acceptance(Struct, frozen=True):
         return {"verdict": self.word, "limits": [limit.as_json() for limit in self.limits]}
 
 
-@runtime_checkable
-class HasAcceptanceValues(Protocol):
-    """A result that gives itself the values that ``[acceptance]`` limits."""
-
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return its numbers by the keys of ``[acceptance]``; None where one could not be computed."""
-
-
-@runtime_checkable
-class HasAcceptanceU95(Protocol):
-    """A result that knows the expanded uncertainties of the values that ``[acceptance]`` limits."""
-
-    def acceptance_u95(self) -> Mapping[str, float]:
-        """Return them by the keys of ``[acceptance]``; those without one are left out."""
-
-
 def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) -> Acceptance | None:
     """Judge `results` (as a procedure gives them) and the noise of `points`; None when no limit is for this procedure.
 
-    Results with `acceptance_values` are judged by those; of any others the numbers whose names are limits.
+    Results with `acceptance_values` are judged by those (by the keys of ``[acceptance]``; None where one could not be
+    computed), of any others the numbers whose names are limits; with `acceptance_u95` by expanded uncertainties, too.
     """
     if not limits:
         return None
     values: dict[str, float | None]
-    if isinstance(results, HasAcceptanceValues):
+    if hasattr(results, "acceptance_values"):
         values = dict(results.acceptance_values())
     else:
         flat = plain(results)
@@ -93,7 +78,7 @@ def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) ->
         values = {name: value for name, value in named if value is None or isinstance(value, int | float)}
     if any(point.n > 1 for point in points):
         values["reading_noise_v"] = pooled_std_v(points)
-    guards = results.acceptance_u95() if isinstance(results, HasAcceptanceU95) else {}
+    guards: dict[str, float] = getattr(results, "acceptance_u95", dict)()
     verdicts = tuple(
         Verdict(
             *(limit.key, values.get(limit.key), limit.low, limit.high),

@@ -365,8 +365,7 @@ class CharacterizeResult(Struct, frozen=True):
     def _first(self, method: str) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for part in self.parts:
-            tell = getattr(part.results, method, None)
-            found = {**(tell() if tell is not None else {}), **found}
+            found = {**getattr(part.results, method, dict)(), **found}
         return found
 
 
@@ -413,11 +412,8 @@ def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) 
     if not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None:
         return own
     for part in sorted(found.values(), key=lambda each: each.name != _CERTIFIES):
-        tell = getattr(part.results, "acceptance_values", None)
-        value = tell().get(_SCALE_FACTOR) if tell is not None else None
-        if value:
-            tell_u95 = getattr(part.results, "acceptance_u95", None)
-            expanded = tell_u95().get(_SCALE_FACTOR) if tell_u95 is not None else None
+        if value := getattr(part.results, "acceptance_values", dict)().get(_SCALE_FACTOR):
+            expanded = getattr(part.results, "acceptance_u95", dict)().get(_SCALE_FACTOR)
             u = {_U_SCALE_FACTOR: expanded / _TWO_SIDED} if expanded and hasattr(own, _U_SCALE_FACTOR) else {}
             return structs.replace(own, **{_SCALE_FACTOR: value}, **u)
     return own
