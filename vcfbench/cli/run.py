@@ -32,12 +32,10 @@ class Procedures(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the known procedures."""
-        del ctx
         return list(PROCEDURES)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command of a procedure, which is imported for it; None when there is none of that name."""
-        del ctx
         known = cmd_name in PROCEDURES or is_file(cmd_name)
         return _command(procedure(cmd_name), cmd_name) if known else None
 
@@ -49,7 +47,6 @@ class Procedures(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the names and titles, without importing a procedure."""
-        del ctx
         with formatter.section("Commands"):
             rows = [(name, PROCEDURES.title(name)) for name in PROCEDURES]
             formatter.write_dl([*rows, ("FILE.py", "The procedure that a file of your own defines.")])

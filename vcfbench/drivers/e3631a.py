@@ -95,7 +95,6 @@ class E3631A(ScpiInstrument):
 
     def _signed(self, output: str, voltage_v: float) -> float:
         """Return a voltage at the terminal that the output's wire is on, from the supply's reading."""
-        del output
         return voltage_v
 
     def _ratings(self, output: str) -> Output:

@@ -106,8 +106,7 @@ class _ByHand:
         return UnprovedCommand(self.safe_words, sent=not self.safe_words, last_read=self._last_read)
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Have the person make it safe and say so; without that word it is not."""
-        del deadline  # who waits for the answer has it
+        """Have the person make it safe and say so; without that word it is not. Who waits has the deadline."""
         try:
             said = self._confirmed()
         except BenchError as error:
@@ -129,8 +128,7 @@ class HandMeter(_ByHand):
     _before_v: float | None = None
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
-        """Have the range set."""
-        del nplc  # such meters integrate as they please
+        """Have the range set; such meters integrate as they please."""
         self._hands.do(f"set the multimeter to DC volts, {range_v:g} V range")
         self._range_v = range_v
 

@@ -137,7 +137,6 @@ class EventStream:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one browser."""
-        del scope
 
         async def gone_from() -> None:
             while (await receive())["type"] != "http.disconnect":
@@ -226,11 +225,9 @@ class _Routes:
         self._shown = shown
 
     async def station_page(self, request: Request) -> Response:
-        del request
         return FileResponse(_HERE / "assets" / "station.html")
 
     async def station(self, request: Request) -> Response:
-        del request
         listed = await run_in_threadpool(self._shown.station.listed)
         return _json({**listed, "live": self._shown.live is not None})
 
@@ -302,12 +299,10 @@ class _Routes:
         return _json({"state": control.state})
 
     async def panel_page(self, request: Request) -> Response:
-        del request
         self._panel()
         return FileResponse(_HERE / "assets" / "panel.html")
 
     async def panel_state(self, request: Request) -> Response:
-        del request
         return _json(self._panel().shown())
 
     async def panel_act(self, request: Request) -> Response:

@@ -25,10 +25,8 @@ class LinearGyro(Struct):
 
     def noise_v(self, after_s: float) -> float:
         """Return the noise of one reading, V, that begins so long after its step: on this paper there is none."""
-        del after_s
         return 0.0
 
     def record_noise_v(self, count: int, interval_s: float, aperture_s: float) -> Sequence[float]:
         """Return the noise of `count` readings, V, one every `interval_s`, each over `aperture_s`; none here."""
-        del interval_s, aperture_s
         return (0.0,) * count

@@ -338,7 +338,6 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     @classmethod
     def keys_of_device(cls, dut: str) -> dict[str, Any]:
         """Return the settings that name the device `dut`; none where no setting names a device."""
-        del dut
         return {}
 
     @property

@@ -95,7 +95,6 @@ class _AnsweringWire:
         self._answers = b""
 
     def send(self, data: bytes, deadline: Deadline) -> None:
-        del deadline
         if self.state == "broken":
             raise LinkLost("the connection broke")
         self.sent += data
@@ -121,7 +120,6 @@ class _AnsweringWire:
         return b""
 
     def clear(self, deadline: Deadline) -> None:
-        del deadline
         self._answers = b""
 
     def close(self) -> None:

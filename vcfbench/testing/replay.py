@@ -83,7 +83,6 @@ class ReplayWire:
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Compare `data` with the recorded message."""
         __tracebackhide__ = True
-        del deadline
         if self._closed:
             raise LinkLost("the connection is closed")
         if not (self._left and self._left[0].mark == ">" and self._left[0].data == data):
@@ -94,7 +93,6 @@ class ReplayWire:
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
         """Return the recorded answer, or fail as recorded."""
         __tracebackhide__ = True
-        del deadline
         self._fail_as_then()
         line = self._next("<", "<|")
         if line is None:
@@ -109,7 +107,6 @@ class ReplayWire:
     def clear(self, deadline: Deadline) -> None:
         """Do a device clear, as then."""
         __tracebackhide__ = True
-        del deadline
         if self._next("clear") is None:
             self._complain("a device clear was done")
         self._fail_as_then()

@@ -103,7 +103,6 @@ class AtlDialect(TableDialect):
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Return the state last set: no question for it is known."""
-        del line, deadline
         return self._servo
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:

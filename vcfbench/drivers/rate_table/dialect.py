@@ -51,7 +51,6 @@ class TableDialect(Protocol):
     @classmethod
     def for_axis(cls, settings: AxisSettings) -> Self:
         """Return the dialect of one axis; ConfigError where something that it needs is not told."""
-        del settings
         return cls()
 
     @property
@@ -91,15 +90,12 @@ class TableDialect(Protocol):
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Take remote control for this program alone."""
-        del line, deadline
 
     def release(self, line: TableLine, deadline: Deadline) -> None:
         """Give remote control back."""
-        del line, deadline
 
     def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
         """Tell the table its limits and its over-rate trip; the driver checks them before anything is sent, too."""
-        del line, limits, deadline
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Zero the demand, select rate mode, close the servo."""
@@ -111,7 +107,6 @@ class TableDialect(Protocol):
 
     def go_to(self, line: TableLine, angle_deg: float, rate_deg_s: float, deadline: Deadline) -> None:
         """Begin to turn to an angle; InstrumentError where the language has no word for it."""
-        del angle_deg, rate_deg_s, deadline
         raise InstrumentError("the known part of this language has no move to an angle", **line.where)
 
     def hold(self, line: TableLine, deadline: Deadline) -> None:
@@ -137,17 +132,14 @@ class TableDialect(Protocol):
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
         """Return the latched fault in words."""
-        del line, deadline
         return None
 
     def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
         """Clear a latched fault."""
-        del deadline
         raise InstrumentError("the known part of this language cannot clear a fault", **line.where)
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
         """Raise InstrumentError with the table's refusals since last asked."""
-        del line, deadline
 
 
 class SteadyRate(Struct):

@@ -136,7 +136,6 @@ class ZaberDialect(TableDialect):
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drop received bytes: a late reply carries another number."""
-        del deadline
         line.take_unasked()
         line.dirty = False
 
