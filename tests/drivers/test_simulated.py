@@ -197,7 +197,7 @@ def test_a_table_that_was_left_turning_is_refused_and_can_be_made_safe(plugs: Pl
     table.enable()
     table.set_rate(100.0, 200.0)
     sleep(table.clock, 2.0)
-    table._line.close()  # the program died
+    table.line.close()  # the program died
     other: Any = open_instrument(
         "rate_table",
         "acl",

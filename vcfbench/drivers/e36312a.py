@@ -47,7 +47,7 @@ class E36312A(E3631A):
     def _setting(self, output: str, voltage_v: float, current_limit_a: float) -> str:
         """Return the words that set an output; the limit first, and never two outputs as one."""
         channel = self._channel(output)
-        volts = (-voltage_v if output == "N25V" else voltage_v) + 0.0
+        volts = self._signed(output, voltage_v)
         return f"OUTP:PAIR OFF;:CURR {decimal(current_limit_a)},{channel};:VOLT {decimal(volts)},{channel}"
 
     def _question(self, header: str, output: str) -> str:
@@ -55,6 +55,9 @@ class E36312A(E3631A):
 
     def _channel(self, output: str) -> str:
         return f"(@{self._ratings(output).number})"
+
+    def _signed(self, output: str, voltage_v: float) -> float:
+        return (-voltage_v if output == "N25V" else voltage_v) + 0.0
 
     def _switch_on(self) -> None:
         numbers = sorted(self._ratings(output).number for output in self._configured)

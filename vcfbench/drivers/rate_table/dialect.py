@@ -90,12 +90,15 @@ class TableDialect(Protocol):
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Take remote control for this program alone."""
+        del line, deadline
 
     def release(self, line: TableLine, deadline: Deadline) -> None:
         """Give remote control back."""
+        del line, deadline
 
     def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
         """Tell the table its limits and its over-rate trip; the driver checks them before anything is sent, too."""
+        del line, limits, deadline
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Zero the demand, select rate mode, close the servo."""
@@ -140,6 +143,7 @@ class TableDialect(Protocol):
 
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
         """Raise InstrumentError with the table's refusals since last asked."""
+        del line, deadline
 
 
 class SteadyRate(Struct):

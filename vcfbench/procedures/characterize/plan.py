@@ -412,8 +412,10 @@ def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) 
     if not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None:
         return own
     for part in sorted(found.values(), key=lambda each: each.name != _CERTIFIES):
-        if value := getattr(part.results, "acceptance_values", dict)().get(_SCALE_FACTOR):
-            expanded = getattr(part.results, "acceptance_u95", dict)().get(_SCALE_FACTOR)
+        values: Mapping[str, float | None] = getattr(part.results, "acceptance_values", dict)()
+        if value := values.get(_SCALE_FACTOR):
+            u95: Mapping[str, float] = getattr(part.results, "acceptance_u95", dict)()
+            expanded = u95.get(_SCALE_FACTOR)
             u = {_U_SCALE_FACTOR: expanded / _TWO_SIDED} if expanded and hasattr(own, _U_SCALE_FACTOR) else {}
             return structs.replace(own, **{_SCALE_FACTOR: value}, **u)
     return own
