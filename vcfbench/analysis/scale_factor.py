@@ -8,19 +8,10 @@ from msgspec import Struct, json
 from msgspec.structs import asdict
 from numpy.typing import ArrayLike
 
+from vcfbench.analysis import regression
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column import CalibrationColumn, CubicFit, Nonlinearity, Pair, Quantity, TypeA
 from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
-from vcfbench.analysis.regression import (
-    LineFit,
-    Polynomial,
-    checked_points,
-    durbin_watson,
-    fit_line,
-    fit_polynomial,
-    sign_pairs,
-    sign_runs,
-)
 from vcfbench.errors import ConfigError
 
 SCALE_FACTOR_UNIT = "V/(deg/s)"
@@ -32,9 +23,9 @@ class ScaleFactorResult(Struct, frozen=True):
 
     rate_deg_s: Floats
     output_v: Floats
-    line: LineFit
+    line: regression.LineFit
     nonlinearity_ppm: dict[str, float | None]
-    polynomial: Polynomial | None
+    polynomial: regression.Polynomial | None
     """Third order; None with fewer than four different rates."""
     pairs: list[Pair]
     type_a: TypeA | None
@@ -90,8 +81,8 @@ class ScaleFactorResult(Struct, frozen=True):
             polynomial=polynomial,
             pairs=tuple(self.pairs),
             residuals_v=tuple(line.residuals_v.tolist()),
-            durbin_watson=durbin_watson(line.residuals_v),
-            sign_runs=sign_runs(line.residuals_v),
+            durbin_watson=regression.durbin_watson(line.residuals_v),
+            sign_runs=regression.sign_runs(line.residuals_v),
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -111,8 +102,8 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
     Raises:
         ConfigError: the points do not determine a line, or the output does not follow the rate at all.
     """
-    rate, output = checked_points(rate_deg_s, output_v)
-    line = fit_line(rate, output)
+    rate, output = regression.checked_points(rate_deg_s, output_v)
+    line = regression.fit_line(rate, output)
     if line.scale_factor == 0.0:
         raise ConfigError("the output does not follow the rate at all (scale factor 0)")
     type_a = None
@@ -134,8 +125,8 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
         output_v=output,
         line=line,
         nonlinearity_ppm=nonlinearity_ppm(rate, output, line),
-        polynomial=fit_polynomial(rate, output, 3) if len(set(rate.tolist())) > 3 else None,
-        pairs=sign_pairs(rate, output),
+        polynomial=regression.fit_polynomial(rate, output, 3) if len(set(rate.tolist())) > 3 else None,
+        pairs=regression.sign_pairs(rate, output),
         type_a=type_a,
     )
 

@@ -12,20 +12,12 @@ from contextlib import suppress
 from types import MappingProxyType, TracebackType
 from typing import Any, Self, TypeVar
 
+from vcfbench import errors
 from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.conversation import Conversation, shown
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
 from vcfbench.drivers.wire import Interface, SerialLine, Wire
-from vcfbench.errors import (
-    DeadlineExceeded,
-    FramingError,
-    InstrumentError,
-    LinkLost,
-    MeasurementError,
-    OutOfSync,
-    TransportError,
-)
 
 _T = TypeVar("_T")
 
@@ -197,7 +189,7 @@ class Session(Conversation):
             return
         (number, words), others = entries[0], entries[1:]
         also = "".join(f', then {n} "{w}"' for n, w in others)
-        raise InstrumentError(
+        raise errors.InstrumentError(
             f'refused with {number} "{words}"{also}',
             number=number,
             words=words,
@@ -256,11 +248,11 @@ class Session(Conversation):
             self._require_open()
             try:
                 self._find_the_place(limit)
-            except LinkLost as error:
+            except errors.LinkLost as error:
                 raise self.locate(error, "*IDN?", limit)  # noqa: B904 - the same error, now knowing where
-            except TransportError as error:
+            except errors.TransportError as error:
                 self._give_up("answers no longer belonged to their questions")
-                raise OutOfSync(
+                raise errors.OutOfSync(
                     "the answers no longer belong to the questions, the connection was closed",
                     elapsed_s=limit.elapsed(),
                     hint="check the cable and the interface, then start again",
@@ -269,7 +261,7 @@ class Session(Conversation):
 
     def _find_the_place(self, deadline: Deadline) -> None:
         if self._identity is None:
-            raise FramingError("no answer is known yet")
+            raise errors.FramingError("no answer is known yet")
         identity = self._identity.encode()
         self._received = b""
         self._wire.clear(deadline)
@@ -283,7 +275,7 @@ class Session(Conversation):
             doubled = doubled or line.endswith(identity)
         self._put_off += [entry for entry in self._drained_errors(deadline) if entry[0] not in _QUERY_ERRORS]
         if doubled:  # the last answer has a second one too
-            with suppress(DeadlineExceeded):
+            with suppress(errors.DeadlineExceeded):
                 self._read_line(Deadline.after(self.clock, min(_ECHO_S, deadline.remaining())))
         self.dirty = False
 
@@ -299,7 +291,7 @@ class Session(Conversation):
             entry: tuple[int, str] | None = None
             while entry is None:
                 line = self._next_line(deadline)
-                with suppress(FramingError):
+                with suppress(errors.FramingError):
                     entry = parse(line)
             if entry[0] == 0:
                 break
@@ -320,7 +312,7 @@ class Session(Conversation):
             elif self.dirty:
                 try:
                     self.resync(Deadline.after(limit.clock, limit.remaining() / 2.0))
-                except TransportError:
+                except errors.TransportError:
                     self._connect_anew(limit)
 
     def _connect_anew(self, deadline: Deadline) -> None:
@@ -353,9 +345,9 @@ class Session(Conversation):
             try:
                 self._say(command, limit)
                 value = read(take(limit))
-            except TransportError as error:
+            except errors.TransportError as error:
                 raise self.locate(error, command, limit)  # noqa: B904 - the same error, now knowing where
-            except MeasurementError as error:  # a whole answer, though no value
+            except errors.MeasurementError as error:  # a whole answer, though no value
                 self.dirty = False
                 error.instrument, error.resource, error.command = self.name, self.resource, command
                 raise
@@ -368,11 +360,11 @@ class Session(Conversation):
         if not self.dirty:
             try:
                 self.dirty = bool(self._received or self._wire.pending())
-            except TransportError as error:
+            except errors.TransportError as error:
                 raise self.locate(error, None, deadline)  # noqa: B904 - the same error, now knowing where
         if self.dirty:
             if deadline.expired():  # no time to find the place in is no reason to give the connection up
-                raise self.locate(DeadlineExceeded("the time was up before anything was sent"), None, deadline)
+                raise self.locate(errors.DeadlineExceeded("the time was up before anything was sent"), None, deadline)
             self.resync(deadline)
             # Bytes that are there although every question has been answered are second answers, or noise
             self._received = b""
@@ -381,7 +373,7 @@ class Session(Conversation):
 
     def _say(self, command: str, deadline: Deadline) -> None:
         if deadline.expired():
-            raise DeadlineExceeded("the time was up before anything was sent")
+            raise errors.DeadlineExceeded("the time was up before anything was sent")
         self._wire.send(command.encode("ascii") + b"\n", deadline)
 
     def _read_line(self, deadline: Deadline) -> bytes:
@@ -410,11 +402,11 @@ class Session(Conversation):
         cut = len(last) - excess  # up to the last part there was no more than the data
         rest = last[cut:]
         if rest[:1] not in (b"", b"\n", b"\r"):
-            raise FramingError(f"a block is longer than it says, {rest[:20]!r} follows it")
+            raise errors.FramingError(f"a block is longer than it says, {rest[:20]!r} follows it")
         self._received = rest.lstrip(b"\r").removeprefix(b"\n")
         return b"".join([*parts, last[:cut]])
 
-    def locate(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
+    def locate(self, error: errors.TransportError, command: str | None, deadline: Deadline) -> errors.TransportError:
         """Tell `error` where it happened; the session is dirty then, and a lost connection is closed."""
         self.dirty, self._received = True, b""
         return super().locate(error, command, deadline)
@@ -432,6 +424,6 @@ def _event_status(line: bytes) -> tuple[int, str]:
 
 def _require_time(deadline: Deadline, so_far: int) -> None:
     if deadline.expired():
-        raise DeadlineExceeded("the answer does not end")
+        raise errors.DeadlineExceeded("the answer does not end")
     if so_far > _LONGEST_LINE:
-        raise FramingError(f"{so_far} bytes came without an end of line")
+        raise errors.FramingError(f"{so_far} bytes came without an end of line")

@@ -20,18 +20,10 @@ from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characte
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
-from vcfbench.procedures.shared.routines import (
-    drive_seen,
-    energised,
-    framed,
-    held_at_rest,
-    rails_of,
-    set_v_vc,
-    v_vc_level_again,
-)
 from vcfbench.records.devices import Characteristics
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged
@@ -178,12 +170,12 @@ NOT_HELD = (
 )
 
 
-@framed(energised, drive_seen, held_at_rest)
+@routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
 def plan(settings: ResonanceSettings) -> steps.Plan:
     """Sweep, then let the sense modes ring down, then the drive."""
     swept = yield from sweep(settings)
     yield steps.Note("The sense modes ring down as V_Vc is switched off")
-    yield from v_vc_level_again()
+    yield from routines.v_vc_level_again()
     expected_hz, splits_hz = fmean(settings.drive.frequency_hz), (settings.split_guess_hz, settings.in_phase_split_hz)
     expected = SenseDecay(expected_hz, tuple(RingingMode(expected_hz - each, 1000.0, 1.0) for each in splits_hz))
     decays = yield from ring_downs(
@@ -196,7 +188,7 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
     yield steps.DisableVvc()
     yield steps.ConfigureScope(seconds_a_division, channel)
     (drive_v,) = yield from amplitudes(channel)
-    rails = rails_of(settings)
+    rails = routines.rails_of(settings)
     for number in range(settings.drive_ring_downs):
         if number:
             yield steps.EnableSupply()
@@ -216,7 +208,7 @@ def ring_downs(
     yield steps.ConfigureScope(seconds_a_division, channels[0])
     found: list[SenseDecay] = []
     for _ in range(count):
-        yield from set_v_vc(settings, v_vc_v)
+        yield from routines.set_v_vc(settings, v_vc_v)
         if not found:
             drive_v, sense_v = yield from amplitudes(*channels)
         yield steps.SetVvc(0.0)

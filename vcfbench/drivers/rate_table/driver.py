@@ -5,19 +5,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Literal, TypeVar
 
+from vcfbench import errors
 from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.scpi_instrument import safely
-from vcfbench.errors import (
-    DeadlineExceeded,
-    FramingError,
-    InstrumentError,
-    InterlockError,
-    LimitError,
-    MeasurementError,
-    TransportError,
-)
 from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 
 _T = TypeVar("_T")
@@ -166,12 +158,12 @@ class RateTableDriver:
     def _require_limits(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
         if not abs(rate_deg_s) <= self._limits.max_rate_deg_s:
             what = f"a rate of {rate_deg_s:g} deg/s is not within its limit of {self._limits.max_rate_deg_s:g} deg/s"
-            raise LimitError(f"{what}, nothing was sent", **self.line.where)
+            raise errors.LimitError(f"{what}, nothing was sent", **self.line.where)
         highest = self._limits.max_acceleration_deg_s2
         # A table whose acceleration limit is zero could not be stopped any more.
         if not 0.0 < acceleration_deg_s2 <= highest or not math.isfinite(acceleration_deg_s2):
             what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not within its limit of {highest:g} deg/s2"
-            raise LimitError(f"{what}, nothing was sent", **self.line.where)
+            raise errors.LimitError(f"{what}, nothing was sent", **self.line.where)
 
     def _demand(self, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         self._demanded_deg_s = rate_deg_s
@@ -225,7 +217,7 @@ class RateTableDriver:
         for left in range(_STOP_ATTEMPTS, 0, -1):
             try:
                 self._demand(0.0, acceleration_deg_s2, Deadline.after(self.clock, deadline.remaining() / left))
-            except (DeadlineExceeded, FramingError, InstrumentError):
+            except (errors.DeadlineExceeded, errors.FramingError, errors.InstrumentError):
                 if left == 1:
                     raise
             else:
@@ -235,7 +227,9 @@ class RateTableDriver:
         """Give remote control and the connection back."""
         if self._claimed and not self.line.closed:
             self._claimed = False
-            with suppress(TransportError, InstrumentError):  # a lockout that stays is taken off at the panel
+            with suppress(
+                errors.TransportError, errors.InstrumentError
+            ):  # a lockout that stays is taken off at the panel
                 self._command(self.dialect.release)
         self.line.close()
 
@@ -270,13 +264,15 @@ class RateTableDriver:
 
     def _prove_at_rest(self, deadline: Deadline) -> str:
         self.line.revive(deadline, self._stop_words(), self.dialect.gap_s)
-        with suppress(DeadlineExceeded, FramingError, InstrumentError):  # it counts what is read back next
+        with suppress(
+            errors.DeadlineExceeded, errors.FramingError, errors.InstrumentError
+        ):  # it counts what is read back next
             acceleration_deg_s2 = self._braking_deg_s2(self._share(deadline, 0.5))
             self._stop_within(acceleration_deg_s2, self._share(deadline, 0.2))
         if not self._wait_for_rest(self._share(deadline, 0.8)):
             # End with the table's own orderly shutdown, when it does not obey: still not to be called safe
             self.dialect.open_servo(self.line, deadline)
-            raise MeasurementError(
+            raise errors.MeasurementError(
                 f"the table did not come to rest, last read at {self.rate_deg_s():g} deg/s; an abort was sent",
                 hint="use the hard-wired emergency stop",
                 **self.line.where,
@@ -284,7 +280,7 @@ class RateTableDriver:
         self.dialect.hold(self.line, deadline)
         self.dialect.open_servo(self.line, deadline)
         if not self._wait_for_servo(deadline, "open"):
-            raise InstrumentError("at rest, but the servo did not open", **self.line.where)
+            raise errors.InstrumentError("at rest, but the servo did not open", **self.line.where)
         self.dialect.release(self.line, deadline)
         self._claimed = False
         return f"at rest (|rate| below {self._rest_tolerance_deg_s:g} deg/s), servo open"
@@ -293,7 +289,7 @@ class RateTableDriver:
         """Return the acceleration last used, or more, within the limit, when that would take longer than there is."""
         try:
             rate_deg_s = abs(self._rate_deg_s(deadline))
-        except (DeadlineExceeded, FramingError):
+        except (errors.DeadlineExceeded, errors.FramingError):
             return self._stop_acceleration_deg_s2
         needed_deg_s2 = rate_deg_s / max(deadline.remaining(), _POLL_S)
         return min(max(self._stop_acceleration_deg_s2, needed_deg_s2), self._limits.max_acceleration_deg_s2)
@@ -325,8 +321,8 @@ class RateTableDriver:
             if not abs(rate_deg_s) < self._rest_tolerance_deg_s:
                 raise self._interlock(words.format(rate=rate_deg_s))
 
-    def _interlock(self, what: str, hint: str | None = None) -> InterlockError:
-        return InterlockError(what, hint=hint, **self.line.where)
+    def _interlock(self, what: str, hint: str | None = None) -> errors.InterlockError:
+        return errors.InterlockError(what, hint=hint, **self.line.where)
 
     def _command(self, command: Callable[[TableLine, Deadline], None]) -> None:
         """Give a command once: whether a lost acknowledgement means a lost command cannot be known."""
@@ -336,7 +332,7 @@ class RateTableDriver:
         """Ask, and once more if the answer was late or garbled."""
         try:
             return question(self.line, self._limit_of_exchange(within))
-        except (DeadlineExceeded, FramingError):
+        except (errors.DeadlineExceeded, errors.FramingError):
             return question(self.line, self._limit_of_exchange(within))
 
     def _limit_of_exchange(self, within: Deadline | None) -> Deadline:
